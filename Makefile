@@ -90,8 +90,7 @@ fuzz: $(STAMPS)/tested-with ## Spoiled files and strange command lines, SECONDS=
 	  $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED))
 
 kills: $(STAMPS)/tested-with ## Kill each verb COUNT=100 times and ask for the same again
-	@DFDBENCH_KILLS=$(or $(COUNT),100) $(BIN)/python -m pytest -m slow tests/kills \
-	  tests/building/test_kill.py tests/training/search/test_run.py
+	@DFDBENCH_KILLS=$(or $(COUNT),100) $(BIN)/python -m pytest -m slow tests/kills
 
 mutants: $(STAMPS)/tested-with ## Change ROOM=metrics in COUNT=25 places, one at a time: which do its tests miss?
 	@$(BIN)/python -m tests.mutants $(or $(ROOM),metrics) --count $(or $(COUNT),25) \

@@ -7,6 +7,7 @@ from .api import (
     open_run,
     run,
     run_tracks,
+    run_transfer,
     score,
 )
 from .board.board import Board, leaderboard
@@ -15,6 +16,7 @@ from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.runs import show
 from .report.objects import Comparison, Run
+from .report.transfer import Transfer
 
 __version__: str
 __all__ = [
@@ -24,6 +26,7 @@ __all__ = [
     "Comparison",
     "Dataset",
     "Run",
+    "Transfer",
     "build",
     "compare",
     "leaderboard",
@@ -35,6 +38,7 @@ __all__ = [
     "predict",
     "run",
     "run_tracks",
+    "run_transfer",
     "score",
     "show",
 ]

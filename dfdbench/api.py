@@ -1,7 +1,5 @@
 """The public functions and what they return; `import dfdbench` brings them."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import warnings
@@ -18,27 +16,33 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.submission import require_fit_to_submit, require_submittable
 from dfdbench.building.build import build_store
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.obtaining import obtain
-from dfdbench.building.plan import plan_build
 from dfdbench.datasets.catalog import find_manifest, of_seed, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
-from dfdbench.errors import InputError
-from dfdbench.evaluation.evaluate import Shown, built_track, evaluate, labels_of, without_track
+from dfdbench.errors import InputError, MethodError
+from dfdbench.evaluation.evaluate import (
+    Shown,
+    built_track,
+    evaluate,
+    labels_of,
+    score_predictions,
+    without_track,
+)
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone
-from dfdbench.evaluation.scored import score_predictions
 from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run
+from dfdbench.report.transfer import Transfer
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, protocol_on
-from dfdbench.results.record_file import RESULT
+from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
@@ -361,6 +365,89 @@ def run_tracks(
                 )
             on_result(label, runs[label].result)
         return _run_of(runs, stores, protocol, out)
+
+
+def run_transfer(
+    method: str | Callable[..., Any],
+    datasets: Sequence[str | Dataset],
+    split: str = "test",
+    *,
+    parameters: Mapping[str, Any] = MappingProxyType({}),
+    protocol: str = "valid",
+    seed: int = 0,
+    out: Path | str | None = None,
+    cache: Path | None = None,
+    on_result: Callable[[str, Result], None] = lambda label, result: None,
+    shown: Shown = lambda what: nullcontext(),
+) -> Transfer:
+    """Fit a method on each data set and test every fit on all of them.
+
+    Rendered sets of several seeds have a camera each, so that this asks what a fit is worth
+    behind another camera. What a stopped call has done is taken over.
+
+    Parameters
+    ----------
+    method, split, parameters, seed, cache
+        As for `run`. The method has a fit that returns what it learned.
+    datasets : sequence of str or Dataset
+        Two or more, built.
+    protocol : str
+        The protocol of the table.
+    out : Path or str, optional
+        A folder that keeps the runs, ``FITTED/TESTED``; by default a temporary one.
+    on_result : callable
+        Called with ``FITTED -> TESTED`` and the result.
+    shown : callable
+        As for `run_tracks`.
+
+    Raises
+    ------
+    InputError
+        If there are not two data sets, or one is named twice.
+    DfdbenchError
+        As of `run`.
+
+    Examples
+    --------
+    >>> found = run_transfer("sgm", ["unseen-1", "unseen-2"])  # doctest: +SKIP
+    >>> found.worst()  # doctest: +SKIP
+    """
+    stores = {store.manifest.short: store for store in (_opened(each, cache) for each in datasets)}
+    results = {}
+    with _folder(out, *(str(store.path) for store in stores.values()), replaces=False) as folder:
+        if not 2 <= len(stores) == len(datasets):
+            what = (
+                f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
+            )
+            raise InputError(what, where="datasets")
+        # What cannot be run is said before anything is run for long.
+        for store in stores.values():
+            store.manifest.scenes_of(split)
+            protocol_on(store.manifest, protocol)
+            if load_for(store, method, parameters, seed).learner is None:
+                what = f"the method has no fit on {store.manifest.short} to transfer"
+                fix = "name one that is fitted there; recipe=null withholds the blur from ours"
+                raise MethodError(what, where="method", fix=fix)
+        for own in stores:
+            for other in (own, *(name for name in stores if name != own)):
+                fitted = None if other == own else folder / own / own
+                options = RunOptions(keep_predictions=False, seed=seed, fitted=fitted)
+                with shown(f"fitted on {own}, on {other}") as step:
+                    done, _ = evaluate(
+                        method,
+                        stores[other],
+                        split,
+                        folder / own / other,
+                        parameters,
+                        options,
+                        on_pair=step,
+                    )
+                results[own, other] = done.result
+                on_result(f"{own} -> {other}", done.result)
+    made = Transfer(results, protocol, folder)
+    if out is None:
+        weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
+    return made
 
 
 def score(

@@ -121,6 +121,12 @@ class DfdbenchError(Exception):
         error.problems = found
         return error
 
+    @classmethod
+    def raise_if(cls, problems: Iterable[Problem]) -> None:
+        """Raise the error of several problems together, if there is any."""
+        if found := tuple(problems):
+            raise cls.of(found)
+
     def __str__(self) -> str:
         if len(self.problems) == 1:
             return str(self.problems[0])

@@ -15,7 +15,7 @@ from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import read_prediction
 
 

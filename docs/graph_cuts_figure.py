@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import read_prediction
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")

@@ -9,7 +9,6 @@ levels, within 5 pixels of jumps of depth and away from them.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
 from dfdbench.blur.formation import blur, encode
-from dfdbench.blur.layers import GAP
+from dfdbench.blur.occlusion import GAP
 from dfdbench.blur.point_spread import DISK
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.tracks import Formation, find_degradation
@@ -93,7 +92,14 @@ def main() -> None:
         differences = [127.5 + 4 * (image - shown[0]) for image in shown[1:]]
         rows = [np.hstack([shown[0], *shown[1:]]), np.hstack([0 * shown[0] + 127.5, *differences])]
         picture = np.clip(np.rint(np.vstack(rows)), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(Path(sys.argv[1])), picture[..., ::-1])
+        heading = np.full((24, picture.shape[1], 3), 255, np.uint8)
+        for number, name in enumerate(("lens, by rays", *FORMATIONS)):
+            place = (number * SHAPE[1] + 6, 17)
+            cv2.putText(
+                heading, name, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA
+            )
+        picture = np.vstack([heading, picture])
+        cv2.imwrite(sys.argv[1], picture[..., ::-1])
 
 
 if __name__ == "__main__":

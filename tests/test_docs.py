@@ -4,6 +4,7 @@ import importlib
 import inspect
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,7 @@ def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> 
         found = {
             key: "the set's" if key == "recipe" else f"{parameter.default:g}"
             for key, parameter in signature.parameters.items()
+            if key != "prior"  # it has a section of its own
         }
         assert found == parameters, name
     classical = ["s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local"]
@@ -198,3 +200,13 @@ def test_the_adapter_for_a_published_stack_network_runs(
     assert found[0] is not None
     assert (found[0][:, 25:] == 2.0).all()
     assert torch.is_grad_enabled()
+
+
+@pytest.mark.slow
+def test_the_tracks_are_as_far_from_rays_as_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = runpy.run_path(str(DOCS / "tracks_by_rays.py"))
+    monkeypatch.setattr(sys, "argv", ["tracks_by_rays.py"])
+    module["main"]()
+    assert capsys.readouterr().out in (DOCS / "tracks.md").read_text()

@@ -28,7 +28,7 @@ from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.rig.lidar import read_beams, read_ranges
@@ -244,7 +244,7 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
         Dataset(tmp_path / "old.zarr")
     pair = tiny_store.pairs("One")[0]
     make_old_zarr(tmp_path / "run" / PREDICTIONS / pair.scene, trap, codecs)
-    with pytest.raises(DfdbenchError, match="no depth maps of a run"):
+    with pytest.raises(DfdbenchError, match="not a run's depth maps"):
         read_prediction(tmp_path / "run", pair, tiny_store.shape_of(pair.scene))
 
 

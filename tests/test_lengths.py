@@ -11,9 +11,7 @@ MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
     "dfdbench/api.py": "every public function, each with its docstring",
-    "dfdbench/cli/audit.py": "four verbs that share options and answers",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
-    "dfdbench/datasets/unseen.py:unseen_manifest": "the text of a manifest",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

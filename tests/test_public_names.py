@@ -11,9 +11,26 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
 FACES = {
     "dfdbench": [
-        *("Board", "Capture", "Captures", "Comparison", "Dataset", "Run", "__version__", "build"),
-        *("compare", "leaderboard", "list_datasets", "list_methods", "load_method", "open_dataset"),
-        *("open_run", "predict", "run", "run_tracks", "score", "show"),
+        *(
+            "Board",
+            "Capture",
+            "Captures",
+            "Comparison",
+            "Dataset",
+            "Run",
+            "Transfer",
+            "__version__",
+        ),
+        *(
+            "build",
+            "compare",
+            "leaderboard",
+            "list_datasets",
+            "list_methods",
+            "load_method",
+            "open_dataset",
+        ),
+        *("open_run", "predict", "run", "run_tracks", "run_transfer", "score", "show"),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
@@ -49,6 +66,7 @@ BUILT_IN = {
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "guided": "dfdbench.methods.guided:Guided",
     "local": "dfdbench.methods.baselines:Local",
+    "positional-prior": "dfdbench.methods.baselines:PositionalPrior",
     "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",

@@ -32,7 +32,7 @@ def rerun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.setitem(found, "draw_seed", draw_seed)
     board = tmp_path / "leaderboard"
     add_card(board, "wide", "local", parameters={"window": 9, "name": "9"})
-    add_card(board, "planes", "mine:planes", takes="stack")
+    add_card(board, "planes", "mine:planes", takes=["stack"])
     add_card(board, "given", "local", given_blur=True)
     return found
 

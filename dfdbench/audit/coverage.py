@@ -1,7 +1,5 @@
 """Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter
@@ -252,6 +250,11 @@ def compare_depths(
         verdicts=verdicts,
         leaks=list(leaks),
     )
+
+
+def as_json(record: CoverageRecord) -> str:
+    """Return a record as its file has it."""
+    return record.model_dump_json(indent=1) + "\n"
 
 
 def _side_record(side: Side) -> SideRecord:

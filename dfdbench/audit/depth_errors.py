@@ -1,7 +1,5 @@
 """Tables by true depth: how often each level occurs, and how far runs are off at it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -137,11 +135,8 @@ def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors])
     first = found[0]
     for other in found[1:]:
         if set(other.pairs) != set(first.pairs):
-            raise ResultError(
-                "the runs are of different pairs",
-                where=f"{first.name}, {other.name}",
-                fix=f"compare complete runs of one split, as {split}",
-            )
+            where, fix = f"{first.name}, {other.name}", f"compare complete runs of split {split}"
+            raise ResultError("the runs are of different pairs", where=where, fix=fix)
     what = f"mean absolute error by depth, {store.manifest.label}, split {split}"
     note = (
         "over the pixels of known depth of all pairs together, by their true depth; the level "

@@ -1,17 +1,17 @@
 """How far apart two depth levels must be before a pixel's blur shows the difference."""
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.recipe import LEVELS, BlurRecipe
+from dfdbench.audit.sides import depth_maps
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.wording import NOTHING
@@ -125,6 +125,38 @@ def smallest_step(
             tried |= inside
         found[seen & tried & (found == UNSEEN)] = step
     return Difficulty(found, valid)
+
+
+def split_difficulty(
+    store: Dataset, split: str, noise: int, on_pair: Callable[[int, int], None]
+) -> dict[Pair, Difficulty]:
+    """Find the smallest step that each pixel's blur shows, for each pair of a split.
+
+    Raises
+    ------
+    InputError
+        If no blur recipe is known, or the store holds no pair of the split.
+    StoreError
+        If a depth map is damaged.
+    """
+    manifest, recipe = store.manifest, store.recipe
+    manifest.scenes_of(split)
+    pairs = store.pairs(split)
+    if recipe is None:
+        why = "its track gives none" if manifest.on_track else "captured images"
+        raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
+    if not pairs:
+        raise InputError(f"no pair of split {split}", where=str(store.path))
+    for scene in dict.fromkeys(pair.scene for pair in pairs):
+        depth_maps(store, scene)
+    found = {}
+    for number, pair in enumerate(pairs, 1):
+        images = store.read(pair)
+        far = manifest.depth.grows_with == "distance"
+        depth = LAST_LEVEL - images.levels if far else images.levels
+        found[pair] = smallest_step(images.infocus, depth, images.valid, recipe, noise)
+        on_pair(number, len(pairs))
+    return found
 
 
 def difficulty_rows(

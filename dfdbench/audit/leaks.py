@@ -1,7 +1,5 @@
 """What training and test share: scenes, textures, images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
@@ -47,12 +45,9 @@ class Leak(Record):
 
     def as_problem(self) -> Problem:
         """Return the leak as a problem that a user can mend."""
-        return Problem(
-            f"leak: the same {self.kind} in training and test",
-            where=f"{self.train} and {self.test}",
-            got=self.detail,
-            fix="put both into the same split, or train without the one",
-        )
+        what = f"leak: the same {self.kind} in training and test: {self.detail}"
+        fix = "put both into the same split, or train without the one"
+        return Problem(what, where=f"{self.train} and {self.test}", fix=fix)
 
 
 def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:

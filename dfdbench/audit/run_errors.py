@@ -200,11 +200,9 @@ def kept_predictions(
             yield pair, depth, valid, store.manifest.depth.exact_levels(prediction)
     if problems or not evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
-        raise ResultError(
-            f"{what} ({len(problems)} of {len(evaluated)} pairs)",
-            where=f"{folder}: {where}",
-            fix="run the method again, without --no-predictions",
-        )
+        what += f" ({len(problems)} of {len(evaluated)} pairs)"
+        fix = "run the method again, without --no-predictions"
+        raise ResultError(what, where=f"{folder}: {where}", fix=fix)
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:

@@ -15,7 +15,7 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
-from dfdbench.datasets.folds import require_fold, training_of
+from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
@@ -221,11 +221,9 @@ def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
         depth = np.asarray(arrays["depth"].values)
     recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
     if array_digest("depth", tuple(map(str, arrays["depth"].dims)), depth) != recorded["depth"]:
-        raise StoreError(
-            "the store is damaged: an array holds other values than were built",
-            where=f"{store.path}, {scene}/depth",
-            fix=f"dfdbench verify {store.path} lists all that is damaged",
-        )
+        what = "the store is damaged: an array holds other values than were built"
+        fix = f"dfdbench verify {store.path} lists all that is damaged"
+        raise StoreError(what, where=f"{store.path}, {scene}/depth", fix=fix)
     return store.manifest.depth.levels_of(depth), np.isfinite(depth)
 
 

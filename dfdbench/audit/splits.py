@@ -1,7 +1,5 @@
 """Propose splits and folds whose training covers the depths of their tests."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,9 +1,6 @@
 """What a method says it was trained on, compared with the depths that it is tested on."""
 
-from __future__ import annotations
-
 import re
-from dataclasses import dataclass
 from enum import StrEnum
 
 from dfdbench.audit.coverage import Criterion, share_of, uncovered
@@ -11,8 +8,7 @@ from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.folds import training_of
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.table import percent
@@ -33,22 +29,13 @@ class Training(StrEnum):
     none = "none"
 
 
-@dataclass(frozen=True)
-class RunSides:
-    """What a run's split is compared with; `training` says if `train` is the method's own."""
-
-    train: Side
-    test: Side
-    training: Training
-
-
 def sides_of_run(
     store: Dataset,
     split: str,
     trained_on: str | None,
     train: str | None = None,
     fold: str | None = None,
-) -> RunSides:
+) -> tuple[Side, Side, Training]:
     """Return what a run was tested on, and what it was trained on as far as that is known.
 
     Parameters
@@ -61,6 +48,11 @@ def sides_of_run(
         What the method says of itself.
     train, fold : str, optional
         A split that trained, or a fold or scene that was left out: both override `trained_on`.
+
+    Returns
+    -------
+    tuple of Side, Side, Training
+        Training, test, and whether the first is the method's own.
 
     Raises
     ------
@@ -79,14 +71,14 @@ def sides_of_run(
     histograms, scenes_of = scene_histograms(store), store.manifest.scenes_of
     test = side_of(store, histograms, split, scenes_of(split))
     if fold:
-        return RunSides(all_but(store, histograms, fold), test, Training.known)
+        return all_but(store, histograms, fold), test, Training.known
     if train:
-        return RunSides(side_of(store, histograms, train, scenes_of(train)), test, Training.known)
+        return side_of(store, histograms, train, scenes_of(train)), test, Training.known
     if trained_on and (named := training_side(trained_on, store)):
-        return RunSides(named, test, Training.known)
+        return named, test, Training.known
     name, scenes = _usual_training(store, split)
     training = Training.unknown if trained_on else Training.none
-    return RunSides(side_of(store, histograms, name, scenes), test, training)
+    return side_of(store, histograms, name, scenes), test, training
 
 
 def _usual_training(store: Dataset, split: str) -> tuple[str, tuple[str, ...]]:

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.layers import composite_layers, without_tails
+from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, input_problems, rounded
+from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, require_images, rounded
 from dfdbench.blur.tracks import Degradation, Formation
-from dfdbench.errors import InputError
 
 # A generator's 64 bits make two numbers of 32.
 _HALVES = 2
@@ -79,7 +78,7 @@ def normal_numbers(shape: tuple[int, ...], *key: str | int) -> NDArray[np.float6
     return np.asarray(ndtri(uniform_numbers(int(np.prod(shape)), *key)).reshape(shape))
 
 
-def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
+def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     """Express a track's formation as a blur law, as far as a law can.
 
     Parameters
@@ -105,7 +104,7 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     --------
     >>> from dfdbench.blur.recipe import RECIPES
     >>> from dfdbench.blur.tracks import find_degradation
-    >>> law = told_law(RECIPES["published"], find_degradation("psf-3").formation)
+    >>> law = given_law(RECIPES["published"], find_degradation("psf-3").formation)
     >>> law.exponent, round(law.sigmas[255], 5), round(law.sigmas[0], 5)
     (32.0, 0.32, 3.18875)
     """
@@ -195,9 +194,7 @@ def form_pair(
     >>> int(infocus[4, 4, 0]), int(defocus[4, 4, 0])
     (100, 97)
     """
-    problems = input_problems(infocus, depth, recipe)
-    if problems:
-        raise InputError.of(problems)
+    require_images(infocus, depth, recipe)
     formation = degradation.formation
     key = (degradation.track.name, degradation.track.version, pair)
     light = _LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
@@ -248,7 +245,7 @@ def form_stack(
     Notes
     -----
     At depth level d an image focused at level f has a Gaussian with ``sigma = sigma_min + |d - f| *
-    sigma_step``; surfaces cover each other as in `dfdbench.blur.layers.composite_layers`.
+    sigma_step``; surfaces cover each other as in `dfdbench.blur.occlusion.composite_layers`.
 
     Examples
     --------
@@ -259,9 +256,7 @@ def form_stack(
     >>> stack[:, 4, 4, 0].tolist()
     [4, 13, 248]
     """
-    problems = input_problems(infocus, depth, recipe)
-    if problems:
-        raise InputError.of(problems)
+    require_images(infocus, depth, recipe)
     light = infocus.astype(np.float64)
     return np.stack(
         [

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.errors import InputError, Problem
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, KernelSize
+from dfdbench.system.strict import check_fields, made_of
 
 #: The field that only a law has, and no recipe.
 SIGMAS = "sigmas"
@@ -21,6 +21,8 @@ SIGMAS = "sigmas"
 GREYS = 17
 #: Variance of rounding to whole grey levels.
 ROUNDING_VARIANCE = 1 / 12
+_Sigma = Annotated[float, Field(gt=0, le=1000)]
+_Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -63,53 +65,19 @@ class BlurLaw:
     (3, (3, 5, 5))
     """
 
-    sigmas: tuple[float, ...]
-    exponent: float = 2.0
-    kernel_size: int = 27
-    gain: float = 1.0
-    offset: float = 0.0
-    noise: tuple[float, ...] = (0.0,)
-    infocus_noise: float = 0.0
+    sigmas: Annotated[tuple[_Sigma, ...], Field(min_length=2, max_length=LEVELS)]
+    exponent: Annotated[float, Field(ge=1, le=64)] = 2.0
+    kernel_size: Annotated[KernelSize, Field(lt=1000)] = 27
+    gain: _Sigma = 1.0
+    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    noise: Annotated[tuple[_Noise, ...], Field(min_length=1, max_length=LEVELS)] = (0.0,)
+    infocus_noise: _Noise = 0.0
     linear: bool = False
     registered: bool = True
     even: bool = True
 
     def __post_init__(self) -> None:
-        size = self.kernel_size
-        fits = {
-            "sigmas": (
-                isinstance(self.sigmas, tuple)
-                and 2 <= len(self.sigmas) <= LEVELS
-                and all(_is_number(sigma) and 0 < sigma <= 1000 for sigma in self.sigmas),
-                f"2 to {LEVELS} numbers above 0, one a depth level",
-            ),
-            "exponent": (_is_number(self.exponent) and 1 <= self.exponent <= 64, "1 to 64"),
-            "kernel_size": (_is_whole(size) and 0 < size < 1000 and size % 2 == 1, "odd, positive"),
-            "gain": (_is_number(self.gain) and 0 < self.gain <= 1000, "a number above 0"),
-            "offset": (_is_number(self.offset), "a number"),
-            "noise": (
-                isinstance(self.noise, tuple)
-                and 1 <= len(self.noise) <= LEVELS
-                and all(_is_number(sigma) and sigma >= 0 for sigma in self.noise),
-                f"1 to {LEVELS} numbers, 0 or more, at grey levels evenly from 0 to 255",
-            ),
-            "infocus_noise": (
-                _is_number(self.infocus_noise) and self.infocus_noise >= 0,
-                "a number, 0 or more",
-            ),
-            "linear": (isinstance(self.linear, bool), "true or false"),
-            "registered": (isinstance(self.registered, bool), "true or false"),
-            "even": (isinstance(self.even, bool), "true or false"),
-        }
-        problems = [
-            Problem(
-                "wrong blur law", where=name, expected=expected, got=repr(getattr(self, name))[:80]
-            )
-            for name, (right, expected) in fits.items()
-            if not right
-        ]
-        if problems:
-            raise InputError.of(problems)
+        check_fields(self, "blur law")
 
     @property
     def levels(self) -> int:
@@ -133,11 +101,8 @@ class BlurLaw:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, fit for JSON and TOML."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-        }
+        values = asdict(self)
+        return values | {name: list(values[name]) for name in (SIGMAS, "noise")}
 
     def as_toml(self) -> str:
         """Return the law as a TOML file says it, for ``--param recipe=FILE.toml``.
@@ -167,20 +132,10 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
     >>> law_of_fields({"sigmas": [1.0, 0.5]}).levels
     2
     """
-    known = [field.name for field in fields(BlurLaw)]
-    problems = [
-        Problem(what="unknown field of a blur law", expected=", ".join(known), got=str(name))
-        for name in given
-        if name not in known
-    ]
-    if SIGMAS not in given:
-        problems.append(Problem(what="a field of the blur law is lacking", expected=SIGMAS))
-    if problems:
-        raise InputError.of(problems)
-    found: dict[str, Any] = {
+    found = {
         name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
     }
-    return BlurLaw(**found)
+    return made_of(BlurLaw, found, "blur law")
 
 
 def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
@@ -193,12 +148,3 @@ def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
     """
     values = np.asarray(noise, np.float64)
     return np.asarray(np.interp(grey, np.linspace(0, LAST_LEVEL, values.size), values))
-
-
-def _is_number(value: Any) -> bool:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return number and math.isfinite(value)
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)

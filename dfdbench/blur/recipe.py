@@ -2,54 +2,34 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
-from dfdbench.errors import InputError, Problem, unknown_name
+from dfdbench.errors import InputError, unknown_name
+from dfdbench.system.strict import check_fields, made_of
 
 #: How many depth levels a pixel may have, as a byte keeps them, and the last of them.
 LEVELS = 256
 LAST_LEVEL = LEVELS - 1
 
 
-def _is_positive(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        return False
-    try:
-        number = float(value)
-    except OverflowError:
-        return False
-    return math.isfinite(number) and number > 0
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+def _odd(size: int) -> int:
+    if size % 2 == 0:
+        raise ValueError("odd")
+    return size
 
 
-def _wrong_values(given: Mapping[str, Any]) -> list[Problem]:
-    """Return what is wrong with the values of fields, each by itself; unknown ones are passed."""
-    known = {
-        "sigma_min": (_is_positive, "a number > 0"),
-        "sigma_step": (_is_positive, "a number > 0"),
-        "levels": (lambda value: _is_whole(value) and 2 <= value <= LEVELS, f"2 to {LEVELS}"),
-        "kernel_size": (
-            lambda value: _is_whole(value) and value > 0 and value % 2 == 1,
-            "odd, positive",
-        ),
-        "invert": (lambda value: isinstance(value, bool), "true or false"),
-    }
-    return [
-        Problem("wrong blur recipe", where=name, expected=expected, got=repr(given[name]))
-        for name, (fits, expected) in known.items()
-        if name in given and not fits(given[name])
-    ]
+#: The side of a square kernel.
+KernelSize = Annotated[int, Field(ge=1), AfterValidator(_odd)]
 
 
 @dataclass(frozen=True)
@@ -85,22 +65,17 @@ class BlurRecipe:
     200
     """
 
-    sigma_min: float
-    sigma_step: float
-    levels: int = LEVELS
-    kernel_size: int = 27
+    sigma_min: Positive
+    sigma_step: Positive
+    levels: Annotated[int, Field(ge=2, le=LEVELS)] = LEVELS
+    kernel_size: KernelSize = 27
     invert: bool = True
 
     def __post_init__(self) -> None:
-        size = self.kernel_size
-        problems = _wrong_values(self.as_dict())
-        if problems:
-            raise InputError.of(problems)
+        check_fields(self, "blur recipe")
         largest = self.sigma_min + (self.levels - 1) * self.sigma_step
-        if largest > size:
-            what = (
-                f"sigma_min + {self.levels - 1} * sigma_step, {largest:g}, is above the kernel_size"
-            )
+        if largest > self.kernel_size:
+            what = f"sigma_min + {self.levels - 1} * sigma_step, {largest:g}, is above kernel_size"
             fix = "a smaller sigma, or a larger kernel_size"
             raise InputError(what, where="kernel_size", fix=fix)
 
@@ -163,19 +138,4 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
         if recipe not in RECIPES:
             raise unknown_name("blur recipe", recipe, RECIPES)
         return RECIPES[recipe]
-    known = [field.name for field in fields(BlurRecipe)]
-    problems = [
-        Problem(what="unknown field of a blur recipe", expected=", ".join(known), got=str(name))
-        for name in recipe
-        if name not in known
-    ]
-    problems += [
-        Problem(what="a field of the blur recipe is lacking", expected=field.name)
-        for field in fields(BlurRecipe)
-        if field.default is MISSING and field.name not in recipe
-    ]
-    # Check the other fields too, so that all problems are reported at once.
-    problems += _wrong_values(recipe) if problems else []
-    if problems:
-        raise InputError.of(problems)
-    return BlurRecipe(**recipe)
+    return made_of(BlurRecipe, recipe, "blur recipe")

@@ -49,9 +49,7 @@ def blur_by_level(
     >>> float(blur_by_level(image, np.zeros((5, 5), int), box)[2, 2].round(9))
     12.0
     """
-    problems = gather_problems(image, levels, kernels)
-    if problems:
-        raise InputError.of(problems)
+    require_kernels(image, levels, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = kernels.shape[1] // 2
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
@@ -63,26 +61,19 @@ def blur_by_level(
     return blurred.reshape(image.shape)
 
 
-def gather_problems(
+def require_kernels(
     image: NDArray[np.float64], levels: NDArray[np.integer], kernels: NDArray[np.float64]
-) -> list[Problem]:
-    """Return what keeps an image from being blurred by these levels and kernels."""
-    problems = []
+) -> None:
+    """Raise an InputError if an image cannot be blurred by these levels and kernels."""
+    wrong: dict[str, str] = {}
     if image.ndim not in (2, 3) or image.shape[:2] != levels.shape or levels.size == 0:
-        problems.append(
-            Problem(
-                f"sizes differ, {image.shape[:2]} of the image and {levels.shape}", where="levels"
-            )
-        )
+        wrong["levels"] = f"sizes differ, {image.shape[:2]} of the image and {levels.shape}"
     if kernels.ndim != 3 or kernels.shape[1] != kernels.shape[2] or kernels.shape[1] % 2 == 0:
-        problems.append(
-            Problem(f"wrong shape {kernels.shape}, not (level, odd, odd)", where="kernels")
-        )
+        wrong["kernels"] = f"wrong shape {kernels.shape}, not (level, odd, odd)"
     elif levels.size and not 0 <= levels.min() <= levels.max() < len(kernels):
-        problems.append(
-            Problem(f"a level of {levels.min()}..{levels.max()} has no kernel", where="levels")
-        )
-    return problems
+        wrong["levels"] = f"a level of {levels.min()}..{levels.max()} has no kernel"
+    if wrong:
+        raise InputError.of(Problem(what, where=where) for where, what in wrong.items())
 
 
 def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -168,9 +159,7 @@ def synthesize(
     >>> int(near[2, 2, 0]), int(far[2, 2, 0])
     (247, 4)
     """
-    problems = input_problems(image, depth, recipe)
-    if problems:
-        raise InputError.of(problems)
+    require_images(image, depth, recipe)
     return rounded(blur_by_recipe(image, depth, recipe))
 
 
@@ -193,36 +182,22 @@ def rounded(image: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.asarray(np.clip(np.rint(image.astype(np.float32)), 0, 255), dtype=np.uint8)
 
 
-def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
-    """Return what keeps an image from being blurred by this depth map."""
-    problems = []
+def require_images(image: Any, depth: Any, recipe: BlurRecipe) -> None:
+    """Raise an InputError if an image cannot be blurred by this depth map."""
+    wrong: dict[str, str] = {}
     for name, array, dimensions in (("image", image, (2, 3)), ("depth", depth, (2,))):
         if not isinstance(array, np.ndarray) or array.dtype != np.uint8:
-            got = str(getattr(array, "dtype", type(array).__name__))
-            problems.append(
-                Problem("wrong type", where=name, expected="a NumPy array of uint8", got=got)
-            )
+            got = getattr(array, "dtype", type(array).__name__)
+            wrong[name] = f"wrong type, not a NumPy array of uint8: {got}"
         elif array.ndim not in dimensions or array.size == 0:
             shape = "(y, x, channel) or (y, x)" if name == "image" else "(y, x)"
-            problems.append(
-                Problem("wrong shape", where=name, expected=shape, got=str(array.shape))
-            )
-    if problems:
-        return problems
-    if image.shape[:2] != depth.shape:
-        problems.append(
-            Problem(
-                f"sizes differ, {image.shape[:2]} of the image and {depth.shape}", where="depth"
-            )
-        )
-    if int(depth.max()) >= recipe.levels:
-        problems.append(
-            Problem(
-                f"depth {int(depth.max())} is beyond the levels, 0 to {recipe.levels - 1}",
-                where="depth",
-            )
-        )
-    return problems
+            wrong[name] = f"wrong shape, not {shape}: {array.shape}"
+    if not wrong and image.shape[:2] != depth.shape:
+        wrong["depth"] = f"sizes differ, {image.shape[:2]} of the image and {depth.shape}"
+    elif not wrong and int(depth.max()) >= recipe.levels:
+        wrong["depth"] = f"depth {depth.max()} is beyond the levels, 0 to {recipe.levels - 1}"
+    if wrong:
+        raise InputError.of(Problem(what, where=where) for where, what in wrong.items())
 
 
 @compiled()

@@ -251,26 +251,9 @@ def find_degradation(label: str) -> Degradation:
     }
     if label in known:
         return known[label]
-    name, _, severity = label.rpartition("-")
-    name = name or label
-    if track := ({**TRACKS, **STACKS}).get(name):
-        raise _unknown_severity(track, label, severity)
     # The whole of it is matched: of "noise1" the track alone would be half an answer.
-    near = difflib.get_close_matches(label.casefold(), known, n=1, cutoff=0.6)
-    fix = f"did you mean {near[0]}? " if near else ""
-    what = f"unknown track {label!r}"
+    near = difflib.get_close_matches(label[:99].casefold(), known, n=3, cutoff=0.6)
+    fix = f"did you mean {' or '.join(near)}? " if near else ""
+    expected = f"TRACK-SEVERITY, of: {', '.join(TRACKS)}; severities from 0, which is {CLEAN}"
     fix = f"{fix}`dfdbench list` shows them all."
-    raise UnknownNameError(what, expected=f"TRACK-SEVERITY, of: {', '.join(TRACKS)}", fix=fix)
-
-
-def _unknown_severity(track: Track, label: str, severity: str) -> UnknownNameError:
-    most = len(track.severities)
-    # Also 4 for 3, and 02 for 2; where there is no number, none is guessed.
-    nearest = min(int(severity[:4]), most) if severity.isascii() and severity.isdigit() else None
-    every = " or ".join(f"{track.name}-{number}" for number in range(1, most + 1))
-    return UnknownNameError(
-        what=f"unknown severity of track {track.name}",
-        expected=f"{track.name}-1 to {track.name}-{most}; {track.name}-0 is {CLEAN}",
-        got=label,
-        fix="did you mean " + (every if nearest is None else f"{track.name}-{nearest}") + "?",
-    )
+    raise UnknownNameError(f"unknown track {label!r}", expected=expected, fix=fix)

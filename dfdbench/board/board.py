@@ -1,7 +1,5 @@
 """The leaderboard: all rows of a folder, their rankings, and the README that shows them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,7 +23,7 @@ from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
 from dfdbench.board.seeds import Draw, read_draws
 from dfdbench.board.tables import board_tables, records_of
-from dfdbench.datasets.unseen import FAMILIES, seeded
+from dfdbench.datasets.rendered import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.results.frame import scores_of
 from dfdbench.results.wording import method_label
@@ -170,11 +168,9 @@ class Board:
             both = zip(found.splitlines(), wanted.splitlines(), strict=False)
             differing = (number for number, (a, b) in enumerate(both, 1) if a != b)
             line = next(differing, min(found.count("\n"), wanted.count("\n")) + 1)
-            raise ResultError(
-                "the leaderboard's README is stale",
-                where=f"{path}, line {line}",
-                fix="dfdbench leaderboard, and commit what it wrote",
-            )
+            fix = "dfdbench leaderboard, and commit what it wrote"
+            where = f"{path}, line {line}"
+            raise ResultError("the leaderboard's README is stale", where=where, fix=fix)
 
     def readme(self) -> str:
         """Return what the README is to say: the newest seed, then the headline rankings."""
@@ -284,17 +280,13 @@ def require_leaderboard(folder: Path) -> None:
         If there are neither results nor published tables, or the README is not ours.
     """
     if not any((folder / name).is_dir() for name in (RESULTS, PUBLISHED)):
-        raise ResultError(
-            f"no leaderboard here: a folder with {RESULTS}/ or {PUBLISHED}/",
-            where=str(folder),
-            fix="run this in the root of a clone of dfdbench, or name the folder: --folder DIR",
-        )
+        what = f"no leaderboard here: a folder with {RESULTS}/ or {PUBLISHED}/"
+        fix = "run this in the root of a clone of dfdbench, or name the folder: --folder DIR"
+        raise ResultError(what, where=str(folder), fix=fix)
     if MARKER not in (_text(folder / README) or MARKER):
-        raise ResultError(
-            "this README is not the leaderboard's, and is left as it is",
-            where=str(folder / README),
-            fix="name the leaderboard's folder: --folder DIR",
-        )
+        what = "this README is not the leaderboard's, and is left as it is"
+        fix = "name the leaderboard's folder: --folder DIR"
+        raise ResultError(what, where=str(folder / README), fix=fix)
 
 
 def _misplaced(row: Row, file: Path, folder: Path, cards: dict[str, Card]) -> Iterator[Problem]:
@@ -323,12 +315,10 @@ def _left_out(board: Board) -> Iterator[Problem]:
     if lacking.any():
         defined = scores.groupby(place)["value"].transform("count") > 0
         for _, row in scores[lacking & defined].iterrows():
-            yield Problem(
-                f"{row['method']} has no {row['metric']} under {row['protocol']}, which other rows "
-                "have",
-                where=f"{row['dataset']}, split {row['split']}: {row['capture']}",
-                fix="run it again",
-            )
+            score = f"{row['metric']} under {row['protocol']}"
+            where = f"{row['dataset']}, split {row['split']}: {row['capture']}"
+            what = f"{row['method']} has no {score}, which other rows have"
+            yield Problem(what, where=where, fix="run it again")
 
 
 def _text(path: Path) -> str:

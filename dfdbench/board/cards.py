@@ -1,7 +1,5 @@
 """Cards of methods: who wrote a method, where its code is, and what it is given."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
@@ -22,6 +20,8 @@ from dfdbench.tables.table import Link, Table, listed
 METHODS = "methods"
 WRITE_CARD = "write one, NAME.toml: title, authors, code, licence, entry, parameters and given"
 _NAME = TypeAdapter[str](Name)
+Takes = Literal["pair", "stack"]
+_PAIRS: tuple[Takes, ...] = ("pair",)
 
 
 class Card(StrictRecord):
@@ -29,8 +29,9 @@ class Card(StrictRecord):
 
     `entry` is what follows ``--method``, or the name that handed-in depth maps go by; `parameters`
     are the ``--param``. `code` is an address, or a file of this repository. `given` says what the
-    method gets beside the images, `trained_on` and `fitted_on` what it learns from. A method of
-    stacks `takes` a stack. With `given_blur` it is run with ``--given-blur`` on tracks.
+    method gets beside the images, `trained_on` and `fitted_on` what it learns from. `takes`
+    says what it is run on: pairs, stacks or both; with `given_blur` it is run on tracks with
+    ``--given-blur``.
     """
 
     title: Line
@@ -43,7 +44,7 @@ class Card(StrictRecord):
     given: Line
     trained_on: Line | None = None
     fitted_on: Line | None = None
-    takes: Literal["pair", "stack"] = "pair"
+    takes: list[Takes] = Field(default_factory=lambda: [*_PAIRS])
     given_blur: bool = False
 
     def is_of(self, name: str, entry: str, parameters: Mapping[str, Any]) -> bool:
@@ -130,8 +131,5 @@ def find_card(
         if card.is_of(name, entry, parameters) and given_blur in (None, card.given_blur):
             return found
     shown = " ".join([name, *(f"{key}={value}" for key, value in parameters.items())])
-    raise ResultError(
-        f"{shown}{', given the blur,' * bool(given_blur)} has no card",
-        where=str(folder / METHODS),
-        fix=WRITE_CARD,
-    )
+    what = f"{shown}{', given the blur,' * bool(given_blur)} has no card"
+    raise ResultError(what, where=str(folder / METHODS), fix=WRITE_CARD)

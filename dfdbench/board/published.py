@@ -114,9 +114,7 @@ def load_published(folder: Path) -> list[PublishedTable]:
         except ValidationError as error:
             problems += problems_of(error, "wrong value in the published table", file=path)
         except (OSError, ValueError) as error:
-            problems.append(
-                Problem("cannot read the published table", where=str(path), got=reason_of(error))
-            )
+            problems.append(Problem(f"cannot read it: {reason_of(error)}", where=str(path)))
     if problems:
         raise ResultError.of(problems)
     return sorted(tables, key=lambda table: table.order)

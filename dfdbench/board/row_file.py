@@ -6,7 +6,7 @@ import functools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
@@ -16,8 +16,8 @@ from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
 from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
+from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.datasets.tracked import AT
-from dfdbench.datasets.unseen import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods
@@ -42,6 +42,7 @@ from dfdbench.system.files import read_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
+_T = TypeVar("_T")
 RESULTS = "results"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
@@ -92,20 +93,16 @@ class RowRun(Record):
             known = metrics_of(protocol)
             lacking = {name for name, metric in known.items() if not metric.younger} - {*columns}
             if lacking or columns.keys() - known.keys():
-                raise ValueError(
-                    f"{self.label}, {protocol}: metrics should be {', '.join(known)}, "
-                    f"not {', '.join(columns)}"
-                )
+                wanted = f"metrics should be {', '.join(known)}, not {', '.join(columns)}"
+                raise ValueError(f"{self.label}, {protocol}: {wanted}")
             for name, column in columns.items():
                 low, high = known[name].lowest, known[name].highest
                 wrong = [
                     value for value in column if value is not None and not low <= value <= high
                 ]
                 if wrong:
-                    raise ValueError(
-                        f"{self.label}, {protocol}: {name} should be from {low:g} to {high:g}, "
-                        f"not {wrong[0]}"
-                    )
+                    wanted = f"{name} should be from {low:g} to {high:g}, not {wrong[0]}"
+                    raise ValueError(f"{self.label}, {protocol}: {wanted}")
         return self
 
     def records(self, pairs: Sequence[Pair]) -> list[PairResult]:
@@ -358,11 +355,8 @@ def read_row(path: Path) -> Row:
         found = problems_of(error, "wrong value in a row of the leaderboard", file=path, fix=_FIX)
         raise ResultError.of(found) from error
     except OSError as error:
-        raise ResultError(
-            f"cannot read the row: {reason_of(error)}",
-            where=str(path),
-            fix="name a file of leaderboard/results",
-        ) from error
+        what, fix = f"cannot read the row: {reason_of(error)}", "name a file of leaderboard/results"
+        raise ResultError(what, where=str(path), fix=fix) from error
     require_pairs(row, str(path))
     return row
 
@@ -381,11 +375,8 @@ def require_pairs(row: Row, where: str) -> None:
         raise ResultError(str(error.problems[0]).partition("\n")[0], where=where) from error
     if row.pairs != pairs:
         odd = sorted({*pairs} ^ {*row.pairs}) or pairs
-        raise ResultError(
-            f"the pairs are not those of {row.dataset}, split {row.split}: {listed(odd, most=3)}",
-            where=where,
-            fix=_FIX,
-        )
+        what = f"the pairs are not those of {row.dataset}, split {row.split}: {listed(odd, most=3)}"
+        raise ResultError(what, where=where, fix=_FIX)
 
 
 _FIX = "write it with `dfdbench run ... --submit`"
@@ -394,33 +385,20 @@ _FIX = "write it with `dfdbench run ... --submit`"
 def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
     """Yield a problem for each way in which a row is not of released data and of its own method."""
     if row.manifest_sha256 != row.manifest.sha256:
-        yield Problem(
-            f"made from another manifest than {row.dataset}",
-            where=f"{where}: manifest_sha256",
-            expected=row.manifest.sha256,
-            got=row.manifest_sha256,
-            fix=_FIX,
-        )
+        what = f"made from another manifest than {row.dataset}"
+        yield Problem(what, where=f"{where}: manifest_sha256", fix=_FIX)
     known = known_fingerprints(folder)
     for run in row.runs:
         name = row.dataset if run.label == CLEAN else f"{row.dataset}{AT}{run.label}"
         if run.fingerprint not in known.get(name, [run.fingerprint]):
-            yield Problem(
-                f"run on other data than {name}",
-                where=f"{where}: {run.label}, fingerprint",
-                expected=" or ".join(known[name]),
-                got=run.fingerprint,
-                fix=f"build {name} and run it again: `dfdbench build {name}`",
-            )
+            place = f"{where}: {run.label}, fingerprint"
+            fix = f"build {name} and run it again: `dfdbench build {name}`"
+            yield Problem(f"run on other data than {name}", where=place, fix=fix)
     entry = row.method.name if ":" in row.method.name else registered_methods().get(row.method.name)
     if not row.method.scored and entry and without_folder(entry) != row.method.entry:
-        yield Problem(
-            f"{row.method.name} is another method here",
-            where=f"{where}: method.entry",
-            expected=without_folder(entry),
-            got=row.method.entry,
-            fix="name the method by its entry: MODULE:NAME",
-        )
+        what = f"{row.method.name} is another method here: {without_folder(entry)}"
+        fix = "name the method by its entry: MODULE:NAME"
+        yield Problem(what, where=f"{where}: method.entry", fix=fix)
     for trained_on in dict.fromkeys(result.method.trained_on for result in row.results):
         yield from training_problems(
             trained_on, row.method.weights_sha256, row.dataset, row.split, where
@@ -436,15 +414,22 @@ def known_fingerprints(folder: Path) -> dict[str, list[str]]:
         If the file that lists them cannot be read.
     """
     path = folder / FINGERPRINTS
+    return read_list(path, TypeAdapter(dict[str, list[str]]), "fingerprints") or {}
+
+
+def read_list(path: Path, kind: TypeAdapter[_T], what: str) -> _T | None:
+    """Return what a list in the leaderboard's folder holds; None if there is none.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read.
+    """
     try:
-        return _Fingerprints.validate_json(read_whole(path)) if path.exists() else {}
+        return kind.validate_json(read_whole(path)) if path.exists() else None
     except (ValidationError, OSError) as error:
-        raise ResultError(
-            "cannot read the list of fingerprints", where=str(path), fix=f"git restore {path}"
-        ) from error
-
-
-_Fingerprints = TypeAdapter(dict[str, list[str]])
+        what, fix = f"cannot read the list of {what}", f"git restore {path}"
+        raise ResultError(what, where=str(path), fix=fix) from error
 
 
 def training_problems(
@@ -475,10 +460,6 @@ def training_problems(
     if not leaks:
         return []
     scenes = ", ".join(dict.fromkeys(leak.test for leak in leaks))
-    return [
-        Problem(
-            f"the weights were trained on scenes of the test, {scenes}",
-            where=where,
-            fix="test on another split, or train without these scenes: dfdbench train --fold",
-        )
-    ]
+    what = f"the weights were trained on scenes of the test, {scenes}"
+    fix = "test on another split, or train without these scenes: dfdbench train --fold"
+    return [Problem(what, where=where, fix=fix)]

@@ -1,19 +1,18 @@
 """The seeds that the leaderboard was run on, with the date and the commit of each run."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import secrets
 from pathlib import Path
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
+from dfdbench.board.row_file import read_list
 from dfdbench.datasets.catalog import of_seed
 from dfdbench.errors import ResultError
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import Line
-from dfdbench.system.files import read_whole, write_whole
+from dfdbench.system.files import write_whole
 from dfdbench.system.strict import Record
 
 SEEDS = "seeds.json"
@@ -33,9 +32,6 @@ class Draw(Record):
     commit: Line
 
 
-_DRAWS = TypeAdapter(list[Draw])
-
-
 def read_draws(folder: Path) -> list[Draw]:
     """Return a leaderboard's seeds, the newest first.
 
@@ -44,13 +40,7 @@ def read_draws(folder: Path) -> list[Draw]:
     ResultError
         If the file cannot be read.
     """
-    path = folder / SEEDS
-    try:
-        return _DRAWS.validate_json(read_whole(path)) if path.exists() else []
-    except (ValidationError, OSError) as error:
-        raise ResultError(
-            "cannot read the list of seeds", where=str(path), fix=f"git restore {path}"
-        ) from error
+    return read_list(folder / SEEDS, TypeAdapter(list[Draw]), "seeds") or []
 
 
 def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
@@ -73,11 +63,9 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     """
     commit = describe_environment().git
     if commit is None or commit.endswith("-dirty"):
-        raise ResultError(
-            "the code that is to be run is in no commit",
-            where=commit or "no git checkout",
-            fix="commit it first: the board says which commit was run",
-        )
+        fix = "commit it first: the board says which commit was run"
+        where = commit or "no git checkout"
+        raise ResultError("the code that is to be run is in no commit", where=where, fix=fix)
     number = secrets.randbelow(_MOST) if seed is None else int(of_seed("unseen", seed)[7:])
     earlier = read_draws(folder)
     before = next((draw for draw in earlier if draw.seed == number), None)

@@ -1,23 +1,13 @@
 """Put a method's runs on the leaderboard: write its row, or update it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board import row_file
 from dfdbench.board.board import LEADERBOARD, require_leaderboard
 from dfdbench.board.cards import find_card
-from dfdbench.board.row_file import (
-    CLEAN_SUITE,
-    read_row,
-    require_pairs,
-    row_of,
-    row_problems,
-    row_text,
-    training_problems,
-)
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
@@ -37,11 +27,8 @@ def require_submittable(limit: int | None) -> None:
         If the run is limited to some pairs, or there is no leaderboard here.
     """
     if limit:
-        raise InputError(
-            "a limited run cannot be submitted",
-            where=f"--limit {limit}",
-            fix="leave out --limit; pairs that were run already are taken over",
-        )
+        fix = "leave out --limit; pairs that were run already are taken over"
+        raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
     require_leaderboard(LEADERBOARD)
 
 
@@ -58,7 +45,7 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
     find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
     require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
-    problems = training_problems(
+    problems = row_file.training_problems(
         trained_on, weights, store.manifest.stem, split, f"--split {split}"
     )
     if problems:
@@ -87,25 +74,29 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     runs = [results] if isinstance(results, Result) else list(results)
     labels = {run.dataset.degradation for run in runs}
     _require_one_method(runs)
-    row = row_of(runs, [CLEAN_SUITE])
-    require_pairs(row, "this run")
-    if problems := list(row_problems(row, folder, "this run")):
+    row = row_file.row_of(runs, [row_file.CLEAN_SUITE])
+    row_file.require_pairs(row, "this run")
+    if problems := list(row_file.row_problems(row, folder, "this run")):
         raise ResultError.of(problems)
     method = row.method
     name = find_card(folder, method.name, method.entry, method.parameters, row.given_blur)
     path = row.place(folder, name)
     suites: list[str] = []
     if path.exists():
-        there = read_row(path)
+        there = row_file.read_row(path)
         _require_same_method(there.results[0], runs[0], path)
         _require_no_less(there.results, runs, path)
         runs += [run for run in there.results if run.dataset.degradation not in labels]
         suites = there.suites
     # Clean images that were run along with tracks do not enter the ranking of clean images.
-    entered = [CLEAN_SUITE] if labels == {CLEAN} else _suites({r.dataset.degradation for r in runs})
-    order = [CLEAN_SUITE, *SUITES]
-    row = row_of(runs, sorted({*suites, *entered}, key=order.index))
-    write_whole(path, row_text(row))
+    entered = (
+        [row_file.CLEAN_SUITE]
+        if labels == {CLEAN}
+        else _suites({r.dataset.degradation for r in runs})
+    )
+    order = [row_file.CLEAN_SUITE, *SUITES]
+    row = row_file.row_of(runs, sorted({*suites, *entered}, key=order.index))
+    write_whole(path, row_file.row_text(row))
     return path
 
 
@@ -139,7 +130,7 @@ def _require_one_method(runs: Sequence[Result]) -> None:
         Problem(
             "the runs are not of one method on one split",
             where=f"{run.dataset.degradation}: {name}",
-            expected=f"{_facts(runs[0])[name]}, as on {runs[0].dataset.degradation}",
+            expected=str(_facts(runs[0])[name]),
             got=str(value),
         )
         for run in runs
@@ -154,21 +145,17 @@ def _require_same_method(there: Result, new: Result, path: Path) -> None:
     found, own = _facts(there), _facts(new)
     others = [name for name in own if found.get(name) != own[name]]
     if others:
-        raise ResultError(
-            f"another method of this name is there: its {others[0]} is "
-            f"{found.get(others[0])}, not {own[others[0]]}",
-            where=str(path),
-            fix="give your method a card of another name; if the row is yours, remove its file",
-        )
+        name = others[0]
+        what = f"another method is there: its {name} is {found.get(name)}, not {own[name]}"
+        fix = "give your method a card of another name; if the row is yours, remove its file"
+        raise ResultError(what, where=str(path), fix=fix)
 
 
 def _require_no_less(there: Sequence[Result], new: Sequence[Result], path: Path) -> None:
     whole = {run.dataset.degradation for run in there if run.complete}
     for run in new:
         if run.dataset.degradation in whole and not run.complete:
-            raise ResultError(
-                f"a partial run on {run.dataset.degradation}, {run.dataset.evaluated} of "
-                f"{run.dataset.expected} pairs, would replace a complete one",
-                where=str(path),
-                fix="run the rest: the same command continues where it stopped",
-            )
+            data, fix = run.dataset, "run the rest: the same command continues where it stopped"
+            done = f"{data.degradation}, {data.evaluated} of {data.expected} pairs"
+            what = f"a partial run on {done}, would replace a complete one"
+            raise ResultError(what, where=str(path), fix=fix)

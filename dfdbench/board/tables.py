@@ -1,7 +1,5 @@
 """A ranking's tables: methods, scores by lighting, scene and fold, how each was run."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -17,20 +15,9 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.results import wording
 from dfdbench.results.frame import group_means
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.wording import (
-    GIVEN_NOTE,
-    NOTHING,
-    SECONDS_NOTE,
-    given_to,
-    interval_text,
-    machine_of,
-    parameters_of,
-    score_text,
-    seconds_text,
-    training_text,
-)
 from dfdbench.tables.table import Link, Table
 
 
@@ -75,14 +62,14 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     )
     rows = tuple(
         (
-            NOTHING if standing.rank is None else str(standing.rank),
+            wording.NOTHING if standing.rank is None else str(standing.rank),
             _linked(standing.entry, folder) if scored else standing.entry.label,
-            given_to(standing.entry.result),
+            wording.given_to(standing.entry.result),
             board.shown(row, board.metric),
-            interval_text(standing.interval),
+            wording.interval_text(standing.interval),
             *(board.shown(row, metric.name) for metric in metrics),
-            str(standing.above or NOTHING),
-            seconds_text(standing.entry.seconds),
+            str(standing.above or wording.NOTHING),
+            wording.seconds_text(standing.entry.seconds),
         )
         for row, standing in enumerate(board.standings)
     )
@@ -108,11 +95,11 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
     on_clean = group_means(clean, "row")
     rows = tuple(
         (
-            NOTHING if standing.rank is None else str(standing.rank),
+            wording.NOTHING if standing.rank is None else str(standing.rank),
             _linked(standing.entry, folder),
             _shown(on_clean.get(row, np.nan)),
             *map(_shown, tracks.loc[row]),
-            score_text(standing.scores[board.metric]),
+            wording.score_text(standing.scores[board.metric]),
             _seen(standing.entry, lambda run: run.method.fitted_on),
             _seen(standing.entry, lambda run: run.method.trained_on),
         )
@@ -213,17 +200,17 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     rows = tuple(
         (
             entry.label if folder is None else Link(entry.label, link),
-            parameters_of(entry.result),
-            training_text(entry.result.method),
-            seconds_text(entry.seconds),
-            machine_of(entry.result),
-            entry.result.method.paper or NOTHING,
+            wording.parameters_of(entry.result),
+            wording.training_text(entry.result.method),
+            wording.seconds_text(entry.seconds),
+            wording.machine_of(entry.result),
+            entry.result.method.paper or wording.NOTHING,
         )
         for entry in (standing.entry for standing in board.standings)
         for link in [link_to(entry.path, folder or entry.path)]
     )
     columns = ("method", "parameters", "training data", "seconds per pair", "machine", "paper")
-    return Table("how they were run", columns, rows, "lllrll", (SECONDS_NOTE,))
+    return Table("how they were run", columns, rows, "lllrll", (wording.SECONDS_NOTE,))
 
 
 def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
@@ -243,7 +230,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 "fingerprint": data.fingerprint,
                 "rank": standing.rank,
                 "method": entry.label,
-                "parameters": parameters_of(entry.result),
+                "parameters": wording.parameters_of(entry.result),
                 **_knowledge(board, entry),
                 **standing.scores,
                 f"{metric}_low": low,
@@ -254,7 +241,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 f"{metric}_difference_high": above.high if above else None,
                 **{place: plain(values[row]) for place, values in by_place.items()},
                 "seconds": entry.seconds,
-                "machine": machine_of(entry.ranked_runs[0]),
+                "machine": wording.machine_of(entry.ranked_runs[0]),
                 "pairs": "/".join(
                     str(sum(getattr(run.dataset, count) for run in entry.ranked_runs))
                     for count in ("evaluated", "expected")
@@ -286,7 +273,7 @@ def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
 def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
     if board.suite == CLEAN:
         method = entry.result.method
-        said = {"given": given_to(entry.result), "trained_on": method.trained_on}
+        said = {"given": wording.given_to(entry.result), "trained_on": method.trained_on}
         return {**said, "fitted_on": method.fitted_on}
     return {
         "given_blur": entry.given_blur,
@@ -316,7 +303,7 @@ def plain(value: Any) -> float | None:
 
 
 def _shown(value: Any) -> str:
-    return score_text(plain(value))
+    return wording.score_text(plain(value))
 
 
 def _ranking_notes(board: ScoreBoard) -> list[str]:
@@ -336,7 +323,7 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
             f"{above} range over scenes. Fewer than six scenes are too few for a 95 % interval, "
             "and too few to tell a difference from chance."
         )
-    notes = [note, GIVEN_NOTE]
+    notes = [note, wording.GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
     notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]
@@ -384,7 +371,7 @@ def _seen(entry: Entry, text_of: Callable[[Result], str | None]) -> str:
     texts = {
         _in_short(text, run.dataset.name) for run in entry.ranked_runs if (text := text_of(run))
     }
-    return "; ".join(sorted(texts)) or NOTHING
+    return "; ".join(sorted(texts)) or wording.NOTHING
 
 
 def _in_short(text: str, dataset: str) -> str:

@@ -1,7 +1,5 @@
 """Run pairs of a row again, drawn anew each time, and see whether the same comes out."""
 
-from __future__ import annotations
-
 import random
 import secrets
 from collections.abc import Callable, Collection, Iterator
@@ -122,12 +120,10 @@ def verify(
     if row.method.scored:
         raise ResultError(f"{SCORED}: there is nothing to run again", where=str(path))
     if row.method.entry not in {*built_in_methods().values(), *trusted}:
-        raise ResultError(
-            f"{row.method.entry!a} is not built in, and its code is run only if you trust it",
-            where=f"{path}: method.entry",
-            fix=f"read the code, then add --trust {row.method.entry!a}; use a container "
-            "(CONTRIBUTING.md)",
-        )
+        entry, where = f"{row.method.entry!a}", f"{path}: method.entry"
+        what = f"{entry} is not built in, and its code is run only if you trust it"
+        fix = f"read the code, then add --trust {entry}; use a container (CONTRIBUTING.md)"
+        raise ResultError(what, where=where, fix=fix)
     done = [
         (result, pair) for result in row.results for pair in result.pairs if pair.status == "ok"
     ]
@@ -156,13 +152,9 @@ class _RunAgain:
         record, dataset = result.method, result.dataset
         store = open_dataset(dataset.name)
         if store.fingerprint != dataset.fingerprint:
-            raise ResultError(
-                f"{dataset.name} as it is built here is not what the row was run on",
-                where=f"{path}: {dataset.degradation}, fingerprint",
-                expected=store.fingerprint,
-                got=dataset.fingerprint,
-                fix=f"dfdbench build {dataset.name}",
-            )
+            what = f"{dataset.name} as it is built here is not what the row was run on"
+            where = f"{path}: {dataset.degradation}, fingerprint"
+            raise ResultError(what, where=where, fix=f"dfdbench build {dataset.name}")
         parameters: dict[str, Any] = dict(record.parameters)
         if weights:
             parameters["weights"] = str(weights)

@@ -11,10 +11,10 @@ import xarray
 from upath import UPath
 
 from dfdbench.blur.formation import focus_levels, form_pair, form_stack
-from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
+from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
+from dfdbench.building.build_plan import refuse_another_set
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role
@@ -24,6 +24,7 @@ from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.location import Place, as_location
 from dfdbench.system.parallel import Pool, Threads
+from dfdbench.tables.table import listed
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def build_store(
     manifest: Manifest,
     source: Source,
     place: Place,
-    recipe: str | NamedRecipe | None = None,
+    recipe: str | None = None,
     pool: Pool | None = None,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
@@ -80,8 +81,8 @@ def build_store(
         Where its images come from.
     place : str, Path or UPath
         The store to write: a local path or a URL.
-    recipe : str or NamedRecipe, optional
-        A blur recipe, or its name; by default the manifest's. Captured defocus has none.
+    recipe : str, optional
+        A blur recipe's name; by default the manifest's. Captured defocus has none.
     pool : Pool, optional
         Where scenes are made, and how many at once; one after the other by default. The store
         does not depend on it. The workers of a cluster need to reach source and store.
@@ -99,14 +100,11 @@ def build_store(
         Where the data set's default place would get another recipe or other voltage steps; where
         a recipe is named for a data set on a track.
     """
-    made_by = _recipe_of(manifest, source, recipe)
     steps = source.options.get("pair")
-    refuse_another_set(
-        manifest,
-        as_location(place),
-        made_by.name if made_by else None,
-        tuple(steps) if isinstance(steps, list) else None,
-    )
+    pair = tuple(steps) if isinstance(steps, list) else None
+    made_by = _recipe_of(manifest, source, recipe)
+    refuse_another_set(manifest, as_location(place), recipe, pair)
+    blur = find_recipe(made_by) if made_by else None
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
@@ -115,7 +113,7 @@ def build_store(
     left_out = [pair.id for pair in missing]
     with StoreWriter(place, manifest, _attributes(manifest, source, made_by)) as writer:
         writer.refuse_to_lose(left_out)
-        builder = _SceneBuilder(manifest, source, made_by.blur if made_by else None, writer.scenes)
+        builder = _SceneBuilder(manifest, source, blur, writer.scenes)
         outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
         _refuse_damage(outcomes, source, missing)
         whole = [outcome for outcome in outcomes if outcome.digest]
@@ -187,12 +185,8 @@ def scene_dataset(
     axes = manifest.axes
     captured = "defocus" in images.facts.roles
     if captured == (blur is not None):
-        raise SourceError(
-            "either the source captures defocus or a recipe makes it",
-            where=manifest.stem,
-            got="neither" if blur is None else "both",
-            fix="the source's captures_defocus must say what its read gives",
-        )
+        what = "either the source captures defocus or a recipe makes it, not both or neither"
+        raise SourceError(what, where=manifest.stem, fix="mend the source's captures_defocus")
     if blur is not None:
         images = _synthesised(manifest, scene, images, blur)
     facts, known = images.facts, _known(images.facts, manifest)
@@ -210,8 +204,8 @@ def scene_dataset(
         name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
     }
     coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
-    told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
-    return xarray.Dataset(variables, coords=coordinates, attrs=told)
+    found: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
+    return xarray.Dataset(variables, coords=coordinates, attrs=found)
 
 
 def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
@@ -241,8 +235,8 @@ def _number(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
-    recipe = {"name": made_by.name, "parameters": made_by.blur.as_dict()} if made_by else None
+def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict[str, Any]:
+    recipe = {"name": made_by, "parameters": find_recipe(made_by).as_dict()} if made_by else None
     track: dict[str, Any] = {}
     if manifest.on_track:
         # What a track's images were made by is what it does not tell.
@@ -277,38 +271,26 @@ def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[
         problem for outcome in outcomes for problem in outcome.problems if not outcome.left_out
     ]
     if problems and missing:
-        named = ", ".join(pair.id for pair in missing[:3])
-        problems.append(
-            Problem(
-                f"{len(missing)} pairs are missing besides",
-                got=f"{named}{' ...' if len(missing) > 3 else ''}",
-                fix=source.missing_help(missing),
-            )
-        )
-    if problems:
-        raise SourceError.of(problems)
+        named = listed([pair.id for pair in missing], 3)
+        what = f"{len(missing)} pairs are missing besides: {named}"
+        problems.append(Problem(what, fix=source.missing_help(missing)))
+    SourceError.raise_if(problems)
 
 
-def _recipe_of(
-    manifest: Manifest, source: Source, recipe: str | NamedRecipe | None
-) -> NamedRecipe | None:
-    """Return the blur recipe; None where the defocus images are captured."""
-    asked = recipe.name if isinstance(recipe, NamedRecipe) else recipe
-    refuse_recipe_on_track(manifest, asked)
-    name = asked or manifest.recipe
+def _recipe_of(manifest: Manifest, source: Source, recipe: str | None) -> str | None:
+    """Return the blur recipe's name; None if the defocus images are captured."""
+    name = recipe or manifest.recipe
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
-        raise SourceError(
-            f"the defocus images of {manifest.short} are captured: no recipe made them",
-            where="--recipe" if recipe else f"{manifest.stem}: recipe",
-            got=name,
-            fix="leave it out; realworld-synthetic blurs the thesis's captures",
-        )
+        where = "--recipe" if recipe else f"{manifest.stem}: recipe"
+        what = f"no recipe {name} made the defocus images of {manifest.short}: they are captured"
+        fix = "leave it out; realworld-synthetic blurs the thesis's captures"
+        raise SourceError(what, where=where, fix=fix)
     if source.captures_defocus:
         return None
     if name is None:
         raise SourceError(f"{manifest.short} names no blur recipe", fix="--recipe NAME")
-    return recipe if isinstance(recipe, NamedRecipe) else NamedRecipe.find(name)
+    return name
 
 
 def _synthesised(

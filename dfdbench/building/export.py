@@ -53,7 +53,7 @@ def export_png(
         Called with (pairs done, pairs in all).
     images_only : bool
         Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Depth
-        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.scored` takes.
+        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.evaluate` takes.
 
     Notes
     -----
@@ -102,9 +102,9 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
         _write(folder / name, image)
     known = {key: stack[key].values.tolist() for key in ("role", *BY_IMAGE)}
     # JSON has no NaN.
-    told = {key: [None if v != v else v for v in values] for key, values in known.items()}
+    coordinates = {key: [None if v != v else v for v in values] for key, values in known.items()}
     attributes = {key: None if v != v else v for key, v in stack.attrs.items()}
-    said = {"images": names, "coordinates": told, "attributes": attributes}
+    said = {"images": names, "coordinates": coordinates, "attributes": attributes}
     write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
     if not images_only:
         content = io.BytesIO()
@@ -144,12 +144,8 @@ def _write(path: Path, image: NDArray[Any]) -> None:
             there = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if there is not None and np.array_equal(there, stored):
                 return
-            raise StoreError(
-                "a file of that name holds something else",
-                where=str(path),
-                fix="export into another folder; no file was overwritten, and the pairs "
-                "before this one are written",
-            )
+            fix = "export into another folder; pairs before this one are written"
+            raise StoreError("a file of that name holds something else", where=str(path), fix=fix)
         write_whole(path, content)
     except OSError as error:
         raise StoreError("cannot write the image", where=str(path), got=reason_of(error)) from error

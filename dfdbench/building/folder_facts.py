@@ -107,14 +107,13 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
-        raise InputError(
-            "no depth map and two photographs a scene can be told",
-            where=str(folder),
-            expected="two photographs, and a depth file that is grey and says so in its name, or "
-            f"has 16 or 32 bits ({', '.join(SUFFIXES)}; for depth also {', '.join(ARRAYS)})",
-            got="; ".join(filter(None, (there, unread_files(folder)))),
-            fix="rename them, or write the manifest by hand: docs/your_own_data.md",
+        what = (
+            "no depth map and two photographs a scene are found: a depth file is grey and says so "
         )
+        what += f"in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
+        found = "; ".join(filter(None, (there, unread_files(folder))))
+        fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+        raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
@@ -221,9 +220,8 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
             energies[group.pattern][key] = laplacian_energy(photograph)
     seen = [group for group in groups if energies[group.pattern]]
     if len(seen) < 2:
-        raise InputError(
-            "photographs and depth maps share no scene", where=facts.roles["depth"].pattern
-        )
+        what = "photographs and depth maps share no scene"
+        raise InputError(what, where=facts.roles["depth"].pattern)
     order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
     order = _smallest_aperture_first(order)
     sharp, blurred = order[0], order[-1]

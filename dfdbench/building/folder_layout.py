@@ -102,12 +102,9 @@ def shown_files(folder: Path) -> Iterator[PurePosixPath]:
             if path.is_file() and not any(part.startswith(".") for part in below.parts):
                 yield PurePosixPath(below)
     except OSError as error:
-        raise InputError(
-            "cannot look into the folder",
-            where=str(error.filename or folder),
-            got=reason_of(error),
-            fix="name the folder of the captures alone",
-        ) from error
+        what = f"cannot look into the folder: {reason_of(error)}"
+        fix = "name the folder of the captures alone"
+        raise InputError(what, where=str(error.filename or folder), fix=fix) from error
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:

@@ -106,15 +106,11 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
                 raise
     if stacks is not None:
         return stacks.layout, look_into_stacks(folder, stacks)
-    raise InputError(
-        "no scene with two photographs and a depth map, and no stack",
-        where=str(folder),
-        expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder, or "
-        "photographs that differ by a number",
-        got="; ".join(
-            filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder)))
-        ),
+    what = (
+        "no scene with two photographs and a depth map that share a name or a folder, and no stack"
     )
+    there = "; ".join(filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder))))
+    raise InputError(f"{what} ({', '.join(SUFFIXES)})", where=str(folder), got=there)
 
 
 @dataclass(frozen=True)
@@ -175,11 +171,9 @@ def _pattern(role: str, facts: Facts, scenes: list[_Scene]) -> str:
 
 def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     if not scenes:
-        raise InputError(
-            "no scene has all three files",
-            where=", ".join(group.pattern for group in facts.roles.values()),
-            got=", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items()),
-        )
+        there = ", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items())
+        patterns = ", ".join(group.pattern for group in facts.roles.values())
+        raise InputError("no scene has all three files", where=patterns, got=there)
     facts.found.insert(0, counted(len(scenes), "scene"))
     if any("file" in scene.names for scene in scenes):
         for scene in scenes:

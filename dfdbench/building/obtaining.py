@@ -7,116 +7,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from dfdbench.building.build_plan import BuildPlan
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.fetching.download import SET_ASIDE, Progress
-from dfdbench.building.plan import BuildPlan
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.tables.table import counted
-
-
-@dataclass(frozen=True)
-class Fetching:
-    """How files are to be fetched.
-
-    Parameters
-    ----------
-    mirrors : tuple of str
-        Addresses that are asked before the site.
-    offline : bool
-        Ask nobody: take what was fetched before.
-
-    Raises
-    ------
-    InputError
-        Where a mirror is no address.
-    """
-
-    mirrors: tuple[str, ...] = ()
-    offline: bool = False
-
-    def __post_init__(self) -> None:
-        problems = [
-            Problem(
-                "not an address",
-                where="--mirror or DFDBENCH_MIRROR",
-                expected="https://HOST/FOLDER",
-                got=mirror,
-            )
-            for mirror in self.mirrors
-            if not re.match(r"https?://[^/]+", mirror)
-        ]
-        if problems:
-            raise InputError.of(problems)
-
-
-def is_fetched(manifest: Manifest, folder: Path | None) -> bool:
-    """Return whether a data set's files are fetched: Middlebury's are, unless a folder is named."""
-    return folder is None and manifest.reader == "middlebury"
-
-
-def refuse_to_fetch(manifest: Manifest, folder: Path | None, asked: Sequence[str]) -> None:
-    """Refuse what was asked about fetching where nothing is fetched.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        The data set.
-    folder : Path or None
-        The folder that its files are read from.
-    asked : sequence of str
-        The options given, such as ``--offline``.
-
-    Raises
-    ------
-    InputError
-        Where any was.
-    """
-    if asked and folder:
-        raise InputError(
-            "--source reads a copy on disk: nothing is fetched",
-            where=" and ".join(asked),
-            fix="leave it out, or leave out --source",
-        )
-    if asked:
-        raise InputError(
-            f"{manifest.short} is not fetched here", where=" and ".join(asked), fix="leave it out"
-        )
-
-
-def download_folder(manifest: Manifest, cache: Path | None = None) -> Path:
-    """Return where a data set's downloads lie."""
-    return cache_folder(cache) / DOWNLOADS / manifest.file_stem
-
-
-def fetch_source(
-    manifest: Manifest, folder: Path, fetching: Fetching, on_progress: Progress | None = None
-) -> tuple[Source, Download]:
-    """Fetch a data set's files into a folder; return them as a source, and what was done.
-
-    Raises
-    ------
-    SourceError
-        As `download_middlebury` does.
-    InputError
-        Where no file at all is there.
-    """
-    offline = fetching.offline
-    done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
-    if not done.new and not done.kept:
-        nothing = Problem(
-            f"no file of {manifest.short} is there",
-            where=str(folder),
-            got="--offline asks nobody" if offline else "the site has none of them",
-            fix="build once without --offline, or name a copy: --source DIR"
-            if offline
-            else "name a --mirror URL, or a copy on disk: --source DIR",
-        )
-        raise InputError.of([nothing, *done.lacking])
-    return open_source(manifest, folder, known_checksums(manifest, folder)), done
 
 
 @dataclass(frozen=True)
@@ -172,24 +73,84 @@ def obtain(
         If options contradict each other, or files cannot be had.
     """
     manifest = plan.manifest
-    if not is_fetched(manifest, folder):
+    if folder is not None or manifest.reader != "middlebury":
         given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
-        refuse_to_fetch(manifest, folder, given)
+        if given:
+            what = f"{manifest.short} is not fetched here"
+            if folder is not None:
+                what = "--source reads a copy on disk: nothing is fetched"
+            raise InputError(what, where=" and ".join(given), fix="leave it out")
         return Obtained(open_source(manifest, folder, known_checksums(manifest), plan.steps))
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
-    fetching = Fetching((*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
-    place = download_folder(manifest, cache)
-    before = _count_files(place / SET_ASIDE)
+    mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
+    problems = [
+        Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")
+        for one in mirrors
+        if not re.match(r"https?://[^/]+", one)
+    ]
+    InputError.raise_if(problems)
+    place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
+    aside = place / SET_ASIDE
+    before = _count_files(aside)
     try:
-        source, done = fetch_source(manifest, place, fetching, on_progress)
+        done = download_middlebury(manifest, place, mirrors, offline, on_progress)
     except SourceError as error:
-        if refused := _count_files(place / SET_ASIDE) - before:
-            kept = Problem(f"{counted(refused, 'file')} set aside in {place / SET_ASIDE}")
+        if refused := _count_files(aside) - before:
+            kept = Problem(f"{counted(refused, 'file')} set aside in {aside}")
             raise SourceError.of([*error.problems, kept]) from error
         raise
-    return Obtained(source, place, done, _count_files(place / SET_ASIDE) - before)
+    if not done.new and not done.kept:
+        what = f"no file of {manifest.short} is there" + ", and --offline asks nobody" * offline
+        fix = "build once without --offline" if offline else "name a --mirror URL"
+        fix += ", or name a copy on disk: --source DIR"
+        raise InputError.of([Problem(what, where=str(place), fix=fix), *done.lacking])
+    source = open_source(manifest, place, known_checksums(manifest, place))
+    return Obtained(source, place, done, _count_files(aside) - before)
 
 
 def _count_files(folder: Path) -> int:
     return sum(path.is_file() for path in folder.rglob("*"))
+
+
+def voltage_pair_sets(
+    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None = None
+) -> tuple[dict[str, Path], dict[str, Source]]:
+    """Return where the sets of pairs of voltage steps are, and the captures of those not built.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The captured data set.
+    pairs : sequence
+        Pairs of voltage steps, as ``135-141``.
+    source : Path or None
+        The folder of the captures; needed where a set is not built yet.
+    cache : Path, optional
+        The cache folder, in which the sets lie.
+
+    Raises
+    ------
+    InputError
+        Where one is no such pair; where a set is not built and no folder of captures is named.
+    SourceError
+        Where the captures lack a pair's voltage steps altogether.
+    """
+    steps = {pair: _steps_of(pair) for pair in map(str, pairs)}
+    usual = default_store(manifest, cache)
+    places = {pair: usual.with_name(f"{manifest.stem}-{pair}.zarr") for pair in steps}
+    left = [pair for pair, place in places.items() if not place.exists()]
+    if left and source is None:
+        what = f"the sets of these voltage steps are not built: {', '.join(left)}"
+        fix = "name the folder of the captures: --source DIR"
+        raise InputError(what, where=str(usual.parent), fix=fix)
+    # A step that does not exist is reported before the first set is built.
+    return places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+
+
+def _steps_of(pair: str) -> tuple[int, int]:
+    parts = re.fullmatch(r"(\d+)-(\d+)", pair)
+    if not parts:
+        what = "not a pair of voltage steps"
+        raise InputError(what, where="--values", expected="as 141-129,140-130", got=pair)
+    return int(parts[1]), int(parts[2])

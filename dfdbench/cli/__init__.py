@@ -1,7 +1,5 @@
 """The command line: parse, call one function, print."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys
@@ -12,8 +10,8 @@ import typer
 from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
-from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
 from dfdbench.system.variables import require_sound_start
 
 __all__ = ["app", "main"]
@@ -51,7 +49,7 @@ def main() -> None:
             require_sound_start(os.environ)
             app()
         finally:
-            # Here and not at the interpreter's end, where a full disk can no longer be told.
+            # Here and not at the interpreter's end, where a full disk can no longer be reported.
             sys.stdout.flush()
     except DfdbenchError as error:
         say(f"error: {error}")

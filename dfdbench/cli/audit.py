@@ -2,97 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
 
+from dfdbench.audit import depth_errors, run_errors, splits
 from dfdbench.audit.coverage import (
     CoverageRecord,
     Criterion,
     DensityBound,
+    as_json,
     compare_depths,
     coverage_table,
     each_as_json,
     each_table,
     verdict_line,
 )
-from dfdbench.audit.depth_errors import (
-    DepthErrors,
-    constant_errors,
-    depth_error_tables,
-    depth_errors,
-    level_count_table,
-)
 from dfdbench.audit.difficulty import (
     COARSE,
-    Difficulty,
     difficulty_as_json,
     difficulty_rows,
     difficulty_table,
-    smallest_step,
+    split_difficulty,
 )
-from dfdbench.audit.leaks import (
-    Leak,
-    LeakError,
-    find_leaks,
-    leaks_between,
-    scene_hashes,
-    scenes_alike,
-)
-from dfdbench.audit.run_errors import (
-    conclusion,
-    error_table,
-    errors_as_json,
-    join_errors,
-    scene_table,
-)
-from dfdbench.audit.sides import Side, all_but, depth_maps, scene_histograms, side_of, sides_of
-from dfdbench.audit.splits import (
-    Folds,
-    ProposalSettings,
-    Scenes,
-    folds_as_json,
-    folds_fragment,
-    folds_table,
-    hopeless_scenes,
-    propose_folds,
-    rank_tests,
-    ranked_splits_table,
-    ranking_as_json,
-    split_fragment,
-)
-from dfdbench.audit.trained_on import RunSides, sides_of_run
-from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
+from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
+from dfdbench.audit.trained_on import Training, sides_of_run
+from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
-from dfdbench.cli.screen import (
-    Answer,
-    Answered,
-    AnswerFormat,
-    give,
-    print_tables,
-    progress,
-    save_figure,
-)
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.errors import InputError, Problem, StoreError
-from dfdbench.figures.audits import (
-    coverage_figure,
-    depth_error_figure,
-    depths_figure,
-    difficulty_figure,
-    level_error_figure,
-    mask_figure,
-)
+from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.wording import method_label
 from dfdbench.tables.table import Format, Table
 
@@ -105,8 +51,7 @@ def depths(
         str | None, typer.Option(help="A split, a fold, a scene, or all, which is the default.")
     ] = None,
     result: Annotated[
-        list[Path] | None,
-        typer.Option(help="A run's folder: show its errors by depth; repeatable."),
+        list[Path] | None, typer.Option(help="A run's folder, for its errors by depth; repeatable.")
     ] = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
@@ -124,9 +69,9 @@ def depths(
         scenes = store.manifest.scenes_of(split or ALL_PAIRS)
         side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
         if figure is not None:
-            save_figure(depths_figure(side), figure)
-        tables = [level_count_table(side)]
-    print_tables(tables, format)
+            screen.save_figure(audits.depths_figure(side), figure)
+        tables = [depth_errors.level_count_table(side)]
+    screen.print_tables(tables, format)
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
@@ -136,25 +81,27 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
     for (folder, result), label in zip(runs, labels, strict=True):
         # Two runs of one method are told apart by their folders.
         name = f"{label}, {folder.name}" if labels.count(label) > 1 else label
-        found.append(depth_errors(store, result, folder, name))
+        found.append(depth_errors.depth_errors(store, result, folder, name))
     first = runs[0][1]
     if _CONSTANT not in labels:
         found += _constant(store, first)
-    tables = depth_error_tables(store, first.dataset.split, found)
+    tables = depth_errors.depth_error_tables(store, first.dataset.split, found)
     if figure is not None:
         title = f"{store.manifest.label}, split {first.dataset.split}: errors by depth"
-        save_figure(depth_error_figure(title, found, store.manifest.depth.scale), figure)
+        screen.save_figure(
+            audits.depth_error_figure(title, found, store.manifest.depth.scale), figure
+        )
     return tables
 
 
-def _constant(store: Dataset, result: Result) -> list[DepthErrors]:
+def _constant(store: Dataset, result: Result) -> list[depth_errors.DepthErrors]:
     from dfdbench.evaluation.loading import training_mean
 
     try:
         level = training_mean(store)
     except StoreError:  # nothing to train on: then there is no constant to stand beside
         return []
-    return [constant_errors(store, result, level, _CONSTANT)]
+    return [depth_errors.constant_errors(store, result, level, _CONSTANT)]
 
 
 def difficulty(
@@ -164,47 +111,25 @@ def difficulty(
         int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
-    default = Path("results") / f"{store.path.stem}-difficulty" / split
-    folder = output_place(default if out is None else out)
+    folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
-    manifest.scenes_of(split)
-    pairs = store.pairs(split)
-    if store.recipe is None:
-        why = "its track tells none" if manifest.on_track else "captured images"
-        raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
-    if not pairs:
-        raise InputError(f"no pair of split {split}", where=str(store.path))
-    for scene in dict.fromkeys(pair.scene for pair in pairs):
-        depth_maps(store, scene)
-    found: dict[Pair, Difficulty] = {}
-    with progress("looking at pairs", "nothing was written") as step:
-        for number, pair in enumerate(pairs, 1):
-            found[pair] = _difficulty_of(store, pair, noise)
-            step(number, len(pairs))
+    with screen.progress("looking at pairs", "nothing was written") as step:
+        found = split_difficulty(store, split, noise, step)
     rows = difficulty_rows(manifest, found)
-    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
-    figure = difficulty_figure(
+    figure = audits.difficulty_figure(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    answer = Answer(content, (difficulty_table(manifest, rows, noise),))
-    give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
-
-
-def _difficulty_of(store: Dataset, pair: Pair, noise: int) -> Difficulty:
-    images, recipe = store.read(pair), store.recipe
-    assert recipe is not None
-    depth = images.levels
-    if store.manifest.depth.grows_with == "distance":
-        depth = LAST_LEVEL - depth
-    return smallest_step(images.infocus, depth, images.valid, recipe, noise)
+    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
+    table = difficulty_table(manifest, rows, noise)
+    screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
 def split_command(
@@ -220,108 +145,89 @@ def split_command(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     seed: Annotated[
-        int,
-        typer.Option(
-            min=0, help="Seed for drawing folds, and splits where there are too many to try all."
-        ),
+        int, typer.Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
-        raise InputError(
-            "ask for one thing", where="--test-scenes or --folds", fix="--test-scenes 3"
-        )
+        raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
     store = open_dataset(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
-    settings = ProposalSettings(store.fingerprint, scenes, seed)
+    settings = splits.ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
-        _propose_tests(store.manifest, settings, test_scenes, _Place(store, out), format)
-    elif folds is not None:
-        _propose_folds(store.manifest, settings, folds, _Place(store, out), format)
+        name, table, files = _propose_tests(store.manifest, settings, test_scenes)
+    else:
+        name, table, files = _propose_folds(store.manifest, settings, folds or 0)
+    screen.give([table], format, _place(out, store, "splits", name), files)
 
 
-@dataclass(frozen=True)
-class _Place:
-    store: Dataset
-    out: str | None
-
-    def folder(self, name: str) -> Path:
-        default = Path("results") / f"{self.store.path.stem}-splits" / name
-        return output_place(default if self.out is None else self.out)
-
-
-def _told(manifest: Manifest, settings: ProposalSettings) -> str:
+def _chosen_by(manifest: Manifest, settings: splits.ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
-    told = f"criterion {scenes.criterion}, seed {settings.seed}"
+    said = f"criterion {scenes.criterion}, seed {settings.seed}"
     if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
-        told += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
+        said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
-        told += f", allowed share {scenes.allowed:g}"
-    return told + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
+        said += f", allowed share {scenes.allowed:g}"
+    return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
 
 def _propose_tests(
-    manifest: Manifest, settings: ProposalSettings, size: int, place: _Place, format: AnswerFormat
-) -> None:
+    manifest: Manifest, settings: splits.ProposalSettings, size: int
+) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
     published = _published_test(manifest, scenes)
-    ranking = rank_tests(scenes, size, settings.seed, published)
+    ranking = splits.rank_tests(scenes, size, settings.seed, published)
     best = ranking.candidates[0].test
     train = tuple(name for name in scenes.names if name not in best)
     why = (
         f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
-        f"{len(ranking.candidates):,} ({_told(manifest, settings)})"
+        f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
     )
-    content = ranking_as_json(manifest, settings, ranking, published)
-    fragment = split_fragment(manifest, best, train, why)
-    folder = place.folder(f"test-{size}")
-    answer = Answer(content, (ranked_splits_table(manifest, ranking, published, scenes.criterion),))
-    give(answer, format, folder, {"split.toml": fragment, "split.json": content})
+    table = splits.ranked_splits_table(manifest, ranking, published, scenes.criterion)
+    fragment = splits.split_fragment(manifest, best, train, why)
+    content = splits.ranking_as_json(manifest, settings, ranking, published)
+    return f"test-{size}", table, {"split.json": content, "split.toml": fragment}
 
 
 def _propose_folds(
-    manifest: Manifest, settings: ProposalSettings, number: int, place: _Place, format: AnswerFormat
-) -> None:
+    manifest: Manifest, settings: splits.ProposalSettings, number: int
+) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
-    proposals = propose_folds(scenes, number, settings.seed)
+    proposals = splits.propose_folds(scenes, number, settings.seed)
     best = proposals[0]
-    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
-    tests = [
-        tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
-    ]
-    published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = f"dfdbench audit split {manifest.short} --folds {number} ({_told(manifest, settings)})"
-    content = folds_as_json(manifest, settings, proposals, hopeless, published)
-    folder = place.folder(f"folds-{number}")
-    answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))
-    files = {"folds.toml": folds_fragment(best, why), "folds.json": content}
-    give(answer, format, folder, files)
+    hopeless = splits.hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
+    published = splits.Folds(tuple(scenes.judge([test for test in tests if test])))
+    why = (
+        f"dfdbench audit split {manifest.short} --folds {number} ({_chosen_by(manifest, settings)})"
+    )
+    content = splits.folds_as_json(manifest, settings, proposals, hopeless, published)
+    table = splits.folds_table(manifest, proposals, hopeless, published)
+    files = {"folds.json": content, "folds.toml": splits.folds_fragment(best, why)}
+    return f"folds-{number}", table, files
 
 
-def _scenes(store: Dataset, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
+def _scenes(
+    store: Dataset, criterion: Criterion, bound: DensityBound, allow: float
+) -> splits.Scenes:
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])
-    return Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
+    return splits.Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
 
 
-def _published_test(manifest: Manifest, scenes: Scenes) -> tuple[str, ...]:
+def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...]:
     # Ranked only where all its scenes are built: a part of it is another test.
     names = {split.name for split in manifest.splits}
     test = manifest.scenes_of("test") if "test" in names else ()
     return test if set(test) <= set(scenes.names) else ()
 
 
-class Each(StrEnum):
-    """What is tested one by one against all other scenes."""
-
-    scene = "scene"
-    fold = "fold"
-
-
+#: What is tested one by one against all other scenes.
+Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
     Criterion, typer.Option(help="What makes a level uncovered; either: both are applied.")
 ]
@@ -344,19 +250,13 @@ FloorOption = Annotated[
 
 def coverage(
     dataset: Annotated[
-        str | None,
-        typer.Argument(
-            help="The training data set: its name or a store's path.", autocompletion=data_sets
-        ),
+        str | None, typer.Argument(help="The data set that trains.", autocompletion=data_sets)
     ] = None,
     train: Annotated[
         str | None, typer.Option(help="The split to train on; default: train.")
     ] = None,
     test: Annotated[
-        str | None,
-        typer.Option(
-            help="The split to test on; default: test, or with --test-dataset all its pairs."
-        ),
+        str | None, typer.Option(help="Tests; default: test, or all with --test-dataset.")
     ] = None,
     fold: Annotated[
         str | None, typer.Option(help="Test on this fold or scene, train on all other scenes.")
@@ -368,20 +268,18 @@ def coverage(
         Each | None, typer.Option(help="Test every scene or fold against all other scenes.")
     ] = None,
     result: Annotated[
-        Path | None,
-        typer.Option(
-            help="A run's result.json: also show its errors on covered and uncovered depths."
-        ),
+        Path | None, typer.Option(help="A run's folder: show its errors by coverage, too.")
     ] = None,
     criterion: CriterionOption = Criterion.either,
     allow: AllowOption = 0.0,
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
-    rule = Rule(DensityBound(density_factor, density_floor), criterion, allow)
+    bound = DensityBound(density_factor, density_floor)
+    compare = partial(compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
     if result and result.is_dir():
         result = result / RESULT
     run = load_result(result) if result else None
@@ -389,31 +287,21 @@ def coverage(
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
     store = open_dataset(dataset or (run.dataset.name if run else ""))
     if each:
-        _answer_each(store, each, rule, out, format)
+        _answer_each(store, each, compare, out, format)
     elif run and result:
         saw = run.method.trained_on or run.method.fitted_on
-        sides = sides_of_run(store, run.dataset.split, saw, train, fold)
-        _answer_errors(store, run, result.parent, sides, rule, out, format)
+        side, tested, known = sides_of_run(store, run.dataset.split, saw, train, fold)
+        record = compare(side, tested, leaks=leaks_between(side, tested))
+        _answer_errors(store, run, result.parent, known, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
-        record = rule.compare(*both, leaks_between(*both))
-        _answer_coverage(record, _place(out, _folder(store, record)), format)
-
-
-@dataclass(frozen=True)
-class Rule:
-    """By which a test counts as covered."""
-
-    bound: DensityBound
-    criterion: Criterion
-    allowed_share: float
-
-    def compare(self, train: Side, test: Side, leaks: Sequence[Leak]) -> CoverageRecord:
-        """Hold a test side against a training side."""
-        return compare_depths(
-            train, test, self.bound, self.criterion, self.allowed_share, tuple(leaks)
-        )
+        record = compare(*both, leaks=leaks_between(*both))
+        figure = audits.coverage_figure(record)
+        place = _place(out, store, "coverage", _compared(record))
+        files: screen.Files = {"coverage.json": as_json(record), "coverage.png": figure}
+        screen.give([coverage_table(record)], format, place, files, verdict_line(record))
+        _end(record)
 
 
 def _end(*records: CoverageRecord) -> None:
@@ -427,49 +315,32 @@ def _end(*records: CoverageRecord) -> None:
 def _refuse_mixtures(
     dataset: str | None, run: Result | None, each: Each | None, named: list[str]
 ) -> None:
-    problems = []
-    if dataset is None and run is None:
-        problems.append(Problem("no data set is named", fix="dfdbench audit coverage DATASET"))
-    others = [*named, *(["--result"] if run else [])]
-    if each and others:
-        problems.append(
-            Problem(
-                "--each takes no split and no result",
-                where="--each",
-                fix=f"leave out {_list(others)}",
-            )
-        )
-    elif run and (tests := [name for name in named if name in ("--test", "--test-dataset")]):
-        problems.append(
-            Problem(
-                "a result says itself what tests", where="--result", fix=f"leave out {_list(tests)}"
-            )
-        )
-    if run and {"--train", "--fold"} <= set(named):
-        problems.append(Problem("a fold says what trains", where="--fold", fix="leave out --train"))
-    if problems:
+    others = [*named, *["--result"] * bool(run)]
+    tests = [name for name in named if name in ("--test", "--test-dataset")]
+    wrong = (
+        (not dataset and not run, "no data set is named", "dfdbench audit coverage DATASET"),
+        (each and others, "--each takes no split and no result", " and ".join(others)),
+        (not each and run and tests, "a result says itself what tests", " and ".join(tests)),
+        (run and {"--train", "--fold"} <= set(named), "a fold says what trains", "--train"),
+    )
+    if problems := [
+        Problem(what, fix=fix if fix.startswith("dfdbench") else f"leave out {fix}")
+        for is_so, what, fix in wrong
+        if is_so
+    ]:
         raise InputError.of(problems)
 
 
-def _list(options: list[str]) -> str:
-    return " and ".join(options)
-
-
-def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat) -> None:
-    content = record.model_dump_json(indent=1) + "\n"
-    answer = Answer(content, (coverage_table(record),), verdict_line(record))
-    give(
-        answer, format, folder, {"coverage.json": content, "coverage.png": coverage_figure(record)}
-    )
-    _end(record)
-
-
 def _answer_each(
-    store: Dataset, each: Each, rule: Rule, out: str | None, format: AnswerFormat
+    store: Dataset,
+    each: Each,
+    compare: partial[CoverageRecord],
+    out: str | None,
+    format: screen.AnswerFormat,
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
-    tests = folds if each is Each.fold else {name: (name,) for name in histograms}
+    tests = folds if each == "fold" else {name: (name,) for name in histograms}
     if not tests:
         raise InputError(f"{manifest.stem} has no folds", where="--each", fix="--each scene")
     hashes = scene_hashes(store, histograms)
@@ -479,13 +350,13 @@ def _answer_each(
             train, test = all_but(store, histograms, name), side_of(store, histograms, name, scenes)
             of_train, of_test = ({s: hashes[s] for s in side.scenes} for side in (train, test))
             leaks = find_leaks(manifest, of_train, manifest, of_test)
-            records[name] = rule.compare(train, test, leaks)
+            records[name] = compare(train, test, leaks=tuple(leaks))
     bad = sum(not record.covered for record in records.values())
-    verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
-    content = each_as_json(records, each)
-    folder = _place(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
-    answer = Answer(content, (each_table(records, each),), verdict)
-    give(answer, format, folder, {"coverage.json": content})
+    criterion = compare.keywords["criterion"]
+    verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
+    files = {"coverage.json": each_as_json(records, each)}
+    place = _place(out, store, "coverage", f"each-{each}")
+    screen.give([each_table(records, each)], format, place, files, verdict)
     _end(*records.values())
 
 
@@ -493,40 +364,41 @@ def _answer_errors(
     store: Dataset,
     run: Result,
     folder: Path,
-    sides: RunSides,
-    rule: Rule,
+    training: Training,
+    record: CoverageRecord,
     out: str | None,
-    format: AnswerFormat,
+    format: screen.AnswerFormat,
 ) -> None:
-    record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
-    join = join_errors(store, run, folder, record)
+    join = run_errors.join_errors(store, run, folder, record)
     title = (
         f"errors of {run.method.title} on {run.dataset.label}, {run.dataset.split}, by what "
         f"{record.train.label}, {record.train.split}, covers"
     )
-    meaning = conclusion(join, record, sides.training)
-    content = errors_as_json(join, run, record, sides.training)
-    answer = Answer(content, (error_table(join, title, meaning), scene_table(join)))
-    files: dict[str, str | Figure] = {
-        "errors.json": content,
-        "coverage.json": record.model_dump_json(indent=1) + "\n",
-        "coverage.png": coverage_figure(record),
-        "errors.png": level_error_figure(join, title),
-        "masks.png": mask_figure(store, run, folder, join),
+    tables = [
+        run_errors.error_table(join, title, run_errors.conclusion(join, record, training)),
+        run_errors.scene_table(join),
+    ]
+    files: screen.Files = {
+        "errors.json": run_errors.errors_as_json(join, run, record, training),
+        "coverage.json": as_json(record),
+        "coverage.png": audits.coverage_figure(record),
+        "errors.png": audits.level_error_figure(join, title),
+        "masks.png": audits.mask_figure(store, run, folder, join),
     }
     # By default beside the result: the one folder in a run that others may write to.
     place = folder / "coverage" if out is None else output_place(out)
-    give(answer, format, place, files)
+    screen.give(tables, format, place, files)
     _end(record)
 
 
-def _place(out: str | None, default: Path) -> Path:
+def _place(out: str | None, store: Dataset, what: str, name: str) -> Path:
+    default = Path("results", f"{store.path.stem}-{what}", name)
     return output_place(default if out is None else out)
 
 
-def _folder(store: Dataset, record: CoverageRecord) -> Path:
+def _compared(record: CoverageRecord) -> str:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
     if not record.train.split.startswith("all but"):
-        name = f"{record.train.split}-{name}"
-    return Path("results") / f"{store.path.stem}-coverage" / name
+        return f"{record.train.split}-{name}"
+    return name

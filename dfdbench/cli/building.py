@@ -8,35 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.cli.options import (
-    Cache,
-    DataSetArgument,
-    Scheduler,
-    Split,
-    Workers,
-    data_sets,
-    pool_of,
-)
+from dfdbench.cli import options
 from dfdbench.cli.screen import download_progress, progress, say, writing
 from dfdbench.datasets.catalog import find_manifest, of_seed
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import counted
+from dfdbench.tables.table import counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
     from dfdbench.building.obtaining import Obtained
-    from dfdbench.building.plan import BuildPlan
-
-
-def _called_png(out: Path | None) -> None:
-    # Other verbs call it so.
-    if out is not None:
-        raise InputError(
-            "the folder to write into has another name here", where="--out", fix=f"--png {out}"
-        )
 
 
 def build(
@@ -44,55 +27,50 @@ def build(
         str,
         typer.Argument(
             help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track.",
-            autocompletion=data_sets,
+            autocompletion=options.data_sets,
         ),
     ],
     source: Annotated[
-        Path | None,
-        typer.Option(help="Folder with the files, in the site's layout or its zip archives."),
+        Path | None, typer.Option(help="Folder with the files, as the site has them or zipped.")
     ] = None,
     store: Annotated[
         str | None, typer.Option(help="Where to build, a path or a URL; default: the cache.")
     ] = None,
     recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     pair: Annotated[
-        str | None,
-        typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
+        str | None, typer.Option(help="Voltage steps, in-focus and defocus: 141,129.")
     ] = None,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Accept missing pairs and build the rest.")
     ] = False,
     mirror: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="URL",
-            help="Try to download from here before the site; repeatable; also DFDBENCH_MIRROR.",
-        ),
+        list[str] | None, typer.Option(metavar="URL", help="Asked before the site; repeatable.")
     ] = None,
     offline: Annotated[
         bool, typer.Option("--offline", help="Fetch nothing; use what was fetched before.")
     ] = False,
     seed: Annotated[
-        str | None,
-        typer.Option(metavar="N", help="Of unseen and unseen-stack: draws rooms and camera."),
+        str | None, typer.Option(metavar="N", help="Of unseen sets: what is drawn.")
     ] = None,
-    cache: Cache = None,
+    cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
     from dfdbench.building.build import build_store
+    from dfdbench.building.build_plan import plan_build
     from dfdbench.building.obtaining import obtain
-    from dfdbench.building.plan import plan_build
     from dfdbench.system.location import is_local
 
     plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, _steps(pair), cache)
-    _refuse_memory(plan)
+    if plan.place.protocol == "memory":
+        # From Python it is as good a place as any other.
+        raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")
     if is_local(plan.place):
         # The cache may be inside the folder of the files; a place that the user names may not.
         read = source if store else None
         output_place(plan.place.path, read, option="--store", replaces=True)
-    pool = pool_of(workers, scheduler)
+    pool = options.pool_of(workers, scheduler)
     with download_progress(f"fetching {plan.manifest.short}") as fetched:
         obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
     tell_fetched(obtained)
@@ -111,17 +89,13 @@ def build(
 
 
 def export(
-    name: DataSetArgument,
+    name: options.DataSetArgument,
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
-    out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
-    split: Split = "all",
+    split: options.Split = "all",
     images_only: Annotated[
-        bool,
-        typer.Option(
-            "--images-only", help="Write no depth, to run a method where it cannot see the truth."
-        ),
+        bool, typer.Option("--images-only", help="Write no depth, which methods must not see.")
     ] = False,
-    cache: Cache = None,
+    cache: options.Cache = None,
 ) -> None:
     """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png
@@ -141,24 +115,9 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
     try:
         infocus, defocus = (int(step) for step in pair.split(","))
     except ValueError:
-        raise InputError(
-            "not a pair of voltage steps",
-            where="--pair",
-            expected="two steps, as 141,129",
-            got=pair,
-        ) from None
+        what = f"not a pair of voltage steps, as 141,129: {pair}"
+        raise InputError(what, where="--pair") from None
     return infocus, defocus
-
-
-def _refuse_memory(plan: BuildPlan) -> None:
-    # From Python it is as good a place as any other.
-    if plan.place.protocol == "memory":
-        raise InputError(
-            "a store in memory ends with this command",
-            where="--store",
-            expected="a path or a URL",
-            got=str(plan.place),
-        )
 
 
 def tell_fetched(obtained: Obtained) -> None:
@@ -193,27 +152,16 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
     whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
-        lines.append(f"  no pair at all    {', '.join(_spans(whole, manifest.scene_names))}")
+        lines.append(f"  no pair at all    {listed(whole, most=8)}")
     alike: dict[str, list[str]] = {}
     for scene, places in by_scene.items():
         if scene not in whole:
             alike.setdefault(", ".join(places), []).append(scene)
-    for listed, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {counted(listed.count(',') + 1, 'pair')} each")
-        lines.append(f"    {listed}")
+    for names, scenes in alike.items():
+        lines.append(f"  {', '.join(scenes)}: {counted(names.count(',') + 1, 'pair')} each")
+        lines.append(f"    {names}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)
-
-
-def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
-    """Return names, three neighbours and more as the first and the last of them."""
-    runs: list[list[str]] = []
-    for name in known:
-        if name in names:
-            if not runs or known.index(name) != known.index(runs[-1][-1]) + 1:
-                runs.append([])
-            runs[-1].append(name)
-    return [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
 
 
 def new_dataset(
@@ -233,11 +181,8 @@ def new_dataset(
     written = new_manifest(folder, name)
     path = output_place(out or written.name, folder)
     if path.exists():
-        raise InputError(
-            f"a {'folder' if path.is_dir() else 'file'} of that name is there",
-            where=str(path),
-            fix="name another: --out FILE.toml",
-        )
+        what = f"a {'folder' if path.is_dir() else 'file'} of that name is there"
+        raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
     with writing(path):
         write_whole(path, written.toml)
     for heading, lines in (("found", written.found), ("say yourself", written.open)):

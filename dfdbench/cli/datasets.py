@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +18,7 @@ from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import print_table, print_tables, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store, own_stores, place_of
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
@@ -29,9 +29,6 @@ from dfdbench.tables.table import Format, Table, counted
 if TYPE_CHECKING:
     from dfdbench.datasets.dataset import Dataset
     from dfdbench.results.record import Environment
-
-
-cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
 def list_datasets(
@@ -113,26 +110,21 @@ def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) 
     print("sound        the store holds what was built")
 
 
-@cache_app.callback()
 def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     """List what lies in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
         return
     folder = cache_folder(cache)
     entries = cache_entries(folder)
-    rows = tuple(
-        (entry.kind, entry.name, str(entry.files), decimal(entry.size)) for entry in entries
-    )
+    rows = tuple((each.kind, each.name, str(each.files), decimal(each.size)) for each in entries)
     total = sum(entry.size for entry in entries)
     title = f"{folder}: {decimal(total)}"
     print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))
 
 
-@cache_app.command("clear")
 def clear_cache(
     names: Annotated[
-        list[str] | None,
-        typer.Argument(help="downloads, stores, or names that `dfdbench cache` lists."),
+        list[str] | None, typer.Argument(help="downloads, stores, or names that are listed.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     cache: Cache = None,
@@ -186,39 +178,24 @@ def info(
     cache: Cache = None,
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
-    if croissant:
-        _print_croissant(name, cache)
-        return
+    store = None
     if place := place_of(name, cache):
-        # A manifest tells all it knows without the libraries that read arrays.
+        # A manifest shows all it knows without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 
         store = Dataset(place)
-        if pairs is None:
-            _show_store(store)
-        else:
-            _list_pairs(store.pairs(pairs))
-    elif pairs is None:
-        _show_manifest(find_manifest(name), cache)
+    manifest = store.manifest if store else find_manifest(name)
+    if croissant:
+        from dfdbench.datasets.croissant import croissant_text
+
+        print(croissant_text(manifest), end="")
+    elif pairs is not None:
+        for pair in (store or manifest).pairs(pairs):
+            print(pair.id)
+    elif store:
+        _show_store(store)
     else:
-        _list_pairs(find_manifest(name).pairs(pairs))
-
-
-def _print_croissant(name: str, cache: Path | None) -> None:
-    from dfdbench.datasets.croissant import croissant_text
-
-    if place := place_of(name, cache):
-        from dfdbench.datasets.dataset import Dataset
-
-        manifest = Dataset(place).manifest
-    else:
-        manifest = find_manifest(name)
-    print(croissant_text(manifest), end="")
-
-
-def _list_pairs(pairs: Iterable[Pair]) -> None:
-    for pair in pairs:
-        print(pair.id)
+        _show_manifest(manifest, cache)
 
 
 def _show_store(store: Dataset) -> None:
@@ -287,11 +264,6 @@ def _places(value: object) -> bool:
     )
 
 
-def _recipe_text(manifest: Manifest) -> str:
-    told = None if manifest.on_track else manifest.recipe
-    return told or _without_recipe(manifest)
-
-
 def _without_recipe(manifest: Manifest) -> str:
     if manifest.on_track:
         return "not given: a track"
@@ -322,7 +294,7 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
         f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
         f"  scenes     {manifest.scene_count}",
         f"  pairs      {manifest.pair_count}",
-        f"  recipe     {_recipe_text(manifest)}",
+        f"  recipe     {(not manifest.on_track and manifest.recipe) or _without_recipe(manifest)}",
         f"  images     {_degradation_text(manifest)}",
         f"  depth      {_depth_text(manifest)}",
     ]
@@ -355,14 +327,9 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
 
 #: Of the environment, what changes how libraries and dfdbench itself work.
 _VARIABLES = (
-    "DFDBENCH_CACHE",
-    "DFDBENCH_SHARED_DATA",
-    "OMP_NUM_THREADS",
-    "NUMBA_CACHE_DIR",
-    "NUMBA_NUM_THREADS",
-    "NUMBA_DISABLE_JIT",
-    "CUDA_VISIBLE_DEVICES",
-)
+    "DFDBENCH_CACHE", "DFDBENCH_SHARED_DATA", "OMP_NUM_THREADS", "NUMBA_CACHE_DIR",
+    "NUMBA_NUM_THREADS", "NUMBA_DISABLE_JIT", "CUDA_VISIBLE_DEVICES",
+)  # fmt: skip
 
 
 def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
@@ -373,7 +340,7 @@ def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
     # PyTorch is imported by now, so that its threads and its GPU are seen.
     found = describe_environment()
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
-    rows += [_compiled(), *_variables()]
+    rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
     table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
     print_tables([table], format)
 
@@ -417,7 +384,7 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
     above = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(above).free
     writable = "" if os.access(above, os.W_OK) else ", cannot be written"
-    yield "cache", f"{folder}: {_in_bytes(size)}, {_in_bytes(free)} free{writable}"
+    yield "cache", f"{folder}: {decimal(size)}, {decimal(free)} free{writable}"
     stores = [entry.name.removesuffix(".zarr") for entry in entries if entry.kind == "stores"]
     yield "built", ", ".join(stores) or "nothing"
 
@@ -425,16 +392,6 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
 def _compiled() -> tuple[str, str]:
     from dfdbench.metrics.similarity import mean_similarity
 
-    # Of one module; if not told otherwise, numba has a folder for each.
+    # Of one module; unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
     return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
-
-
-def _in_bytes(size: int) -> str:
-    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
-
-
-def _variables() -> Iterator[tuple[str, str]]:
-    for name in _VARIABLES:
-        if name in os.environ:
-            yield name, os.environ[name]

@@ -26,15 +26,15 @@ def predict(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="The in-focus and the defocus photograph; or a folder of pairs, PAIR/infocus.png "
-            "and PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
+            help="In-focus and defocus photograph; or a folder of pairs, PAIR/infocus.png and "
+            "PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="The depth map: .npy, or .png of 16 bit, level times 256 or mm. Of a folder: "
-            "a folder, or a .zip as ZEDD's test server takes it."
+            help="A depth map, .npy or .png (16 bit: level times 256, or mm). Of a folder: a "
+            "folder, or a .zip as ZEDD's test server takes it."
         ),
     ],
     method: Annotated[
@@ -46,14 +46,10 @@ def predict(
     ] = None,
     param: Params = None,
     fitted: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RUN", help="A run's folder: use what its fit learned of the camera's blur."
-        ),
+        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     lens: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="TOML file of the lens, or of a blur recipe or law."),
+        Path | None, typer.Option(metavar="FILE", help="TOML of a lens, recipe or law.")
     ] = None,
     weights: Annotated[
         str | None, typer.Option(metavar="NAME", help="A network's weights, by name or file.")
@@ -62,8 +58,7 @@ def predict(
         bool, typer.Option("--no-align", help="The photographs lie on each other as they are.")
     ] = False,
     figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="Draw photographs and depth in colour, too."),
+        Path | None, typer.Option(metavar="FILE.png", help="Draw images and depth.")
     ] = None,
     seed: Seed = 0,
 ) -> None:
@@ -71,25 +66,19 @@ def predict(
     from dfdbench.evaluation.predict import DepthPredictor, captures_in
 
     if fitted and lens:
-        raise InputError(
-            "both a fit and a lens are named", where="--fitted, --lens", fix="name one"
-        )
+        raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
     folder = len(images) == 1 and images[0].is_dir()
     if not folder and len(images) != 2:
-        raise InputError(
-            f"two photographs are needed, or a folder of pairs; got {counted(len(images), 'path')}",
-            fix="dfdbench predict sharp.png blurred.png --out depth.png",
+        what = (
+            f"two photographs or a folder of pairs are needed, not {counted(len(images), 'path')}"
         )
+        raise InputError(what, fix="dfdbench predict sharp.png blurred.png --out depth.png")
     if folder and figure:
         raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
     captures = captures_in(images[0]) if folder else {}
     if folder and not captures:
-        raise InputError(
-            "no pair and no stack in this folder",
-            where=str(images[0]),
-            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, or write stacks, as "
-            "`dfdbench export --images-only` does",
-        )
+        fix = "name photographs PAIR/infocus.png and PAIR/defocus.png, or export --images-only"
+        raise InputError("no pair and no stack in this folder", where=str(images[0]), fix=fix)
     output_place(out, *images, fitted)
     if figure:
         output_place(figure, *images, fitted, option="--figure")

@@ -1,7 +1,5 @@
 """The verbs for a lens: optics blur, optics pairs, optics sharpness."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -20,19 +18,11 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
-app = typer.Typer(
-    help="What a lens does to a point, and which voltage steps make a good pair.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
-
 _OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20
 _DRAWN = 3
 
 
-@app.command()
 def blur(
     f_number: Annotated[float, typer.Option(help="Focal length over aperture.")],
     focal_length: Annotated[str, typer.Option(help="With its unit: 9.6mm.")],
@@ -58,22 +48,16 @@ def blur(
         ) from None
     near, far = _range(range)
     if near <= lens.focal_length:
-        raise InputError(
-            "no real image",
-            where="--range",
-            expected=f"distances beyond the focal length, {focal_length}",
-            got=" ".join(range),
-        )
-    # A figure that cannot be kept is told before anything is printed.
+        what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"
+        raise InputError(what, where="--range")
+    # A figure that cannot be kept is refused before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
     print_table(_blur_table(lens, near, far))
 
 
-@app.command()
 def pairs(
     lens: Annotated[
-        Path | None,
-        typer.Option(help="A measured lens as CSV; default: the thesis's microfluidic lens."),
+        Path | None, typer.Option(help="A measured lens as CSV; default: the thesis's.")
     ] = None,
     range: Annotated[
         tuple[str, str], typer.Option(help="The working range; metres unless a unit is given.")
@@ -86,17 +70,12 @@ def pairs(
     near, far = _range(range)
     ranked = rank_pairs(table, near, far)
     if not ranked:
-        raise InputError(
-            "no pair has a monotonic difference of blur over the range",
-            where="--range",
-            got=f"{near:g} to {far:g} m",
-            fix="choose a narrower range",
-        )
+        what = f"no pair has a monotonic difference of blur from {near:g} to {far:g} m"
+        raise InputError(what, where="--range", fix="choose a narrower range")
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
     print_table(_pair_table(ranked, limit))
 
 
-@app.command()
 def sharpness(
     source: Annotated[Path, typer.Argument(help="Folder with temperature, up and down.")],
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
@@ -107,7 +86,8 @@ def sharpness(
     warming = found.get("temperature", ())
     if warming:
         rows = tuple(
-            (f"{m.temperature:.2f}", f"{m.sharpness:.4f}", f"{m.background:.4f}") for m in warming
+            (f"{m.temperature:.2f}", *(f"{v:.4f}" for v in (m.sharpness, m.background)))
+            for m in warming
         )
         columns = ("temperature (°C)", "image", "background")
         save_figure(temperature_figure(warming), out / "temperature.png")
@@ -197,10 +177,6 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
 def _range(given: tuple[str, str]) -> tuple[float, float]:
     near, far = (parse_length(text, "--range", unit="m") for text in given)
     if near >= far:
-        raise InputError(
-            "the range is empty",
-            where="--range",
-            expected="the nearer end first",
-            got=" ".join(given),
-        )
+        what = f"the range is empty: {' '.join(given)}"
+        raise InputError(what, where="--range", fix="name the nearer end first")
     return near, far

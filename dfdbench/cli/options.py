@@ -58,21 +58,17 @@ def methods(incomplete: str) -> list[str]:
 
 
 DataSet = Annotated[
-    str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
+    str, typer.Option(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
 ]
 DataSetArgument = Annotated[
     str,
     typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
 ]
 Method = Annotated[
-    str,
-    typer.Option(
-        help="A registered name, file.py:function or module:function.", autocompletion=methods
-    ),
+    str, typer.Option(help="A name, file.py:function or module:function.", autocompletion=methods)
 ]
 Params = Annotated[
-    list[str] | None,
-    typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
+    list[str] | None, typer.Option("--param", help="The method's NAME=VALUE; repeatable.")
 ]
 Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
@@ -85,18 +81,11 @@ def _known_protocol(name: str | None) -> str | None:
 
 Protocol = Annotated[
     str | None,
-    typer.Option(
-        help="Scoring protocol; default: the data set's usual one.", callback=_known_protocol
-    ),
+    typer.Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
 ]
-Out = Annotated[
-    str | None,
-    typer.Option(help="Folder to write into; default: its own below results/ or training/."),
-]
+Out = Annotated[str | None, typer.Option(help="Folder; default: below results/ or training/.")]
 Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
-Seed = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed for all that is drawn at random.")
-]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all random draws.")]
 Cache = Annotated[
     Path | None,
     typer.Option(
@@ -104,21 +93,15 @@ Cache = Annotated[
         help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
-Workers = Annotated[
-    int | None,
-    typer.Option(min=1, max=1024, help="How many at once; default: one per processor core."),
-]
+Workers = Annotated[int | None, typer.Option(min=1, max=1024, help="Number; default: one a core.")]
 Scheduler = Annotated[
     str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Run on a cluster: a dask.distributed scheduler, as tcp://node1:8786.",
-    ),
+    typer.Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786."),
 ]
 
 
 class FigureFormat(StrEnum):
-    """A form of figures for papers, beside PNG."""
+    """A form of figures for papers, beside PNG; Typer takes no list of literals."""
 
     pdf = "pdf"
     svg = "svg"
@@ -126,7 +109,7 @@ class FigureFormat(StrEnum):
 
 FigureFormats = Annotated[
     list[FigureFormat] | None,
-    typer.Option("--figure-format", help="Figures as PDF or SVG too, for papers; repeatable."),
+    typer.Option("--figure-format", help="Figures as PDF or SVG too; repeatable."),
 ]
 Submit = Annotated[
     bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")
@@ -153,9 +136,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
         if name and equals:
             values[name] = value_of(value, f"{option} {name}")
         else:
-            problems.append(
-                Problem("not a NAME=VALUE", where=option, expected="NAME=VALUE", got=text)
-            )
+            problems.append(Problem("not a NAME=VALUE", where=option, got=text))
     if problems:
         raise InputError.of(problems)
     return values
@@ -177,12 +158,8 @@ def value_of(text: str, where: str) -> Any:
         why = str(error)
         if isinstance(error, json.JSONDecodeError):
             why = f"{error.msg} at character {error.pos + 1}"
-        raise InputError(
-            "broken JSON",
-            where=where,
-            expected='as {"name": 0.5}, or a text in double quotes',
-            got=f"{why} of {text[:200]}",
-        ) from None
+        fix = 'write it as {"name": 0.5}, or put a text into double quotes'
+        raise InputError(f"broken JSON: {why} of {text[:200]}", where=where, fix=fix) from None
 
 
 def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
@@ -214,9 +191,7 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     if scheduler and workers:
-        raise InputError(
-            "a cluster has its own number of workers", where="--workers", fix="leave it out"
-        )
+        raise InputError("a cluster has its own number of workers", where="--workers")
     if not scheduler:
         return None
     from dfdbench.system.parallel import Cluster
@@ -259,12 +234,8 @@ def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> fl
     match = _LENGTH.fullmatch(text)
     number, found = (float(match[1]), match[2] or unit) if match else (math.nan, "")
     if not number > 0 or not math.isfinite(number) or found not in _METRES:
-        raise InputError(
-            "not a length",
-            where=where,
-            expected="a positive number and a unit: 9.6mm, 0.5m, 4.8um",
-            got=text,
-        )
+        what = f"not a positive length with its unit, as 9.6mm, 0.5m or 4.8um: {text}"
+        raise InputError(what, where=where)
     length = number * _METRES[found]
     if at_most and length > parse_length(at_most, where):
         raise InputError("too long", where=where, expected=f"{at_most} at most", got=text)

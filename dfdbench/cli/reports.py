@@ -1,12 +1,9 @@
 """The verbs that read results: report, compare, leaderboard."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,64 +11,40 @@ from dfdbench.board.board import LEADERBOARD
 from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
-from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
-from dfdbench.cli.screen import (
-    PICTURES,
-    print_table,
-    print_tables,
-    progress,
-    save_figure,
-    say,
-    writing,
-)
+from dfdbench.cli import screen
+from dfdbench.cli.options import FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import first_protocol
-from dfdbench.results.record_file import RESULT
-from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
+from dfdbench.results.record import RESULT, first_protocol
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
-Dataset = Annotated[
-    str | None, typer.Option(help="A store's path; default: where the runs found it.")
-]
+Dataset = Annotated[str | None, typer.Option(help="Store; default: where the runs found it.")]
 
 
-class ReportFormat(StrEnum):
-    """The form of a report: a page, or one table of methods beside metrics."""
-
-    html = "html"
-    markdown = "markdown"
-    table = "table"
-    latex = "latex"
-    csv = "csv"
-
-
-_PAGES = (ReportFormat.html, ReportFormat.markdown)
+#: A page, or one table of methods beside metrics.
+ReportFormat = Literal["html", "markdown", "table", "latex", "csv"]
+_PAGES = ("html", "markdown")
 
 
 def report(
     results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
     out: Annotated[
-        Path | None,
-        typer.Option(help="The page's folder, default: report; a table's file, default: printed."),
+        Path | None, typer.Option(help="The page's folder (default: report), or a table's file.")
     ] = None,
     protocol: Protocol = None,
     format: Annotated[
         ReportFormat,
-        typer.Option(
-            help="One HTML page, or Markdown with PNG files; or only the methods beside metrics."
-        ),
-    ] = ReportFormat.html,
+        typer.Option(help="A page, html or markdown; or a table of methods beside metrics."),
+    ] = "html",
     metric: Annotated[
-        list[str] | None,
-        typer.Option(help="A column of a table: nrmse, nmae, ssim, seconds; repeatable."),
+        list[str] | None, typer.Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="With a table: draw accuracy against seconds."),
+        Path | None, typer.Option(metavar="FILE.png", help="Draw accuracy against seconds.")
     ] = None,
     figure_format: FigureFormats = None,
     dataset: Dataset = None,
@@ -84,8 +57,8 @@ def report(
     paths, left_out = without_previous(_each_once(results))
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
-        say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = told_apart(open_saved_run(path, dataset) for path in paths)
+        screen.say(f"left out: {old}, the run before {new.name}; {both}")
+    runs = distinguished(open_saved_run(path, dataset) for path in paths)
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
@@ -94,46 +67,37 @@ def report(
 
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
-        with writing(out):
-            write_whole(out, render(tables, Format(format.value)))
+        with screen.writing(out):
+            write_whole(out, render(tables, Format(format)))
         print(out)
-    elif format is ReportFormat.table:
-        for table in tables:
-            print_table(table)
     else:
-        print(render(tables, Format(format.value)), end="")
+        screen.print_tables(tables, Format(format))
     if figure is not None:
         from dfdbench.figures.comparisons import accuracy_figure
 
         drawn = accuracy_figure(runs, shown)
         if drawn is None:
-            say("no figure: no run is complete")
+            screen.say("no figure: no run is complete")
         else:
-            save_figure(drawn, figure)
+            screen.save_figure(drawn, figure)
 
 
 def _refuse_what_does_not_fit(
     format: ReportFormat,
     metric: list[str] | None,
     figure: Path | None,
-    figure_format: list[FigureFormat] | None,
+    figure_format: Sequence[str] | None,
 ) -> None:
     if format not in _PAGES:
         if figure_format:
-            raise InputError(
-                "a table's figure has the form that its name says",
-                where="--figure-format",
-                fix=f"--figure accuracy.{figure_format[0]}",
-            )
+            what = "a table's figure has the form that its name says"
+            fix = f"--figure accuracy.{figure_format[0]}"
+            raise InputError(what, where="--figure-format", fix=fix)
         return
     for option, given in (("--metric", metric), ("--figure", figure)):
         if given:
-            raise InputError(
-                "a page shows every metric and figure",
-                where=option,
-                expected="--format table, latex or csv beside it",
-                got=f"--format {format.value}",
-            )
+            fix = "leave it out, or add --format table, latex or csv"
+            raise InputError("a page shows every metric and figure", where=option, fix=fix)
 
 
 def _write_page(
@@ -141,17 +105,17 @@ def _write_page(
 ) -> None:
     from dfdbench.report.page import write_html, write_markdown
 
-    with writing(folder):
+    with screen.writing(folder):
         # Before the drawing, which takes a while.
         folder.mkdir(parents=True, exist_ok=True)
-        if format is ReportFormat.html:
-            with progress("drawing pairs", "the same command draws them anew") as step:
+        if format == "html":
+            with screen.progress("drawing pairs", "the same command draws them anew") as step:
                 path = write_html(runs, protocol, folder, step, also)
         else:
             path = write_markdown(runs, protocol, folder, also)
     for run in runs:
         if run.without:
-            say(f"no pictures of {run.label}: {run.without}")
+            screen.say(f"no pictures of {run.label}: {run.without}")
     print(path)
 
 
@@ -162,8 +126,7 @@ def compare(
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Printed = Format.table,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Panels of changed pairs: a PNG, PDF or SVG file, or a folder."),
+        Path | None, typer.Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
     ] = None,
     dataset: Dataset = None,
 ) -> None:
@@ -175,21 +138,17 @@ def compare(
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
     (tables,) = found.tables.values()
-    if format is Format.table:
-        for table in tables:
-            print_table(table)
-    else:
-        # A sheet holds one kind of row.
-        print(render(tables[:1] if format is Format.csv else tables, format), end="")
+    # A sheet holds one kind of row.
+    screen.print_tables(tables[:1] if format is Format.csv else tables, format)
     figure = found.figure(min(most, _PANELS))
     if figure is None:
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
-        say(f"no panels: {why or 'no pair with depth maps changed'}")
+        screen.say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    with writing(picture):
+    with screen.writing(picture):
         picture.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, picture)
-    say(f"panels       {picture}")
+    screen.say(f"panels       {picture}")
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
@@ -199,13 +158,9 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
     if out.is_dir() or not out.suffix:
         return out / "compare.png"
-    if out.suffix.lower() not in PICTURES:
-        raise InputError(
-            "not a picture's name",
-            where="--out",
-            expected=f"a folder, or {', '.join(PICTURES)}",
-            got=out.name,
-        )
+    if out.suffix.lower() not in screen.PICTURES:
+        what = f"not a folder and no picture ({', '.join(screen.PICTURES)}): {out.name}"
+        raise InputError(what, where="--out")
     return out
 
 
@@ -219,18 +174,12 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         file = Path(os.path.realpath(path / RESULT if path.is_dir() else path))
         if file in found:
-            say(f"given twice, shown once: {path}")
+            screen.say(f"given twice, shown once: {path}")
         else:
             found[file] = path
     return list(found.values())
 
 
-leaderboard_verbs = typer.Typer(
-    invoke_without_command=True, add_completion=False, rich_markup_mode=None
-)
-
-
-@leaderboard_verbs.callback()
 def leaderboard(
     context: typer.Context,
     check: Annotated[
@@ -254,29 +203,22 @@ def leaderboard(
         print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
         return
     path = board.write()
-    print_tables(board.tables(), format)
-    say(f"written      {path}")
+    screen.print_tables(board.tables(), format)
+    screen.say(f"written      {path}")
 
 
-@leaderboard_verbs.command("verify")
 def verify_rows(
     rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, max=2**32 - 1, help="Repeat the draw of this seed; default: a new draw."
-        ),
+        typer.Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw."),
     ] = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a score may be off, 0 to 1.")
     ] = SCORE_TOLERANCE,
     trust: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ENTRY",
-            help="Allow this method's code, which is not built in, to be run; repeatable.",
-        ),
+        list[str] | None, typer.Option(metavar="ENTRY", help="Run this code, too; repeatable.")
     ] = None,
     weights: Annotated[
         Path | None, typer.Option(help="Your copy of weights that are not shipped.")
@@ -289,16 +231,16 @@ def verify_rows(
     for path in rows:
         row = read_row(path)
         if row.method.scored:
-            say(f"left out     {path}: scored, not run: there is nothing to run again")
+            screen.say(f"left out     {path}: scored, not run: there is nothing to run again")
             continue
-        with progress(f"verifying {path.stem}", "the same command draws anew") as step:
+        with screen.progress(f"verifying {path.stem}", "the same command draws anew") as step:
             found = verify(row, path, pairs, seed, tolerance, trust or (), weights, step)
         print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
         print(f"drawn        {len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}")
         for pair in found.pairs:
             print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
         if not found.same_source:
-            say("the method's source file is not the one that the row was made with")
+            screen.say("the method's source file is not the one that the row was made with")
         failed |= not found.passed
     if failed:
         raise typer.Exit(1)

@@ -1,20 +1,17 @@
 """The verbs for captures of the rig: register, simulate."""
 
-from __future__ import annotations
-
 import os
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
@@ -47,8 +44,8 @@ from dfdbench.simulation.capture_files import CaptureSettings, write_captures, w
 from dfdbench.tables.table import Table, counted
 
 OVERLAY = "registration.png"
-
-
+_T = TypeVar("_T")
+_Problems = dict[str, tuple[Problem, ...]]
 _KNOWN_WELL = 3.0  # pixels
 
 
@@ -62,37 +59,50 @@ def register_scenes(
     pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
     baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help=f"Estimate again; the earlier answer is kept as {PREVIOUS}."),
+        bool, typer.Option("--fresh", help=f"Estimate again, and keep the old as {PREVIOUS}.")
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
     manifest = find_manifest(dataset)
     capture = capture_of(manifest)
     if not source.is_dir():
-        got = "a file" if source.exists() else "no such folder"
-        raise SourceError("no folder of captures", where="--source", expected=str(source), got=got)
+        raise SourceError(f"{source} is no folder of captures", where="--source")
     height, width = capture.frame_size
-    focal_pixels = parse_length(focal_length, "--focal-length") / parse_length(
-        pixel, "--pixel", at_most=LARGEST_PIXEL
-    )
+    size = parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL)
+    focal_pixels = parse_length(focal_length, "--focal-length") / size
     above = parse_length(baseline, "--baseline")
     rig = CaptureRig(focal_pixels, (height, width), capture.crop_size, above)
-    there = _scenes_there(scene, source, manifest)
-    problems: dict[str, tuple[Problem, ...]] = {}
-    seen = _look_at_all(there, source, rig, fresh, problems)
-    found = _register_all(seen, rig, problems)
-    rows = _draw_all(seen, found, rig, problems)
+    names = manifest.scene_names if scene == "all" else chosen(scene, "", manifest.scene_names)
+    there = {name: find_captured_scene(source, name, capture) for name in names}
+    there = {name: files for name, files in there.items() if files or scene != "all"}
+    problems: _Problems = {}
+    seen = _each(
+        "looking at scenes",
+        list(there),
+        lambda name: _look(there[name], source / name, rig, fresh),
+        problems,
+    )
+    sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
+    with progress("registering scenes") as step:
+        found, unregistered = register(sightings, rig, step)
+    problems |= unregistered
+
+    def draw(name: str) -> tuple[str, ...]:
+        if name in found:
+            _write(seen[name], found[name])
+        return _drawn(name, seen[name], found.get(name), rig)
+
+    to_draw = [name for name, one in seen.items() if name in found or not one.sighting]
+    rows = _each("drawing scenes", to_draw, draw, problems)
     if rows:
         columns = ("scene", "", "rays on their side", "known to (pixels)", "moved by (pixels)")
-        print_table(Table("registration", columns, tuple(rows), "llrrr", _notes(found)))
+        notes = _notes({name: found[name] for name in rows if name in found})
+        print_table(Table("registration", columns, tuple(rows.values()), "llrrr", notes))
     if problems:
-        told = (_at_scene(p, source, name) for name in there for p in problems.get(name, ()))
-        raise SourceError.of(dict.fromkeys(told))
+        said = (_at_scene(p, source, name) for name in there for p in problems.get(name, ()))
+        raise SourceError.of(dict.fromkeys(said))
     if not rows:
-        raise SourceError(
-            "no raw scene found", where=str(source), expected="folders such as k33/frames"
-        )
+        raise SourceError("no raw scene, such as k33/frames", where=str(source))
 
 
 @dataclass(frozen=True)
@@ -103,71 +113,23 @@ class _Seen:
     ranges: NDArray[np.float64]
     beams: Beams
     frame: NDArray[np.uint8]
-    told: str
+    frame_name: str
     sighting: Sighting | None
 
 
-def _scenes_there(
-    scene: str, source: Path, manifest: Manifest
-) -> dict[str, RawScene | PublishedScene | None]:
-    everywhere = scene == "all"
-    span = f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}"
-    names = chosen_scenes(span if everywhere else scene, manifest)
-    there = {name: find_captured_scene(source, name, capture_of(manifest)) for name in names}
-    return {name: files for name, files in there.items() if files or not everywhere}
-
-
-def _look_at_all(
-    there: Mapping[str, RawScene | PublishedScene | None],
-    source: Path,
-    rig: CaptureRig,
-    fresh: bool,
-    problems: dict[str, tuple[Problem, ...]],
-) -> dict[str, _Seen]:
-    seen: dict[str, _Seen] = {}
-    with progress("looking at scenes") as step:
-        for number, (name, files) in enumerate(there.items(), start=1):
+def _each(
+    what: str, names: Sequence[str], work: Callable[[str], _T], problems: _Problems
+) -> dict[str, _T]:
+    """Do the work of each scene and show how far it is; what is wrong with one stops no other."""
+    done = {}
+    with progress(what) as step:
+        for number, name in enumerate(names, start=1):
             try:
-                seen[name] = _look(files, source / name, rig, fresh)
+                done[name] = work(name)
             except DfdbenchError as error:
                 problems[name] = error.problems
-            step(number, len(there))
-    return seen
-
-
-def _register_all(
-    seen: Mapping[str, _Seen], rig: CaptureRig, problems: dict[str, tuple[Problem, ...]]
-) -> dict[str, Registration]:
-    sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
-    with progress("registering scenes") as step:
-        registered, untold = register(sightings, rig, step)
-    problems |= untold
-    found: dict[str, Registration] = {}
-    for name, registration in registered.items():
-        try:
-            _write(seen[name], registration)
-            found[name] = registration
-        except DfdbenchError as error:
-            problems[name] = error.problems
-    return found
-
-
-def _draw_all(
-    seen: Mapping[str, _Seen],
-    found: Mapping[str, Registration],
-    rig: CaptureRig,
-    problems: dict[str, tuple[Problem, ...]],
-) -> list[tuple[str, ...]]:
-    drawn = {name: one for name, one in seen.items() if name in found or not one.sighting}
-    rows = []
-    with progress("drawing scenes") as step:
-        for number, (name, one) in enumerate(drawn.items(), start=1):
-            try:
-                rows.append(_drawn(name, one, found.get(name), rig))
-            except DfdbenchError as error:
-                problems[name] = error.problems
-            step(number, len(drawn))
-    return rows
+            step(number, len(names))
+    return done
 
 
 def _look(
@@ -179,15 +141,15 @@ def _look(
     if wrong:
         raise SourceError.of(wrong)
     ranges, beams = files.ranges(), files.beams()
-    frame, told = _sharp_frame(files)
+    frame, frame_name = _sharp_frame(files)
     kept = files.registration.exists() and not fresh
     sighting = None if kept else sight(frame, ranges, beams, rig)
-    return _Seen(files, ranges, beams, frame, told, sighting)
+    return _Seen(files, ranges, beams, frame, frame_name, sighting)
 
 
 def _write(one: _Seen, found: Registration) -> None:
     others = f" and {found.boards - 1} other scenes" if found.boards > 1 else ""
-    note = f"Estimated by dfdbench rig register from {one.told}{others}."
+    note = f"Estimated by dfdbench rig register from {one.frame_name}{others}."
     corners = board_rays(one.ranges, one.beams).corners()
     write_registration(one.files.registration, found.matrix, corners, note)
 
@@ -198,11 +160,9 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -
     levels, valid = depth_image(one.ranges, one.beams)
     before = rays.matrix(Pose(), rig)
     if not warp(levels, valid, after, (rig.crop_size,) * 2)[1].any():
-        raise SourceError(
-            "no LIDAR return falls on the image",
-            where=str(one.files.registration),
-            fix="correct it by hand, or estimate it anew with --fresh",
-        )
+        fix = "correct it by hand, or estimate it anew with --fresh"
+        where = str(one.files.registration)
+        raise SourceError("no LIDAR return falls on the image", where=where, fix=fix)
     moved = [cv2.perspectiveTransform(rays.corners()[np.newaxis], m)[0] for m in (before, after)]
     # The whole frame is drawn, not its crop: the board's sides are what tells.
     y, x = rig.crop_offset
@@ -212,7 +172,7 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -
         title: warp(levels, valid, to_frame @ matrix, rig.frame_size)
         for title, matrix in named.items()
     }
-    figure = overlay_figure(one.frame, depths, f"{name}, {one.told}, whole frame")
+    figure = overlay_figure(one.frame, depths, f"{name}, {one.frame_name}, whole frame")
     save_figure(figure, one.files.folder / OVERLAY)
     shift = f"{float(np.linalg.norm(moved[1] - moved[0], axis=-1).max()):.1f}"
     if found is None:
@@ -225,11 +185,11 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -
 def _notes(found: Mapping[str, Registration]) -> tuple[str, ...]:
     loose = [name for name, one in found.items() if one.known_to > _KNOWN_WELL]
     unseen = [name for name, one in found.items() if one.agreement is None]
-    told = {
+    said = {
         "the beams leave open where the board lies; register it with others of its rig": loose,
         "the image shows too little of the board; it lies where the others tell": unseen,
     }
-    return tuple(f"{', '.join(names)}: {what}" for what, names in told.items() if names)
+    return tuple(f"{', '.join(names)}: {what}" for what, names in said.items() if names)
 
 
 def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
@@ -249,43 +209,27 @@ def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
 
 
 def _not_raw(place: Path) -> Problem:
-    return Problem(
-        "no raw captures",
-        where=str(place),
-        expected=f"{place.name}/frames and {place.name}/lidar",
-        got="images that are registered already" if place.is_dir() else "no such folder",
-    )
+    found = "images that are registered already" if place.is_dir() else "no such folder"
+    what = f"no raw captures, {place.name}/frames and {place.name}/lidar: {found}"
+    return Problem(what, where=str(place))
 
 
 def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
-    # A path tells the scene, or that scenes share what is wrong.
+    # A path names the scene, or that scenes share what is wrong.
     named = problem.where.startswith(str(source))
-    where = problem.where if named else f"{name}: {problem.where}"
-    return Problem(
-        problem.what, where=where, expected=problem.expected, got=problem.got, fix=problem.fix
-    )
-
-
-app = typer.Typer(
-    help="Make captures as the thesis's rig would write them.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
+    return problem if named else replace(problem, where=f"{name}: {problem.where}")
 
 
 _LARGEST_TURN = 10.0  # degrees
 
 
-@app.command("realworld")
 def simulate_realworld(
     out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
     scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
     steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
     exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
-        str,
-        typer.Option(help="Rotation of the LIDAR against the camera: yaw,pitch,roll in degrees."),
+        str, typer.Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
     workers: Annotated[
         int, typer.Option(min=1, max=1024, help="Scenes made at once.")
@@ -295,10 +239,10 @@ def simulate_realworld(
     output_place(out)
     manifest = find_manifest("realworld")
     capture = capture_of(manifest)
-    names = chosen_scenes(scenes, manifest)
+    names = chosen(scenes, "--scenes", manifest.scene_names)
     settings = CaptureSettings(
-        chosen_numbers(steps, "--steps", capture.voltage_step),
-        chosen_numbers(exposures, "--exposures", manifest.axes["exposure_ms"]),
+        chosen(steps, "--steps", capture.voltage_step),
+        chosen(exposures, "--exposures", manifest.axes["exposure_ms"]),
         capture.frames,
         capture.lidar_scans,
         _pose(turn),
@@ -314,7 +258,6 @@ def simulate_realworld(
     say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
-@app.command("lens")
 def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
@@ -328,17 +271,11 @@ def _pose(text: str) -> Pose:
     try:
         yaw, pitch, roll = map(float, text.split(","))
     except ValueError:
-        raise InputError(
-            "not a turn",
-            where="--turn",
-            expected="yaw,pitch,roll in degrees, as 0.5,-0.3,1",
-            got=text,
-        ) from None
+        what = f"not yaw,pitch,roll in degrees, as 0.5,-0.3,1: {text}"
+        raise InputError(what, where="--turn") from None
     if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
-        expected = f"angles of {_LARGEST_TURN:g} degrees at most"
-        raise InputError(
-            "the LIDAR would miss the board", where="--turn", expected=expected, got=text
-        )
+        what = f"the LIDAR would miss the board: {_LARGEST_TURN:g} degrees at most, not {text}"
+        raise InputError(what, where="--turn")
     return Pose(yaw, pitch, roll)
 
 
@@ -351,71 +288,37 @@ def capture_of(manifest: Manifest) -> Recording:
         Where it was not captured by the rig.
     """
     if manifest.capture is None:
-        raise InputError(
-            "not captured by the rig", where="--dataset", expected="realworld", got=manifest.short
-        )
+        raise InputError(f"{manifest.short} was not captured by the rig", where="--dataset")
     return manifest.capture
 
 
-def chosen_scenes(text: str, manifest: Manifest) -> tuple[str, ...]:
-    """Return the scenes that a list names, as ``k00-k07,k33``, in the manifest's order.
+def chosen(text: str, where: str, known: Sequence[_T]) -> tuple[_T, ...]:
+    """Return what a list names, as ``k00-k07,k33`` or ``127-131,141``, in the order of `known`.
 
     Raises
     ------
     UnknownNameError
-        Where it names one that the manifest lacks.
+        If it names what is not known.
     InputError
-        Where a span goes backwards.
+        If a span goes backwards.
+
+    Examples
+    --------
+    >>> chosen("40, 10-20", "--exposures", (10, 15, 20, 40))
+    (10, 15, 20, 40)
     """
-    known = manifest.scene_names
-    chosen: set[str] = set()
+    names = [str(each) for each in known]
+    places: set[int] = set()
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        for name in (first, last or first):
-            if name not in known:
-                near = unknown_name("scene", name, known).problems[0].fix
-                raise UnknownNameError(
-                    "unknown scene",
-                    where="",
-                    expected=f"of {known[0]} to {known[-1]}",
-                    got=name,
-                    fix=near,
-                )
-        begin, end = known.index(first), known.index(last or first)
+        ends = part.strip().split("-", 1)
+        for name in ends:
+            if name not in names:
+                what = f"unknown value {name!r}, not of {names[0]} to {names[-1]}"
+                near = unknown_name("value", name, names).problems[0].fix
+                raise UnknownNameError(what, where=where, fix=near)
+        begin, end = names.index(ends[0]), names.index(ends[-1])
         if end < begin:
-            raise InputError("no scene in that span", got=part.strip(), fix=f"{last}-{first}")
-        chosen.update(known[begin : end + 1])
-    return tuple(name for name in known if name in chosen)
-
-
-def chosen_numbers(text: str, option: str, known: Sequence[int]) -> tuple[int, ...]:
-    """Return the numbers that a list names, as ``127-131,141``, ascending.
-
-    Raises
-    ------
-    InputError
-        Where it is no such list, a span goes backwards, or names what is not known.
-    """
-    expected = ", ".join(map(str, known))
-    chosen: set[int] = set()
-    for part in text.split(","):
-        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        if not ends:
-            raise InputError(
-                "not a list of numbers",
-                where=option,
-                expected=f"as {known[0]} or {known[0]}-{known[-1]}, of {expected}",
-                got=text,
-            )
-        first, last = int(ends[1]), int(ends[2] or ends[1])
-        if last < first:
-            raise InputError(
-                "no number in that span", where=option, got=part.strip(), fix=f"{last}-{first}"
-            )
-        # A span may pass over what is not known, as 10-70 over 15; its ends may not.
-        if not {first, last} <= set(known):
-            raise InputError(
-                "unknown value", where=option, expected=f"of {expected}", got=part.strip()
-            )
-        chosen.update(number for number in known if first <= number <= last)
-    return tuple(sorted(chosen))
+            what, fix = f"nothing in the span {part.strip()}", f"{ends[-1]}-{ends[0]}"
+            raise InputError(what, where=where, fix=fix)
+        places.update(range(begin, end + 1))
+    return tuple(known[place] for place in sorted(places))

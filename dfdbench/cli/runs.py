@@ -10,23 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.cli.options import (
-    Cache,
-    DataSet,
-    FigureFormats,
-    Method,
-    Out,
-    Params,
-    Printed,
-    Protocol,
-    Scheduler,
-    Seed,
-    Split,
-    Submit,
-    pool_of_processes,
-    values_of,
-)
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli import options
+from dfdbench.cli.screen import print_tables, progress, say
 from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
@@ -36,47 +21,40 @@ if TYPE_CHECKING:
 
 
 def run(
-    method: Method,
-    dataset: DataSet = "middlebury",
-    split: Split = "test",
-    protocol: Protocol = None,
-    param: Params = None,
+    method: options.Method,
+    dataset: options.DataSet = "middlebury",
+    split: options.Split = "test",
+    protocol: options.Protocol = None,
+    param: options.Params = None,
     images: Annotated[
-        str | None,
-        typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
+        str | None, typer.Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
     fitted: Annotated[
-        Path | None,
-        typer.Option(metavar="RUN", help="Use what this run's fit learned; fit nothing here."),
+        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
-    out: Out = None,
+    out: options.Out = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
     ] = None,
-    format: Printed = Format.table,
+    format: options.Printed = Format.table,
     no_predictions: Annotated[
         bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
     ] = False,
     no_figures: Annotated[
-        bool,
-        typer.Option(
-            "--no-figures", help="Draw no figures; `dfdbench report` can draw them later."
-        ),
+        bool, typer.Option("--no-figures", help="Draw no figures; `report` can later.")
     ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
     ] = False,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     workers: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=1024, help="Run so many pairs at once; times are then not comparable."
-        ),
+        typer.Option(min=1, max=1024, help="Pairs at once; times are not comparable then."),
     ] = None,
-    scheduler: Scheduler = None,
-    cache: Cache = None,
-    figure_format: FigureFormats = None,
-    submit: Submit = False,
+    scheduler: options.Scheduler = None,
+    cache: options.Cache = None,
+    figure_format: options.FigureFormats = None,
+    submit: options.Submit = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
     from dfdbench import api
@@ -94,7 +72,7 @@ def run(
             method,
             data,
             split,
-            parameters=values_of(param, "--param"),
+            parameters=options.values_of(param, "--param"),
             protocol=protocol,
             limit=limit,
             seed=seed,
@@ -102,7 +80,7 @@ def run(
             keep_predictions=not no_predictions,
             fresh=fresh,
             fitted=fitted,
-            pool=pool_of_processes(workers, scheduler),
+            pool=options.pool_of_processes(workers, scheduler),
             for_board=submit,
             on_pair=step,
         )
@@ -110,10 +88,10 @@ def run(
 
 
 def tracks(
-    method: Method,
-    param: Params = None,
-    dataset: DataSet = "demo",
-    split: Split = "test",
+    method: options.Method,
+    param: options.Params = None,
+    dataset: options.DataSet = "demo",
+    split: options.Split = "test",
     track: Annotated[
         list[str] | None, typer.Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
     ] = None,
@@ -121,18 +99,15 @@ def tracks(
     source: Annotated[
         Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
     ] = None,
-    out: Out = None,
-    format: Printed = Format.table,
+    out: options.Out = None,
+    format: options.Printed = Format.table,
     given_blur: Annotated[
-        bool,
-        typer.Option(
-            "--given-blur", help="Give the method each track's blur; such a row has no rank."
-        ),
+        bool, typer.Option("--given-blur", help="Give it each track's blur; then it has no rank.")
     ] = False,
-    seed: Seed = 0,
-    cache: Cache = None,
-    figure_format: FigureFormats = None,
-    submit: Submit = False,
+    seed: options.Seed = 0,
+    cache: options.Cache = None,
+    figure_format: options.FigureFormats = None,
+    submit: options.Submit = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
     from dfdbench import api
@@ -144,7 +119,7 @@ def tracks(
         method,
         dataset,
         split,
-        parameters=values_of(param, "--param"),
+        parameters=options.values_of(param, "--param"),
         tracks=track,
         given_blur=given_blur,
         protocol=protocol,
@@ -159,6 +134,40 @@ def tracks(
     _show(done, format, figure_format or (), submit)
 
 
+def transfer(
+    method: options.Method,
+    dataset: Annotated[
+        list[str], typer.Option(help="A data set that is built; name two or more, each by its own.")
+    ],
+    param: options.Params = None,
+    split: options.Split = "test",
+    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    seed: options.Seed = 0,
+    cache: options.Cache = None,
+    figure_format: options.FigureFormats = None,
+) -> None:
+    """Fit a method on each of several data sets and test every fit on all of them."""
+    from dfdbench import api
+
+    done = api.run_transfer(
+        method,
+        dataset,
+        split,
+        parameters=options.values_of(param, "--param"),
+        protocol=protocol,
+        seed=seed,
+        out=out or Path("results", f"transfer-{split}", folder_name(method, param)),
+        cache=cache,
+        on_result=lambda label, result: _say_score(label, result, protocol),
+        shown=progress,
+    )
+    done.draw(("png", *(figure_format or ())))
+    print_tables([done.as_table()], format)
+    say(f"results      {done.folder}")
+
+
 def score(
     predictions: Annotated[
         Path,
@@ -168,8 +177,8 @@ def score(
             "`dfdbench info NAME --pairs SPLIT` lists them.",
         ),
     ],
-    dataset: DataSet,
-    split: Split = "test",
+    dataset: options.DataSet,
+    split: options.Split = "test",
     unit: Annotated[
         Literal["levels", "metres"],
         typer.Option(
@@ -180,12 +189,12 @@ def score(
     method: Annotated[
         str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
     ] = None,
-    protocol: Protocol = None,
-    out: Out = None,
-    format: Printed = Format.table,
-    cache: Cache = None,
-    figure_format: FigureFormats = None,
-    submit: Submit = False,
+    protocol: options.Protocol = None,
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    cache: options.Cache = None,
+    figure_format: options.FigureFormats = None,
+    submit: options.Submit = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
     from dfdbench import api
@@ -227,8 +236,7 @@ def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -
     if also is not None:
         done.draw(("png", *also))
     if format is Format.table:
-        for table in done.tables():
-            print_table(table)
+        print_tables(done.tables(), format)
     else:
         print(done.as_text(format), end="")
     if fitted := done.result.method.fitted_on:

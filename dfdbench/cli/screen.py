@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
@@ -21,7 +21,6 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -129,19 +128,14 @@ def save_figure(figure: Figure, path: Path) -> None:
     from dfdbench.figures.style import write_figure
 
     if path.suffix.lower() not in PICTURES:
-        raise InputError(
-            "not a picture's name",
-            where=str(path),
-            expected=f"one that ends in {', '.join(PICTURES)}",
-        )
+        raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
     output_place(path, option="")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, path)
     except OSError as error:
-        raise InputError(
-            "cannot write the figure", where=str(path), got=reason_of(error)
-        ) from error
+        what = f"cannot write the figure: {reason_of(error)}"
+        raise InputError(what, where=str(path)) from error
     say(f"figure       {path}")
 
 
@@ -152,25 +146,15 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[[int, int |
     Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
     interrupted work has added to the exception, else as `resumed` has it.
     """
-    with _bar(what, resumed=resumed) as (bar, task, lines):
-
-        def step(done: int, total: int | None) -> None:
-            bar.update(task, completed=done, total=total)
-            lines.step(done, total)
-
+    with _bar(what, resumed=resumed) as step:
         yield step
 
 
 @contextmanager
 def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
     """Show files and bytes while the block runs; it calls with (files, files in all, bytes)."""
-    with _bar(what, TextColumn("files, {task.fields[received]}")) as (bar, task, lines):
-
-        def step(done: int, total: int, received: int) -> None:
-            bar.update(task, completed=done, total=total, received=decimal(received))
-            lines.step(done, total, f" files, {decimal(received)}")
-
-        yield step
+    with _bar(what, TextColumn("files, {task.fields[received]}")) as step:
+        yield lambda done, total, received: step(done, total, decimal(received))
 
 
 class Lines:
@@ -189,7 +173,7 @@ class Lines:
         self._begun = self._said = time.monotonic()
         self._first: int | None = None
 
-    def step(self, done: int, total: int | None, unit: str = "") -> None:
+    def step(self, done: int, total: int | None, received: str = "") -> None:
         """Take note of what is done; say it where the last line is a minute old."""
         now = time.monotonic()
         if self._first is None:
@@ -199,8 +183,8 @@ class Lines:
             return
         self._said = now
         passed, fresh = now - self._begun, done - self._first
-        text = f"{self._what}: {done:,}" + ("" if total is None else f" of {total:,}") + unit
-        text += f", {_minutes(passed)} so far"
+        text = f"{self._what}: {done:,}" + ("" if total is None else f" of {total:,}")
+        text += (f" files, {received}" if received else "") + f", {_minutes(passed)} so far"
         if total is not None and fresh > 0:
             text += f", about {_minutes(passed / fresh * (total - done))} left"
         print(text, file=sys.stderr, flush=True)
@@ -214,7 +198,7 @@ def _minutes(seconds: float) -> str:
 @contextmanager
 def _bar(
     what: str, *between: ProgressColumn, resumed: str = GOES_ON
-) -> Iterator[tuple[Progress, TaskID, Lines]]:
+) -> Iterator[Callable[..., None]]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -230,11 +214,21 @@ def _bar(
     ) as bar:
         try:
             task = bar.add_task(Text(what).plain, total=None, received="0 bytes")
-            yield bar, task, Lines(Text(what).plain, quiet=console.is_terminal)
+            lines = Lines(Text(what).plain, quiet=console.is_terminal)
+
+            def step(done: int, total: int | None, received: str = "") -> None:
+                bar.update(task, completed=done, total=total, received=received)
+                lines.step(done, total, received)
+
+            yield step
         except KeyboardInterrupt as stopped:
             bar.stop()
             say_stopped(stopped, resumed)
             raise typer.Exit(INTERRUPTED) from None
+
+
+#: By name; the first is the whole answer as JSON.
+Files = Mapping[str, "str | Figure"]
 
 
 class AnswerFormat(StrEnum):
@@ -246,25 +240,6 @@ class AnswerFormat(StrEnum):
 
 
 Answered = Annotated[AnswerFormat, typer.Option(help="How the answer is printed.")]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a verb found.
-
-    Parameters
-    ----------
-    content : str
-        All of it as JSON.
-    tables : tuple of Table
-        What is shown of it.
-    verdict : str
-        A last line below the tables; may be empty.
-    """
-
-    content: str
-    tables: tuple[Table, ...]
-    verdict: str = ""
 
 
 @contextmanager
@@ -279,52 +254,61 @@ def writing(place: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ResultError(
-            "cannot write the answer",
-            where=str(error.filename or place),
-            got=reason_of(error),
-            fix="choose another place with --out",
-        ) from error
+        what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
+        raise ResultError(what, where=where, fix="choose another place with --out") from error
 
 
 def give(
-    answer: Answer, format: AnswerFormat, folder: Path, files: Mapping[str, str | Figure]
+    tables: Sequence[Table], format: AnswerFormat, folder: Path, files: Files, verdict: str = ""
 ) -> None:
     """Write an answer's files into a folder, print the answer, say where the files are.
 
     A reader of standard output that has enough, as ``head`` has, changes nothing: the files are
     there, and the command ends with the status that it would have had.
 
+    Parameters
+    ----------
+    tables : sequence of Table
+        What is shown of it.
+    format : AnswerFormat
+        How it is printed.
+    folder : Path
+        Where its files go.
+    files : mapping of str to str or Figure
+        By name, the whole answer as JSON first.
+    verdict : str
+        A last line below the tables; may be empty.
+
     Raises
     ------
     ResultError
-        Where the folder cannot be written.
+        If the folder cannot be written.
     """
     replaced = _write(folder, files)
     try:
-        _show(answer, format)
+        if format is AnswerFormat.json:
+            print(next(iter(files.values())), end="")
+        else:
+            _show(tables, format, verdict)
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")
 
 
-def _show(answer: Answer, format: AnswerFormat) -> None:
-    if format is AnswerFormat.json:
-        print(answer.content, end="")
-        return
-    for table in answer.tables:
+def _show(tables: Sequence[Table], format: AnswerFormat, verdict: str) -> None:
+    for table in tables:
         if not table.rows:
             print("\n".join((table.title, *table.notes)))
         elif format is AnswerFormat.markdown:
             print(as_markdown(table))
         else:
             print_table(table)
-    if answer.verdict:
-        print(answer.verdict)
+    if verdict:
+        print(verdict)
 
 
-def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+def _write(folder: Path, files: Files) -> bool:
     from matplotlib.figure import Figure
 
     from dfdbench.figures.style import write_figure

@@ -4,40 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from dfdbench.building.build import build_store
-from dfdbench.building.voltage_pairs import voltage_pair_sets
-from dfdbench.cli.options import (
-    Cache,
-    DataSet,
-    Out,
-    Printed,
-    Scheduler,
-    Seed,
-    pool_of,
-    pool_of_processes,
-    value_of,
-    values_of,
-)
-from dfdbench.cli.screen import print_table, print_tables, progress, save_figure, say, writing
-from dfdbench.cli.training import (
-    Changes,
-    Configuration,
-    Device,
-    MaxTime,
-    Network,
-    Threads,
-    Weights,
-    seconds_of,
-    stepping,
-    use_threads,
-)
+from dfdbench.building.obtaining import voltage_pair_sets
+from dfdbench.cli import options, training
+from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
@@ -50,10 +25,9 @@ from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
-    from dfdbench.system.parallel import Pool
     from dfdbench.training.experiments import Experiment, Trial
-    from dfdbench.training.search.plan import SearchPlan
-    from dfdbench.training.search.run import SearchOutcome
+    from dfdbench.training.search.search_plan import SearchPlan
+    from dfdbench.training.search.swarm_search import SearchOutcome
 
 
 _REDUCTION = "reduction"
@@ -68,13 +42,10 @@ def experiment(
             "reduction, sharpest-step or voltage-pairs."
         ),
     ],
-    method: Annotated[Network, typer.Option(help="The network to train.")] = Network.dfd_net,
+    method: Annotated[training.Network, typer.Option(help="The network to train.")] = "dfd-net",
     dataset: Annotated[
         str | None,
-        typer.Option(
-            help="A data set's name or a store's path; default: middlebury, for voltage steps "
-            "realworld."
-        ),
+        typer.Option(help="A data set; default: middlebury, for voltage steps realworld."),
     ] = None,
     source: Annotated[
         Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
@@ -82,49 +53,44 @@ def experiment(
     rows: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR",
-            help="For the experiment reduction: a folder of networks that `dfdbench thesis reduce` "
-            "wrote, instead of those of the thesis's Table D.2.",
+            metavar="DIR", help="Of reduction: networks that `reduce` wrote, not Table D.2's."
         ),
     ] = None,
-    config: Configuration = _PUBLISHED,
-    changes: Changes = None,
-    weights: Weights = None,
+    config: training.Configuration = _PUBLISHED,
+    changes: training.Changes = None,
+    weights: training.Weights = None,
     values: Annotated[
         str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
     ] = None,
     repeats: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="How often to train with each value; default: as often as the thesis."
-        ),
+        int | None, typer.Option(min=1, help="Trainings a value; default: as the thesis.")
     ] = None,
-    max_time: MaxTime = None,
-    out: Out = None,
-    format: Printed = Format.table,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+    max_time: training.MaxTime = None,
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Train for each value and seed of an experiment of the thesis; a stopped one is resumed."""
-    limit = seconds_of(max_time)
+    limit = training.seconds_of(max_time)
     with needed():
         from dfdbench.figures.trainings import experiment_figure
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.experiments import find_experiment, trials
-    use_threads(threads)
+    training.use_threads(threads)
     asked, chosen = find_experiment(name), _listed(values)
     configs = _rows_of(name, rows, chosen, config)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
-    default = Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    default = Path("training") / f"{stem}-experiments" / f"{name}-{method}"
     folder = output_place(out or default, source, rows)
-    start = find_weights(method.value, weights) if weights else None
+    start = find_weights(method, weights) if weights else None
     planned = trials(
         asked,
-        method.value,
+        method,
         store,
         configs or config,
-        values_of(changes, "--set"),
+        options.values_of(changes, "--set"),
         folder,
         chosen,
         repeats,
@@ -151,7 +117,7 @@ def _train_all(
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"
         with progress(label) as bar:
-            card = run_trial(trial, limit, device, stepping(bar))
+            card = run_trial(trial, limit, device, training.stepping(bar))
         cards.append((trial.value, card))
         tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
         keep_tables(folder, tables)
@@ -180,12 +146,8 @@ def _rows_of(
     if name != _REDUCTION:
         raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
     if config != _PUBLISHED:
-        raise InputError(
-            "each row brings its own configuration",
-            where="--config",
-            got=config,
-            fix="leave it out; dfdbench thesis reduce takes it",
-        )
+        fix = "leave it out; dfdbench thesis reduce takes it"
+        raise InputError("each row brings its own configuration", where="--config", fix=fix)
     return configurations_in(rows, chosen)
 
 
@@ -211,13 +173,13 @@ def _data_of(
 def _built_pairs(
     manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
 ) -> dict[str, Dataset]:
-    sets = voltage_pair_sets(manifest, pairs, source, cache)
-    for pair, files in sets.to_build.items():
+    places, to_build = voltage_pair_sets(manifest, pairs, source, cache)
+    for pair, files in to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
+            report = build_store(manifest, files, places[pair], None, options.pool_of(None), step)
         pairs_built = counted(report.pairs, "pair")
         say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
-    return {pair: Dataset(place) for pair, place in sets.places.items()}
+    return {pair: Dataset(place) for pair, place in places.items()}
 
 
 def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
@@ -231,56 +193,36 @@ def _listed(text: str | None) -> list[Any] | None:
         return None
     values = [part.strip() for part in text.split(",")]
     if not all(values):
-        raise InputError(
-            "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
-        )
-    return [value_of(value, "--values") for value in values]
-
-
-class Rounding(StrEnum):
-    """To which multiples of 8 widths are rounded."""
-
-    H = "H"
-    L = "L"
-
-
-class Tuning(StrEnum):
-    """What moves a neuron of a map after the first 100 epochs."""
-
-    own = "own"
-    neighbours = "neighbours"
+        raise InputError(f"not a list of values, as 0,1,2: {text!r}", where="--values")
+    return [options.value_of(value, "--values") for value in values]
 
 
 def reduce(
     weights: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
-        ),
+        str, typer.Option(metavar="FILE", help="Of a DfD-Net, a file or a shipped name.")
     ],
-    dataset: DataSet = "middlebury",
+    dataset: options.DataSet = "middlebury",
     split: Annotated[
         str, typer.Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
     level: Annotated[
-        int | None,
-        typer.Option(help="Iterative rows F of level 1, 2 or 3, in place of the ensemble rows B."),
+        int | None, typer.Option(help="Iterative rows F of level 1, 2 or 3, not ensemble rows B.")
     ] = None,
     rounds: Annotated[
-        Rounding | None, typer.Option(help="Also round to multiples of 8, up (H) or down (L).")
+        Literal["H", "L"] | None, typer.Option(help="Round to multiples of 8, up or down.")
     ] = None,
-    config: Configuration = "published",
-    changes: Changes = None,
-    seed: Seed = 0,
+    config: training.Configuration = "published",
+    changes: training.Changes = None,
+    seed: options.Seed = 0,
     tuning: Annotated[
-        Tuning,
-        typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
-    ] = Tuning.own,
-    out: Out = None,
-    format: Printed = Format.table,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+        Literal["own", "neighbours"],
+        typer.Option(help="Whose inputs a neuron follows after 100 epochs."),
+    ] = "own",
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Count the different outputs of each layer; write configurations of narrower networks."""
     with needed():
@@ -288,10 +230,10 @@ def reduce(
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.reduction.reduce import reduce_weights
-    use_threads(threads)
+    training.use_threads(threads)
     place = find_weights("dfd-net", weights)
     store = open_dataset(dataset, cache=cache)
-    configuration = read_configuration(config, values_of(changes, "--set"))
+    configuration = read_configuration(config, options.values_of(changes, "--set"))
     name = Path(weights).stem + (f"-level{level}" if level else "")
     default = Path("training") / f"{store.path.stem}-reduction" / name
     folder = output_place(default if out is None else out, place)
@@ -302,9 +244,9 @@ def reduce(
             configuration,
             split,
             level,
-            rounds.value if rounds else None,
+            rounds,
             seed,
-            tuning.value,
+            tuning,
             find_device(device),
             bar,
         )
@@ -316,35 +258,18 @@ def reduce(
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
 
 
-app = typer.Typer(
-    help="Search for a network's architecture, as chapter 6 of the thesis does.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
 _BEST, _TABLE = "best.toml", "search.md"
 
 
-@app.callback()
-def _search() -> None:
-    pass
-
-
-@app.command("architecture")
 def architecture(
-    dataset: DataSet = "middlebury",
+    dataset: options.DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
-        bool,
-        typer.Option(
-            "--as-thesis", help="Select on the test split, as the thesis did; the result says so."
-        ),
+        bool, typer.Option("--as-thesis", help="Select on the test split, as the thesis did.")
     ] = False,
     hold_out: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Training scenes held out to select on.", show_default="a fifth of them"
-        ),
+        typer.Option(min=1, help="Scenes held out to select on.", show_default="a fifth of them"),
     ] = None,
     gamma: Annotated[
         float, typer.Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")
@@ -356,7 +281,7 @@ def architecture(
         list[str] | None,
         typer.Option(
             metavar="NAME=LOW:HIGH",
-            help="Narrower bounds than width=8:512, kernel=1:9, crop=12:64; repeatable.",
+            help="Narrower than width=8:512, kernel=1:9, crop=12:64; repeatable.",
         ),
     ] = None,
     particles: Annotated[int, typer.Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
@@ -365,94 +290,58 @@ def architecture(
         int | None, typer.Option(min=1, help="Steps of each training at most; as --set steps=N.")
     ] = None,
     score_pairs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Pairs of each set that are scored, spread over it; default: all."
-        ),
+        int | None, typer.Option(min=1, help="Pairs scored of each set; default: all.")
     ] = None,
-    max_time: Annotated[
-        str | None,
-        typer.Option(metavar="30m", help="Stop this call after this time, as 90s, 30m, 1h30m."),
-    ] = None,
-    config: Configuration = "published",
-    changes: Changes = None,
-    seed: Seed = 0,
-    out: Out = None,
+    max_time: training.MaxTime = None,
+    config: training.Configuration = "published",
+    changes: training.Changes = None,
+    seed: options.Seed = 0,
+    out: options.Out = None,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
+        int | None, typer.Option(min=1, max=1024, help="Trainings at once; default: one, here.")
     ] = None,
-    scheduler: Scheduler = None,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+    scheduler: options.Scheduler = None,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Search DfD-Net's widths, filters, activations and patches by a swarm; a stopped one resumes.
 
     Each particle's network is trained from scratch; the objective is Eq. 6.1.
     """
-    limit = seconds_of(max_time)
+    limit = training.seconds_of(max_time)
     with needed():
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
-        from dfdbench.training.search.plan import Choices, plan_search
-    changed = values_of(changes, "--set") | ({"steps": steps} if steps else {})
+        from dfdbench.training.search.search_plan import Choices, plan_search
+        from dfdbench.training.search.swarm_search import run_search
+    changed = options.values_of(changes, "--set") | ({"steps": steps} if steps else {})
     base = read_configuration(config, changed)
-    asked = Choices(
-        split,
-        as_thesis,
-        hold_out,
-        gamma,
-        variant,
-        bounds_of(_named(bounds)),
-        particles,
-        score_pairs,
-        seed,
-    )
+    # As text: JSON has no 8:512.
+    narrowed = {n: str(value) for n, value in options.values_of(bounds, "--bounds").items()}
+    on = (split, as_thesis, hold_out, gamma, variant)
+    asked = Choices(*on, bounds_of(narrowed), particles, score_pairs, seed)
     if as_thesis and hold_out:
-        raise InputError(
-            "--as-thesis holds no scenes out", where="--hold-out", fix="leave one of them out"
-        )
+        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     store = open_dataset(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)
     say(f"select on    {plan.selected_on}")
-    where = _Where(pool_of_processes(workers, scheduler), device, _threads(threads, workers))
-    use_threads(where.threads)
-    outcome = _searched(plan, folder, iterations, where, limit)
-    _tell(plan, folder, outcome, dataset)
-
-
-@dataclass(frozen=True)
-class _Where:
-    pool: Pool | None
-    device: str
-    threads: int | None
-
-
-def _threads(threads: int | None, workers: int | None) -> int | None:
-    # Several trainings that each take every core would wait for each other.
+    pool = options.pool_of_processes(workers, scheduler)
     if threads is None and workers and workers > 1:
-        return max(1, (os.cpu_count() or 1) // workers)
-    return threads
-
-
-def _searched(
-    plan: SearchPlan, folder: Path, iterations: int, where: _Where, limit: float | None
-) -> SearchOutcome:
-    from dfdbench.training.search.run import run_search
-
+        # Several trainings that each take every core would wait for each other.
+        threads = max(1, (os.cpu_count() or 1) // workers)
+    training.use_threads(threads)
     with progress("trainings of the search") as bar:
-        return run_search(
-            plan, folder, iterations, where.pool, where.device, where.threads, limit, bar
-        )
+        outcome = run_search(plan, folder, iterations, pool, device, threads, limit, bar)
+    _tell(plan, folder, outcome, dataset)
 
 
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
-    from dfdbench.training.search.run import best_as_toml, course_table, network_table
+    from dfdbench.training.search.swarm_search import best_as_toml, course_table, network_table
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")
@@ -466,8 +355,7 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
         tables.append(network_table(plan, outcome.best))
         filters = particle_at(outcome.best.position).filters
         save_figure(widths_figure(filters, title), folder / "widths.png")
-    for table in tables:
-        print_table(table)
+    print_tables(tables, None)
     write_whole(folder / _TABLE, render(tables, Format.markdown))
     say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
     if outcome.best is None:
@@ -476,8 +364,3 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
     say(f"best         {folder / _BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
-
-
-def _named(bounds: list[str] | None) -> dict[str, Any]:
-    # As text: JSON has no 8:512.
-    return {name: str(value) for name, value in values_of(bounds, "--bounds").items()}

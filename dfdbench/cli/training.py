@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
-from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.cli.screen import print_tables, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
@@ -62,13 +61,12 @@ def train_command(
     store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     if split is not None and fold is not None:
-        raise InputError(
-            "--split and --fold both say what trains", where="--fold", fix="give one of them"
-        )
+        what = "--split and --fold both say what trains"
+        raise InputError(what, where="--fold", fix="give one of them")
     split = split or "train"
-    start = find_weights(method.value, weights) if weights else None
-    task = task_of(method.value, store, configuration, split, fold, seed, start)
-    name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
+    start = find_weights(method, weights) if weights else None
+    task = task_of(method, store, configuration, split, fold, seed, start)
+    name = f"{method}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     default = Path("training") / f"{store.path.stem}-{trained}" / name
     # --fresh removes an earlier training, and must not remove the weights to begin with.
@@ -77,14 +75,13 @@ def train_command(
     _prepare(folder, resume, fresh)
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
-    with progress(f"training {method.value}", RESUMED) as bar:
+    with progress(f"training {method}", RESUMED) as bar:
         outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
-    drawn = _keep_figures(folder, task, outcome, f"{method.value}, {task.trained_on}, seed {seed}")
-    print_table(card_table(outcome.card))
-    print_table(patches_table(drawn))
+    drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
+    print_tables([card_table(outcome.card), patches_table(drawn)], None)
     _tell(folder, outcome)
     say(
-        f"next         dfdbench run --method {method.value} --dataset {dataset} "
+        f"next         dfdbench run --method {method} --dataset {dataset} "
         f"--param weights={outcome.weights}"
     )
 
@@ -152,27 +149,21 @@ def patches_table(drawn: Selections) -> Table:
 
 
 def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
-    folder, started = training.path, training.started
+    folder, another = training.path, "choose another with --out DIR"
+    what, fix = "", another
     if folder.exists() and not folder.is_dir():
-        raise InputError(
-            "not a folder", where=str(folder), fix="choose another place with --out DIR"
-        )
-    if resume and fresh:
-        raise InputError("--resume goes on, --fresh starts anew", fix="choose one")
-    if training.foreign:
-        raise InputError(
-            "the folder holds something else than a training",
-            where=str(folder),
-            fix="choose another with --out DIR",
-        )
-    if resume and not started:
-        raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")
-    if training.holds_files and not resume and not fresh:
-        raise InputError(
-            "there is a training already",
-            where=str(folder),
-            fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
-        )
+        what = "not a folder"
+    elif resume and fresh:
+        what, fix = "--resume goes on, --fresh starts anew", "choose one"
+    elif training.foreign:
+        what = "the folder holds something else than a training"
+    elif resume and not training.started:
+        what, fix = "no checkpoint to go on from", "leave --resume out"
+    elif training.holds_files and not resume and not fresh:
+        what = "there is a training already"
+        fix = f"--resume goes on, --fresh starts anew, or {another}"
+    if what:
+        raise InputError(what, where=str(folder), fix=fix)
 
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
@@ -181,44 +172,25 @@ MOST_THREADS = 1024
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
-class Network(StrEnum):
-    """What can be trained."""
-
-    dfd_net = "dfd-net"
-    u_net = "u-net"
-
-
+#: What can be trained.
+Network = Literal["dfd-net", "u-net"]
 Configuration = Annotated[
     str,
     typer.Option(
         "--config",
-        help="A TOML file, or one of: published, published-realworld, demo, demo-fine, "
-        "demo-u-net, robust, quick.",
+        help="A TOML file, or published, published-realworld, demo, demo-fine, demo-u-net, robust "
+        "or quick.",
     ),
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Change a setting of the file; docs/training.md lists them.",
-    ),
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a setting: docs/training.md."),
 ]
 Weights = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Start from these weights, a file or a shipped name, instead of random ones.",
-    ),
+    str | None, typer.Option(metavar="FILE", help="Start from these, a file or a shipped name.")
 ]
-MaxTime = Annotated[
-    str | None,
-    typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
-]
-Threads = Annotated[
-    int | None,
-    typer.Option(min=1, max=MOST_THREADS, help="Processor threads; default: one per core."),
-]
+MaxTime = Annotated[str | None, typer.Option(metavar="30m", help="Stop then: 90s, 30m, 1h30m.")]
+Threads = Annotated[int | None, typer.Option(min=1, max=MOST_THREADS, help="Default: one a core.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 
 
@@ -239,9 +211,7 @@ def seconds_of(text: str | None) -> float | None:
         return None
     parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
     if not parts or not any(float(part or 0) for part in parts.groups()):
-        raise InputError(
-            "not a duration", where="--max-time", expected="as 90s, 30m, 1h30m", got=text
-        )
+        raise InputError(f"not a duration, as 90s, 30m or 1h30m: {text}", where="--max-time")
     units = zip(parts.groups(), _SECONDS.values(), strict=True)
     return sum(float(part or 0) * unit for part, unit in units)
 

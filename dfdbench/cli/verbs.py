@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -21,182 +24,98 @@ class Verb:
 
     Parameters
     ----------
-    module, attribute : str
-        Where its function, or the `typer.Typer` of its own verbs, stands in `dfdbench.cli`.
-    summary : str
-        The first line of its help, as the list of all verbs shows it.
+    place : str
+        Its function, as ``module.function`` in `dfdbench.cli`; empty for a group that does nothing
+        itself.
     goes_on : bool
         Whether the same command, stopped anywhere, goes on where it was.
+    about : str
+        The help of a group without a function.
     verbs : mapping of str to Verb
-        Of a group: the verbs in it; it has no module.
+        Of a group: the verbs in it.
     """
 
-    module: str = ""
-    attribute: str = ""
-    summary: str = ""
+    place: str = ""
     goes_on: bool = False
-    verbs: Mapping[str, Verb] | None = None
+    about: str = ""
+    verbs: Mapping[str, Verb] = field(default_factory=dict)
+
+    @property
+    def summary(self) -> str:
+        """The first line of its help, read without importing it."""
+        return self.about or _first_line(*self.place.split("."))
 
     def load(self, name: str) -> Any:
         """Import the verb and return it as a command of this name."""
-        if self.verbs:
-            return LazyGroup(
-                name=name,
-                help=self.summary,
-                verbs=self.verbs,
-                no_args_is_help=True,
-                rich_markup_mode=None,
-            )
-        found = getattr(import_module(f"dfdbench.cli.{self.module}"), self.attribute)
-        if not isinstance(found, typer.Typer):
-            function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
-            found.command()(function)
-        command = get_command(found)
-        command.name = name
+        style: Any = {"no_args_is_help": not self.place, "rich_markup_mode": None}
+        if not self.place:
+            return LazyGroup(name=name, help=self.about, verbs=self.verbs, **style)
+        module, function = self.place.split(".")
+        app = typer.Typer(cls=LazyGroup, add_completion=False, **style)
+        kind = app.callback(invoke_without_command=True) if self.verbs else app.command()
+        kind(getattr(import_module(f"dfdbench.cli.{module}"), function))
+        command: Any = get_command(app)
+        command.name, command.verbs = name, self.verbs
         return command
 
 
+@cache
+def _first_line(module: str, function: str) -> str:
+    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text("utf-8"))
+    found = next(node for node in tree.body if getattr(node, "name", "") == function)
+    assert isinstance(found, ast.FunctionDef)
+    return (ast.get_docstring(found) or "").partition("\n")[0]
+
+
 _AUDIT = {
-    "coverage": Verb(
-        "audit",
-        "coverage",
-        "Ask whether training covers the depths of the test; status 1 where it does not.",
-    ),
-    "depths": Verb(
-        "audit",
-        "depths",
-        "Count how often each depth occurs, or with --result how far runs are off at each depth.",
-    ),
-    "split": Verb(
-        "audit",
-        "split_command",
-        "Propose splits or folds by scene whose training covers their tests' depths.",
-    ),
-    "difficulty": Verb(
-        "audit",
-        "difficulty",
-        "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
-    ),
+    "coverage": Verb("audit.coverage"),
+    "depths": Verb("audit.depths"),
+    "split": Verb("audit.split_command"),
+    "difficulty": Verb("audit.difficulty"),
 }
+_OPTICS = {name: Verb(f"optics.{name}") for name in ("blur", "pairs", "sharpness")}
+_SIMULATE = {"realworld": Verb("rig.simulate_realworld"), "lens": Verb("rig.simulate_lens")}
 _RIG = {
     "optics": Verb(
-        "optics", "app", "What a lens does to a point, and which voltage steps make a good pair."
+        about="What a lens does to a point, and which voltage steps make a good pair.",
+        verbs=_OPTICS,
     ),
-    "register": Verb(
-        "rig",
-        "register_scenes",
-        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene.",
-    ),
-    "simulate": Verb("rig", "app", "Make captures as the thesis's rig would write them."),
+    "register": Verb("rig.register_scenes"),
+    "simulate": Verb(about="Make captures as the thesis's rig would write them.", verbs=_SIMULATE),
 }
 _THESIS = {
-    "experiment": Verb(
-        "thesis",
-        "experiment",
-        "Train for each value and seed of an experiment of the thesis; a stopped one is resumed.",
-        goes_on=True,
-    ),
+    "experiment": Verb("thesis.experiment", goes_on=True),
     "search": Verb(
-        "thesis", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
+        about="Search for a network's architecture, as chapter 6 of the thesis does.",
+        verbs={"architecture": Verb("thesis.architecture")},
     ),
-    "reduce": Verb(
-        "thesis",
-        "reduce",
-        "Count the different outputs of each layer; write configurations of narrower networks.",
-    ),
+    "reduce": Verb("thesis.reduce"),
 }
 VERBS = {
-    "list": Verb(
-        "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
-    ),
-    "info": Verb(
-        "datasets", "info", "Show what a data set consists of, or what a built one holds."
-    ),
-    "build": Verb(
-        "building",
-        "build",
-        "Build a data set; what is fetched or finished already is kept.",
-        goes_on=True,
-    ),
-    "run": Verb(
-        "runs",
-        "run",
-        "Run a method on a data set and print its tables; a stopped run is resumed.",
-        goes_on=True,
-    ),
-    "tracks": Verb(
-        "runs",
-        "tracks",
-        "Run a method over all tracks and severities; a stopped call is resumed.",
-        goes_on=True,
-    ),
-    "predict": Verb(
-        "methods",
-        "predict",
-        "Estimate depth from two photographs, or from a folder of pairs; no data set is needed.",
-    ),
-    "score": Verb(
-        "runs",
-        "score",
-        "Score depth maps that were made elsewhere, one file per pair; nothing is run.",
-    ),
-    "compare": Verb(
-        "reports",
-        "compare",
-        "Compare two runs pair by pair: differences, wins, losses, what changed most.",
-    ),
-    "report": Verb(
-        "reports",
-        "report",
-        "Write a page about runs, pairs worst first, or a paper's table of them.",
-    ),
-    "leaderboard": Verb(
-        "reports",
-        "leaderboard_verbs",
-        "Rank the results of the leaderboard, print the rankings and write its README.",
-    ),
-    "train": Verb(
-        "training",
-        "train_command",
-        "Train a network; write its weights, a model card, a log and figures.",
-    ),
-    "check-method": Verb(
-        "methods",
-        "check_method_command",
-        "Try a method on awkward inputs and say what is wrong, before a long run.",
-    ),
-    "new-dataset": Verb(
-        "building",
-        "new_dataset",
-        "Look at a folder of captures and write a manifest for a person to finish.",
-    ),
-    "export": Verb(
-        "building",
-        "export",
-        "Export pairs as PNG files (Middlebury pairs keep the thesis's file names).",
-        goes_on=True,
-    ),
-    "verify": Verb(
-        "datasets",
-        "verify",
-        "Recompute a store's fingerprint and compare it with the recorded one.",
-    ),
-    "cache": Verb(
-        "datasets",
-        "cache_app",
-        "List what lies in the cache: downloads and built data sets; `clear` removes it.",
-    ),
-    "doctor": Verb(
-        "datasets",
-        "doctor",
-        "Say what is installed here and what the machine can do: for bug reports.",
-    ),
+    "list": Verb("datasets.list_datasets"),
+    "info": Verb("datasets.info"),
+    "build": Verb("building.build", goes_on=True),
+    "run": Verb("runs.run", goes_on=True),
+    "tracks": Verb("runs.tracks", goes_on=True),
+    "transfer": Verb("runs.transfer", goes_on=True),
+    "predict": Verb("methods.predict"),
+    "score": Verb("runs.score"),
+    "compare": Verb("reports.compare"),
+    "report": Verb("reports.report"),
+    "leaderboard": Verb("reports.leaderboard", verbs={"verify": Verb("reports.verify_rows")}),
+    "train": Verb("training.train_command"),
+    "check-method": Verb("methods.check_method_command"),
+    "new-dataset": Verb("building.new_dataset"),
+    "export": Verb("building.export", goes_on=True),
+    "verify": Verb("datasets.verify"),
+    "cache": Verb("datasets.cache_verb", verbs={"clear": Verb("datasets.clear_cache")}),
+    "doctor": Verb("datasets.doctor"),
     "audit": Verb(
-        summary="Ask whether a test is fair: coverage of depths, splits, difficulty.", verbs=_AUDIT
+        about="Ask whether a test is fair: coverage of depths, splits, difficulty.", verbs=_AUDIT
     ),
-    "rig": Verb(summary="Lens and LIDAR: optics, registration, simulated captures.", verbs=_RIG),
+    "rig": Verb(about="Lens and LIDAR: optics, registration, simulated captures.", verbs=_RIG),
     "thesis": Verb(
-        summary="Repeat the thesis's experiments, architecture search and reduction.", verbs=_THESIS
+        about="Repeat the thesis's experiments, architecture search and reduction.", verbs=_THESIS
     ),
 }
 
@@ -230,7 +149,7 @@ class LazyGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def make_context(self, *arguments: Any, **more: Any) -> Any:
-        """Read the command line; Ctrl-C meanwhile is told, and ends it with status 130."""
+        """Read the command line; Ctrl-C meanwhile ends it with status 130."""
         try:
             return super().make_context(*arguments, **more)
         except KeyboardInterrupt as stopped:
@@ -238,7 +157,7 @@ class LazyGroup(TyperGroup):
             raise typer.Exit(INTERRUPTED) from None
 
     def invoke(self, ctx: Any) -> Any:
-        """Call the verb; Ctrl-C anywhere in it is told, and ends the command with status 130.
+        """Call the verb; Ctrl-C anywhere in it ends the command with status 130.
 
         A reader of a pipe that has enough, head for example, ends it with status 0.
         """

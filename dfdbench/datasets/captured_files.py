@@ -122,8 +122,10 @@ class CapturedFiles(StrictRecord):
         self, scene: str, names: Mapping[str, str], axes: Mapping[str, int]
     ) -> dict[str, str]:
         """Return what stands in a capture's patterns: its scene, its axes, the scene's names."""
-        told = {axis: self.axis_names.get(axis, {}).get(str(v), str(v)) for axis, v in axes.items()}
-        return {**names, "scene": scene, **told}
+        places = {
+            axis: self.axis_names.get(axis, {}).get(str(v), str(v)) for axis, v in axes.items()
+        }
+        return {**names, "scene": scene, **places}
 
     @property
     def table_columns(self) -> set[str] | None:

@@ -173,11 +173,8 @@ class Capture:
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:
-            raise InputError(
-                f"the capture has no {role} image",
-                where=self.pair.id,
-                fix="take a method of stacks, or name the two images of a pair, as images=0,4",
-            )
+            fix = "take a method of stacks, or name the two images of a pair, as images=0,4"
+            raise InputError(f"the capture has no {role} image", where=self.pair.id, fix=fix)
         return eight_bits(self.images[self.facts.roles.index(role)])
 
     def _repr_html_(self) -> str:
@@ -212,16 +209,12 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
         If it has other dimensions or values.
     """
     if tuple(stack.dims) != ("image", "y", "x", "channel") or stack.sizes["channel"] != 3:
-        raise InputError(
-            "not a stack",
-            where=name,
-            expected="dimensions image, y, x, channel, with 3 channels",
-            got=", ".join(f"{key} {size}" for key, size in stack.sizes.items()),
-        )
+        got = ", ".join(f"{key} {size}" for key, size in stack.sizes.items())
+        what = "not a stack of dimensions image, y, x, channel, with 3 channels"
+        raise InputError(what, where=name, got=got)
     if stack.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            "not a stack", where=name, expected="uint8 or uint16", got=str(stack.dtype)
-        )
+        what = "not a stack"
+        raise InputError(what, where=name, expected="uint8 or uint16", got=str(stack.dtype))
     count = stack.sizes["image"]
     roles = stack["role"].values if "role" in stack.coords else ["defocus"] * count
     facts = ImageFacts(

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
+from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest
 from dfdbench.datasets.tracked import part_name, with_track
-from dfdbench.datasets.unseen import FAMILIES, seeded, unseen_manifest
 from dfdbench.errors import InputError, ManifestError, UnknownNameError, unknown_name
 
 
@@ -61,11 +61,8 @@ def find_manifest(name: str) -> Manifest:
     base, label = part_name(name)
     own, other = part_name(base)
     if other and label:
-        raise UnknownNameError(
-            what="unknown data set: it is on one track at a time",
-            expected=f"{base} or {own}@{label}",
-            got=name,
-        )
+        what = f"unknown data set {name}: it is on one track at a time, as {base} or {own}@{label}"
+        raise UnknownNameError(what)
     found = _find(base)
     return with_track(found, label) if base != name else found
 
@@ -98,11 +95,8 @@ def _find(name: str) -> Manifest:
     if name.endswith(".toml"):
         manifest = read_manifest(Path(name))
         if released_sha256(manifest) not in (None, manifest.sha256):
-            raise ManifestError(
-                f"the name of the released {manifest.file_stem}, and other content",
-                where=name,
-                fix="give it another name or version",
-            )
+            what = f"the name of the released {manifest.file_stem}, and other content"
+            raise ManifestError(what, where=name, fix="give it another name or version")
         return manifest
     if (drawn := seeded(name)) is not None:
         return unseen_manifest(*drawn)

@@ -3,41 +3,62 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator
+from datetime import date
+from importlib import resources
 from typing import Any
 
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.datasets.datasheet import Datasheet, datasheet_of
+from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.system.strict import StrictRecord
+
+
+class Datasheet(StrictRecord):
+    """A data set's facts and judgements that no program can find out.
+
+    `published` is the day of the manifest's first release; `synthetic` whether any image was made,
+    not captured; `derived_from` where its files come from, `generated_by` how it was made of them.
+    The rest are texts for people, as the Responsible-AI part of Croissant asks for them.
+    """
+
+    published: date
+    synthetic: bool
+    derived_from: list[str]
+    generated_by: str
+    limitations: str
+    biases: str
+    personal: str
+    use_cases: str
+    social_impact: str
+
+
+def datasheets() -> dict[str, Datasheet]:
+    """Return the datasheets that travel with the package, by short name.
+
+    Examples
+    --------
+    >>> datasheets()["demo"].synthetic
+    True
+    """
+    text = resources.files("dfdbench.datasets").joinpath("datasheets.toml").read_text("utf-8")
+    return {name: Datasheet.model_validate(sheet) for name, sheet in tomllib.loads(text).items()}
+
+
+def datasheet_of(manifest: Manifest) -> Datasheet | None:
+    """Return a data set's datasheet, on a track that of the set; None for one of one's own."""
+    released = {known.sha256: known.short for known in released_manifests()}
+    short = released.get(manifest.sha256)
+    return datasheets()[short] if short else None
+
 
 CROISSANT = "http://mlcommons.org/croissant/1.1"
 RESPONSIBLE_AI = "http://mlcommons.org/croissant/RAI/1.0"
 #: The context that the specification gives, and the vocabulary of where data come from.
-CONTEXT: dict[str, Any] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    **{
-        name: f"cr:{name}"
-        for name in (
-            *("arrayShape", "citeAs", "column", "containedIn", "equivalentProperty", "extract"),
-            *("field", "fileProperty", "fileObject", "fileSet", "format", "includes", "isArray"),
-            *("isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet"),
-            *("references", "regex", "repeated", "replace", "samplingRate", "separator"),
-            *("source", "subField", "transform"),
-        )
-    },
-    "conformsTo": "dct:conformsTo",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "prov": "http://www.w3.org/ns/prov#",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
-    "description": {"@container": "@language"},
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "name": {"@container": "@language"},
-    "sc": "https://schema.org/",
-}
+CONTEXT: dict[str, Any] = json.loads(
+    resources.files("dfdbench.datasets").joinpath("croissant.json").read_text("utf-8")
+)
 _PAIRS = "pairs"
 
 

@@ -20,11 +20,10 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
+from dfdbench.datasets.damage import LONGEST, WholeArrays, check_attributes, open_scene, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
-from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
 from dfdbench.errors import (
     DfdbenchError,
     InputError,
@@ -65,29 +64,20 @@ class Dataset:
 
     def __init__(self, place: Place) -> None:
         self.path = as_location(place)
-        self._root = _open_root(self.path)
+        self._root, groups = _open_root(self.path)
         self.attributes: dict[str, Any] = dict(self._root.attrs)
         if self.attributes.get("format") != FORMAT:
             raise _not_ours(self.path)
         if self.attributes.get("format_version") != FORMAT_VERSION:
-            raise StoreError(
-                "store of another version",
-                where=str(self.path),
-                expected=str(FORMAT_VERSION),
-                got=str(self.attributes.get("format_version")),
-                fix="build it again",
-            )
+            what = f"store of version {self.attributes.get('format_version')}, not {FORMAT_VERSION}"
+            raise StoreError(what, where=str(self.path), fix="build it again")
         if "fingerprint" not in self.attributes:
-            raise StoreError(
-                "the store is not finished",
-                where=str(self.path),
-                fix="run the dfdbench build that began it again: it goes on from there",
-            )
+            fix = "run the dfdbench build that began it again: it goes on from there"
+            raise StoreError("the store is not finished", where=str(self.path), fix=fix)
         check_attributes(self.attributes, str(self.path))
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
         self._known: dict[str, dict[str, NDArray[Any]]] = {}
-        groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
@@ -238,14 +228,14 @@ class Dataset:
         """
         try:
             yield
-        except DAMAGED as error:
-            if isinstance(error, DfdbenchError):
-                raise
+        except DfdbenchError:
+            raise
+        except Exception as error:
+            # Damaged files come to anything, by where the damage is.
+            got, where = str(error)[:LONGEST], f"{self.path}, {what}"
+            fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
             raise StoreError(
-                "an array of the store cannot be read",
-                where=f"{self.path}, {what}",
-                got=str(error)[:LONGEST],
-                fix=f"dfdbench verify {self.path} tells what is damaged, `dfdbench build` mends it",
+                "an array of the store cannot be read", where=where, got=got, fix=fix
             ) from error
 
     def _repr_html_(self) -> str:
@@ -265,8 +255,8 @@ class Dataset:
         return f"<table>{listed}</table>{self.captures()._repr_html_()}"
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[UPath]]:
-        # Another process opens it anew.
-        return Dataset, (self.path,)
+        # Another process opens it anew, perhaps in another working directory.
+        return Dataset, (self.path.absolute() if is_local(self.path) else self.path,)
 
 
 class Captures(Sequence[Capture]):
@@ -332,9 +322,8 @@ class Captures(Sequence[Capture]):
         try:
             place = operator.index(index)
         except TypeError:
-            raise TypeError(
-                f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
-            ) from None
+            what = f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
+            raise TypeError(what) from None
         try:
             return self.pairs[place]
         except IndexError:
@@ -359,12 +348,7 @@ class Captures(Sequence[Capture]):
         """
         parts = region if isinstance(region, tuple) else ()
         if [type(part) for part in parts] != [slice, slice]:
-            raise InputError(
-                "not a region",
-                where="region",
-                expected="two slices: rows, columns",
-                got=repr(region),
-            )
+            raise InputError(f"not two slices, rows and columns: {region!r}", where="region")
         pair = self.pair_at(index)
         _check_region(region, self.dataset.shape_of(pair.scene))
         return self.dataset.read(pair, region).two_of(self._images)
@@ -376,19 +360,14 @@ class Captures(Sequence[Capture]):
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
+    what = "the crop does not lie within the image"
     problems = [
-        Problem(
-            "the crop does not lie within the image",
-            where=axis,
-            expected=f"pixels 0 to {size}, start first",
-            got=f"{part.start} to {part.stop}",
-        )
+        Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def open_dataset(name: str, place: Place | None = None, cache: Path | None = None) -> Dataset:
@@ -426,11 +405,8 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | None = Non
         more = " --source DIR" * bool(manifest.files)
         if manifest.short != "demo":
             more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
-        raise StoreError(
-            f"data set {manifest.short} is not built",
-            where=str(default),
-            fix=f"dfdbench build {typed}{more}",
-        )
+        what = f"data set {manifest.short} is not built"
+        raise StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
     return Dataset(default)
 
 
@@ -441,52 +417,29 @@ def _manifest_of(name: str) -> Manifest:
         if not Path(name).exists():
             raise
         kind = "folder" if Path(name).is_dir() else "file"
-        raise StoreError(
-            f"a {kind}, and not a data set",
-            where=name,
-            expected="a data set's name, or a store's path",
-            fix="`dfdbench list` shows the names; stores end in .zarr",
-        ) from None
-
-
-def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
-    try:
-        return tuple(root.group_keys())
-    except DAMAGED as error:
-        raise _unreadable(location, error) from error
-
-
-def _unreadable(location: UPath, error: Exception) -> StoreError:
-    return StoreError(
-        "cannot read the store",
-        where=str(location),
-        expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
-        got=str(error)[:LONGEST],
-        fix="allow more memory and threads" if "new thread" in str(error) else "build it again",
-    )
+        fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
+        raise StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
 
 
 def _not_ours(location: UPath) -> StoreError:
-    return StoreError(
-        "not a data set built by dfdbench",
-        where=str(location),
-        fix="dfdbench build NAME; a store whose zarr.json was lost has to be deleted first",
-    )
+    fix = "dfdbench build NAME; a store whose zarr.json was lost has to be deleted first"
+    return StoreError("not a data set built by dfdbench", where=str(location), fix=fix)
 
 
-def _open_root(location: UPath) -> zarr.Group:
+def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
+    """Return a store's root and the names of its groups."""
     try:
         if not exists(location):
-            raise StoreError(
-                "no such store", where=str(location), fix="dfdbench build NAME --store PATH"
-            )
-        return zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
+            fix = "dfdbench build NAME --store PATH"
+            raise StoreError("no such store", where=str(location), fix=fix)
+        root = zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
+        return root, frozenset(root.group_keys())
     except DfdbenchError:
         raise
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
     except Exception as error:
-        # What an object store's library raises is its own: unreachable, forbidden, no bucket.
-        if is_local(location) and not isinstance(error, DAMAGED):
-            raise
-        raise _unreadable(location, error) from error
+        # Of an object store it may be unreachable, forbidden, no bucket.
+        what = f"cannot read the store: {str(error)[:LONGEST]}"
+        fix = "allow more memory and threads" if "new thread" in str(error) else "build it again"
+        raise StoreError(what, where=str(location), fix=fix) from error

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dfdbench.datasets.damage import DAMAGED
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest, combine
 from dfdbench.errors import Problem, StoreError
@@ -29,6 +28,11 @@ class StoreDifference:
     scene: str
     array: str
     what: str
+
+    @property
+    def place(self) -> str:
+        """The scene, and the array if it is about one."""
+        return f"{self.scene}/{self.array}".rstrip("/")
 
 
 @dataclass(frozen=True)
@@ -98,17 +102,13 @@ def require_sound(store: Dataset) -> None:
         With everything that differs.
     """
     found = verify_store(store)
-    if not found.sound:
-        raise StoreError.of(
-            Problem(
-                "the store does not hold what was built",
-                where=f"{store.path}, {'/'.join(filter(None, (item.scene, item.array)))}",
-                got=item.what,
-                fix="the dfdbench build that made it mends it",
-            )
-            for item in found.differences
-            or (StoreDifference("fingerprint", "", f"{found.recomputed}, not the recorded one"),)
-        )
+    items = found.differences
+    if not found.sound and not items:
+        items = (StoreDifference("fingerprint", "", f"{found.recomputed}, not the recorded one"),)
+    what, fix = "the store does not hold what was built", "the dfdbench build that made it mends it"
+    StoreError.raise_if(
+        Problem(what, where=f"{store.path}, {item.place}", got=item.what, fix=fix) for item in items
+    )
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class _SceneVerifier:
                 differences.append(StoreDifference(scene, name, "was not there when it was built"))
             try:
                 values = np.asarray(variable.values)
-            except DAMAGED as error:
+            except Exception as error:
                 if name in recorded:
                     differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
                 continue

@@ -19,6 +19,8 @@ from dfdbench.errors import unknown_name
 from dfdbench.system.strict import StrictRecord
 
 ALL_PAIRS = "all"
+#: The reader of sets that are described by their manifest alone.
+FOLDER = "folder"
 
 #: What may become part of a path: no separator, no dot in front, short.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
@@ -274,7 +276,7 @@ class Manifest(StrictRecord):
 
     @property
     def on_track(self) -> bool:
-        """Whether a track makes the images: then nobody is told by what blur."""
+        """Whether a track makes the images: then nobody is given the blur."""
         return self.degradation != CLEAN
 
     @property
@@ -338,3 +340,29 @@ def excluded_pairs(exclusions: list[Exclusion], axes: dict[str, list[int]]) -> I
     for exclusion in exclusions:
         narrowed = {axis: exclusion.coordinates.get(axis, axes[axis]) for axis in axes}
         yield from grid_of_pairs(tuple(exclusion.scenes), narrowed)
+
+
+def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
+    """Return the scenes that train when a fold, or a single scene, tests: all others.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> len(training_of(find_manifest("middlebury"), "K03"))
+    24
+    """
+    tested = set(manifest.scenes_of(fold))
+    return tuple(scene for scene in manifest.scene_names if scene not in tested)
+
+
+def require_fold(manifest: Manifest, fold: str) -> None:
+    """Refuse what is neither a fold nor a single scene of a data set.
+
+    Raises
+    ------
+    UnknownNameError
+        Where it is neither.
+    """
+    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+    if fold not in known:
+        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_checks import CHECKS
-from dfdbench.errors import ManifestError, Problem, reason_of
-from dfdbench.system.files import read_whole
+from dfdbench.datasets.manifest_checks import check_sections
+from dfdbench.errors import ManifestError, Problem
+from dfdbench.system.files import read_as
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 
@@ -42,14 +42,7 @@ def read_manifest(path: str | Path) -> Manifest:
     >>> len(find_manifest("middlebury").pairs("test"))
     54
     """
-    file = Path(path)
-    try:
-        content = read_whole(file)
-    except OSError as error:
-        raise ManifestError(
-            "cannot read the manifest", where=str(file), got=reason_of(error)
-        ) from error
-    return parse_manifest(content, file.name)
+    return parse_manifest(read_as(ManifestError, Path(path), "the manifest"), Path(path).name)
 
 
 def parse_manifest(content: bytes, file: str) -> Manifest:
@@ -67,11 +60,8 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
         raise ManifestError("not a TOML file", where=file, got=str(error)) from error
     raw["toml"] = text
     sections, problems = _validate_sections(raw, file)
-    for check, needs in CHECKS:
-        if all(need in sections for need in needs):
-            problems.extend(check(sections, file))
-    if problems:
-        raise ManifestError.of(problems)
+    problems += check_sections(sections, file)
+    ManifestError.raise_if(problems)
     return Manifest.model_construct(None, **sections)
 
 
@@ -105,14 +95,11 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
             sections[name] = _adapter(name).validate_python(raw[name], strict=True)
         except ValidationError as error:
             problems += problems_of(error, "wrong value", file=file, section=name)
-    known = set(Manifest.model_fields)
-    problems.extend(
-        Problem(
-            "unknown field", where=f"{file}: {name}", expected="one of: " + ", ".join(sorted(known))
-        )
+    problems += [
+        Problem("unknown field", where=f"{file}: {name}")
         for name in raw
-        if name not in known
-    )
+        if name not in Manifest.model_fields
+    ]
     return sections, problems
 
 

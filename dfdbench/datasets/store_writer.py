@@ -13,7 +13,7 @@ import xarray
 import zarr
 from upath import UPath
 
-from dfdbench.datasets.damage import DAMAGED
+from dfdbench.datasets.damage import open_scene
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import (
     ATTRIBUTES_SHA256,
@@ -22,20 +22,9 @@ from dfdbench.datasets.fingerprint import (
     scene_digests,
 )
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.whole_arrays import open_scene
 from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
+from dfdbench.system import location
 from dfdbench.system.files import hold
-from dfdbench.system.location import (
-    Place,
-    as_location,
-    copy_folder,
-    exists,
-    folders_in,
-    is_local,
-    move_folder,
-    remove,
-    zarr_store,
-)
 from dfdbench.tables.table import listed
 
 _METADATA = "zarr.json"
@@ -68,7 +57,7 @@ class SceneWriter:
             digest = self._verified(place, scene, signature)
             if digest and place == self.path:
                 with disk_errors(self.path):
-                    copy_folder(place / scene, self.partial / scene, _METADATA)
+                    location.copy_folder(place / scene, self.partial / scene, _METADATA)
             if digest:
                 return digest
         return None
@@ -77,9 +66,9 @@ class SceneWriter:
         """Write one scene; return its digest. A scene counts as written once it bears it."""
         digests = scene_digests(dataset)
         with disk_errors(self.path):
-            remove(self.partial / scene)
+            location.remove(self.partial / scene)
             dataset.to_zarr(
-                zarr_store(self.partial),
+                location.zarr_store(self.partial),
                 group=scene,
                 mode="w",
                 zarr_format=3,
@@ -91,7 +80,8 @@ class SceneWriter:
                     for name, variable in dataset.data_vars.items()
                 },
             )
-            group = zarr.open_group(zarr_store(self.partial), path=scene, mode="r+", zarr_format=3)
+            store = location.zarr_store(self.partial)
+            group = zarr.open_group(store, path=scene, mode="r+", zarr_format=3)
             group.attrs.update(
                 {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
             )
@@ -106,7 +96,7 @@ class SceneWriter:
             if attributes.get("source_sha256") != signature or "digest" not in attributes:
                 return None
             digest = combine(scene_digests(dataset))
-        except DAMAGED:
+        except Exception:
             # Damaged: written again.
             return None
         return digest if digest == attributes["digest"] else None
@@ -127,8 +117,10 @@ class StoreWriter:
         What the store says of itself; a partial store with other attributes is not gone on with.
     """
 
-    def __init__(self, place: Place, manifest: Manifest, attributes: Mapping[str, Any]) -> None:
-        self.path = as_location(place)
+    def __init__(
+        self, place: location.Place, manifest: Manifest, attributes: Mapping[str, Any]
+    ) -> None:
+        self.path = location.as_location(place)
         self._partial = self.path.with_name(self.path.name + ".partial")
         self._attributes = {
             "format": FORMAT,
@@ -143,20 +135,17 @@ class StoreWriter:
         self._held = contextlib.ExitStack()
 
     def __enter__(self) -> StoreWriter:
-        taken = StoreError(
-            "another build is writing this store",
-            where=str(self.path),
-            fix="wait for it, or build elsewhere with --store PATH",
-        )
+        fix = "wait for it, or build elsewhere with --store PATH"
+        taken = StoreError("another build is writing this store", where=str(self.path), fix=fix)
         with disk_errors(self.path), contextlib.ExitStack() as held:
-            if is_local(self.path):
+            if location.is_local(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 lock = Path(self.path.with_name(f".{self.path.name}.lock").path)
                 held.enter_context(hold(lock, taken))
             self._refuse_what_is_not_ours()
             if not _says(self._partial, self._attributes):
-                remove(self._partial)
-            partial = zarr.open_group(zarr_store(self._partial), mode="a", zarr_format=3)
+                location.remove(self._partial)
+            partial = zarr.open_group(location.zarr_store(self._partial), mode="a", zarr_format=3)
             partial.attrs.update(self._attributes)
             self._held = held.pop_all()
         return self
@@ -175,50 +164,43 @@ class StoreWriter:
         found = _attributes_of(self.path) or {}
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
         if lost:
-            raise StoreError(
-                f"the store there holds {len(lost)} pairs that this build lacks",
-                where=str(self.path),
-                got=listed(lost, most=3),
-                fix="build elsewhere with --store PATH, or delete that store; nothing was changed",
+            what = (
+                f"the store there holds {len(lost)} pairs that this build lacks: {listed(lost, 3)}"
             )
+            fix = "build elsewhere with --store PATH, or delete that store; nothing was changed"
+            raise StoreError(what, where=str(self.path), fix=fix)
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""
         fingerprint = combine(digests)
         with disk_errors(self.path):
-            for stray in set(folders_in(self._partial)) - set(digests):
-                remove(self._partial / stray)
+            for stray in set(location.folders_in(self._partial)) - set(digests):
+                location.remove(self._partial / stray)
             attributes = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}
-            zarr.open_group(zarr_store(self._partial), mode="r+", zarr_format=3).attrs.put(
+            zarr.open_group(location.zarr_store(self._partial), mode="r+", zarr_format=3).attrs.put(
                 {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
             )
-            move_folder(self._partial, self.path, _METADATA)
+            location.move_folder(self._partial, self.path, _METADATA)
         return fingerprint
 
     def _refuse_what_is_not_ours(self) -> None:
         # The store is replaced whole: a folder of photographs must not be what is replaced.
         for place in (self.path, self._partial):
-            if not exists(place):
+            if not location.exists(place):
                 continue
             found = _attributes_of(place) or {}
             ours = self._is_interrupted_move(place, found) or self._is_hardly_begun(place)
             if found.get("format") != FORMAT and not ours:
-                raise StoreError(
-                    "the place is taken by something that is no dfdbench store",
-                    where=str(place),
-                    fix="choose another with --store PATH, or delete it where it is a store whose"
-                    " zarr.json was lost; nothing was changed",
-                )
-        found = (_attributes_of(self.path) or {}) if exists(self.path) else {}
+                what = "the place is taken by something that is no dfdbench store"
+                fix = "choose another with --store PATH, or delete a store without zarr.json"
+                raise StoreError(what, where=str(place), fix=fix)
+        found = (_attributes_of(self.path) or {}) if location.exists(self.path) else {}
         for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
             if key in found and found[key] != self._attributes.get(key):
-                raise StoreError(
-                    f"the store there holds another {what}",
-                    where=str(self.path),
-                    expected=str(self._attributes.get(key)),
-                    got=str(found[key]),
-                    fix="choose another place with --store PATH, or delete that store",
-                )
+                other = f"{found[key]}, not {self._attributes.get(key)}"
+                what = f"the store there holds another {what}: {other}"
+                fix = "choose another place with --store PATH, or delete that store"
+                raise StoreError(what, where=str(self.path), fix=fix)
 
     def _is_hardly_begun(self, place: UPath) -> bool:
         # A kill or a full disk came between the folder and what it says of itself.
@@ -229,11 +211,16 @@ class StoreWriter:
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
         twin = _attributes_of(self._partial) or {}
-        return place == self.path and not is_local(place) and not found and "fingerprint" in twin
+        return (
+            place == self.path
+            and not location.is_local(place)
+            and not found
+            and "fingerprint" in twin
+        )
 
 
 @contextlib.contextmanager
-def disk_errors(location: UPath) -> Iterator[None]:
+def disk_errors(place: UPath) -> Iterator[None]:
     """Tell what keeps the block from writing a place, so that the user can mend it."""
     try:
         yield
@@ -241,15 +228,12 @@ def disk_errors(location: UPath) -> Iterator[None]:
         raise
     except Exception as error:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
-        if is_local(location) and not isinstance(error, OSError):
+        if location.is_local(place) and not isinstance(error, OSError):
             raise
-        raise StoreError(
-            "cannot write the store",
-            where=str(location),
-            got=reason_of(error),
-            fix=room_or("choose another place with --store PATH", error)
-            + "; the same command goes on where it stopped",
-        ) from error
+        fix = room_or("choose another place with --store PATH", error)
+        fix += "; the same command goes on where it stopped"
+        what = "cannot write the store"
+        raise StoreError(what, where=str(place), got=reason_of(error), fix=fix) from error
 
 
 def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
@@ -263,8 +247,8 @@ def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
 
 def _attributes_of(place: UPath) -> dict[str, Any] | None:
     try:
-        return dict(zarr.open_group(zarr_store(place), mode="r", zarr_format=3).attrs)
-    except DAMAGED:
+        return dict(zarr.open_group(location.zarr_store(place), mode="r", zarr_format=3).attrs)
+    except Exception:
         return None
 
 

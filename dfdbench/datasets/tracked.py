@@ -10,7 +10,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, released_sha256
-from dfdbench.datasets.unseen import seeded, unseen_manifest
+from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, InputError, StoreError, UnknownNameError
 
 #: What stands between a data set's name and its track's.
@@ -58,21 +58,16 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     ('demo-1@camera-2', 'demo-1')
     """
     if not label:
-        raise UnknownNameError(
-            what="unknown track: nothing stands behind the @",
-            expected="DATASET@TRACK-SEVERITY",
-            got=f"{manifest.short}{AT}",
-            fix=f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track",
-        )
+        what = f"unknown track: nothing follows the @ of {manifest.short}{AT}"
+        fix = f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track"
+        raise UnknownNameError(what, fix=fix)
     found = find_degradation(label)
     if manifest.recipe is None:
-        raise InputError(
-            f"{manifest.short} has no tracks: its defocus images are captured, and a track makes "
-            "them",
-            where=f"{manifest.short}{AT}{label}",
-            expected="a data set with synthetic blur",
-            fix=f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`",
+        what = (
+            f"{manifest.short} has no tracks: a track makes defocus images, and these are captured"
         )
+        fix = f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`"
+        raise InputError(what, where=f"{manifest.short}{AT}{label}", fix=fix)
     if found.label == CLEAN:
         return manifest
     return manifest.model_copy(
@@ -102,22 +97,14 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
     drawn = seeded(manifest.name)
     released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
     if released not in (None, manifest.sha256):
-        raise StoreError(
-            f"built from another manifest than {manifest.file_stem}, whose name it has",
-            where=where,
-            expected=f"SHA-256 {released}",
-            got=manifest.sha256,
-            fix="delete it and build it again",
-        )
+        what = f"built from another manifest than {manifest.file_stem}, whose name it has"
+        raise StoreError(what, where=where, fix="delete it and build it again")
     degradation = str(attributes.get("degradation", manifest.degradation))
     if degradation == manifest.degradation:
         return manifest
     try:
         return with_track(manifest, degradation)
     except DfdbenchError as error:
-        raise StoreError(
-            "the store is on a track that this version does not know",
-            where=where,
-            got=degradation,
-            fix="use the version of dfdbench that built it, or build it again",
-        ) from error
+        what = f"the store is on a track that this version does not know: {degradation}"
+        fix = "use the version of dfdbench that built it, or build it again"
+        raise StoreError(what, where=where, fix=fix) from error

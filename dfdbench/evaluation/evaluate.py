@@ -1,6 +1,4 @@
-"""Load a method for a data set and run it; the data sets of all tracks."""
-
-from __future__ import annotations
+"""Run a method on a data set, or score depth maps made elsewhere; the data sets of all tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -8,22 +6,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.building.build import build_store
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.obtaining import obtain
-from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, MethodError, StoreError, unknown_name
-from dfdbench.evaluation.loading import depth_warnings, load_for, load_here
-from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import RunDone, run_method
+from dfdbench.errors import InputError, StoreError, unknown_name
+from dfdbench.evaluation.loading import depth_warnings, load_for
+from dfdbench.evaluation.pair import blank_record, record_of
+from dfdbench.evaluation.plan import RunOptions, protocols_on, require_what_was_built
+from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
+from dfdbench.evaluation.run import RunDone, compose, run_method
 from dfdbench.methods.calibration import Calibration
-from dfdbench.methods.method import Method
-from dfdbench.methods.registry import entry_of
-from dfdbench.system.files import write_whole
+from dfdbench.methods.method import Method, Prediction
+from dfdbench.metrics.protocol import Unit
+from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
+from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
+from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool
 
 #: Shows how far a step is: entered with what is done, it gives a callable (done, total).
@@ -47,7 +51,7 @@ def evaluate(
     Parameters
     ----------
     method : str or callable
-        As for `load_for`, or any callable; one that only this process knows is run anew.
+        As for `load_for`; one that only this process knows is run anew.
     check : callable, optional
         Called with the loaded method and the data set before the run; it raises to stop.
     store, split, folder, options, pool, on_pair
@@ -55,10 +59,10 @@ def evaluate(
     parameters, given_blur
         As for `load_for`.
     """
-    loaded, found_again = _load(store, method, parameters, options.seed, given_blur)
+    loaded = load_for(store, method, parameters, options.seed, given_blur)
     if check:
         check(loaded, store)
-    if not found_again:
+    if loaded.source_sha256 is None:
         options = replace(options, fresh=True)
     warnings = depth_warnings(loaded, store, split)
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
@@ -68,22 +72,6 @@ def evaluate(
         return done, None
     write_whole(folder / "law.toml", calibration.law.as_toml())
     return done, calibration
-
-
-def _load(
-    store: Dataset,
-    method: str | Callable[..., Any],
-    parameters: Mapping[str, Any],
-    seed: int,
-    given_blur: bool,
-) -> tuple[Method, bool]:
-    """Return the method, and whether it can be found again by its name."""
-    if not isinstance(method, str):
-        try:
-            entry_of(method)
-        except MethodError:
-            return load_here(store, method, parameters, seed), False
-    return load_for(store, method, parameters, seed, given_blur), True
 
 
 def without_track(dataset: str) -> Manifest:
@@ -96,17 +84,12 @@ def without_track(dataset: str) -> Manifest:
     """
     manifest = find_manifest(dataset)
     if manifest.on_track:
-        raise InputError(
-            "this runs over all tracks of a data set",
-            where=dataset,
-            fix=f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks",
-        )
+        fix = f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks"
+        raise InputError("this runs over all tracks of a data set", where=dataset, fix=fix)
     if manifest.recipe is None:
-        raise InputError(
-            "there are no tracks: the defocus images are captured, and a track makes them",
-            where=dataset,
-            fix="name a data set with synthetic blur: `dfdbench list`",
-        )
+        what = "there are no tracks: the defocus images are captured, and a track makes them"
+        fix = "name a data set with synthetic blur: `dfdbench list`"
+        raise InputError(what, where=dataset, fix=fix)
     return manifest
 
 
@@ -149,3 +132,100 @@ def built_track(
     with shown(f"building {name}") as step:
         build_store(plan.manifest, files, plan.place, on_scene=step)
     return open_dataset(name, cache=cache)
+
+
+def score_predictions(
+    predictions: Path,
+    store: Dataset,
+    split: str,
+    folder: Path,
+    name: str,
+    unit: Unit = "levels",
+    on_pair: Callable[[int, int], None] | None = None,
+) -> RunDone:
+    """Score a folder of depth maps, and write what a run writes.
+
+    Parameters
+    ----------
+    predictions : Path
+        The depth maps, see `dfdbench.evaluation.prediction_files.find_predictions`.
+    store : Dataset
+        The data set.
+    split : str
+        Which pairs.
+    folder : Path
+        Where result and depth levels go; what lies there is set aside.
+    name : str
+        What made them, as tables call it.
+    unit : {"levels", "metres"}
+        What they hold.
+    on_pair : callable, optional
+        Called with (pairs done, pairs to do).
+
+    Returns
+    -------
+    RunDone
+        Its result says ``scored``, has no source hash and no seconds.
+
+    Raises
+    ------
+    InputError
+        For a name that is none.
+    StoreError
+        Where the store has lost what was built.
+    ResultError
+        With all that is wrong with the files, before anything is written; where the folder cannot
+        be written.
+    """
+    method = _method_record(name, unit)
+    require_what_was_built(store, split)
+    found = find_predictions(predictions, store, split, unit)
+    with writing_folder(folder, "run"):
+        identity = {"scored": name, "fingerprint": store.fingerprint, "split": split, "unit": unit}
+        set_aside = open_run_folder(folder, identity, goes_on=False)
+        keep_store_place(folder, store.path)
+        records: dict[str, PairResult] = {}
+        for number, pair in enumerate(found.files, 1):
+            images = store.read(pair)
+            depth = found.read(pair, store.shape_of(pair.scene))
+            record = record_of(store, images, Prediction(depth, 0.0), protocols_on(store))
+            records[pair.id] = record.model_copy(update={"seconds": None})
+            keep_prediction(folder, store.manifest, pair, depth)
+            if on_pair:
+                on_pair(number, len(found.files))
+        pairs = [
+            records.get(pair.id) or blank_record(pair, "missing")
+            for pair in store.manifest.pairs(split)
+        ]
+        result = compose(store, split, method, pairs, warnings=_warnings(found))
+        save_result(result, folder / RESULT)
+    return RunDone(result, folder, 0, set_aside)
+
+
+def _method_record(name: str, unit: Unit) -> MethodRecord:
+    try:
+        return MethodRecord(
+            name=name,
+            entry=SCORED,
+            source_sha256=None,
+            parameters={},
+            uses=[],
+            trained_on=None,
+            paper=None,
+            scored=unit,
+        )
+    except ValidationError as error:
+        what = f"no name for a method, which is one line of text: {name!r:.80}"
+        raise InputError(what, fix="--method NAME") from error
+
+
+def _warnings(found: PredictionFiles) -> list[str]:
+    warnings = []
+    if found.others:
+        warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
+    if found.highest <= 1 and found.about.kind == "levels":
+        warnings.append("no depth map rises above level 1; levels go from 0 to 255")
+    if found.beyond and found.about.scale is not None:
+        ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
+        warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
+    return warnings

@@ -1,7 +1,5 @@
 """Fit a method to training pairs before it is run, and keep what it learned beside the run."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import math
@@ -14,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.dataset import Captures, Dataset
-from dfdbench.datasets.folds import training_of
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, training_of
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.method import Learned, Method, check_learned, restore, teach
 from dfdbench.system.array_files import UNREADABLE
@@ -72,12 +69,9 @@ def training_pairs(
     name, scenes = training_scenes(store.manifest, split)
     pairs = tuple(pair for pair in store.pairs(ALL_PAIRS) if pair.scene in scenes)
     if not pairs:
-        raise StoreError(
-            "the method is to be fitted, and the store holds no training pair",
-            where=str(store.path),
-            expected=name,
-            fix=f"build {store.manifest.short} with its training scenes too",
-        )
+        what = f"the method is to be fitted, and the store holds no pair of {name}"
+        fix = f"build {store.manifest.short} with its training scenes too"
+        raise StoreError(what, where=str(store.path), fix=fix)
     return name, Captures(store, pairs, images)
 
 
@@ -101,23 +95,15 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
         return f"{manifest.stem}, all but {split}", frozenset(training_of(manifest, split))
     splits = [item.name for item in manifest.splits]
     if TRAINING not in splits:
-        raise StoreError(
-            "the method is to be fitted, and there is no training split",
-            where=manifest.stem,
-            expected=f"a split called {TRAINING} in the manifest",
-            got=", ".join(splits) or "no splits",
-            fix="run a fold or a single scene, --split NAME: all other scenes train",
-        )
+        what = f"the method is to be fitted, and there is no split {TRAINING}"
+        fix = "run a fold or a single scene, --split NAME: all other scenes train"
+        raise StoreError(what, where=manifest.stem, fix=fix)
     train = frozenset(manifest.scenes_of(TRAINING))
     both = [scene for scene in manifest.scenes_of(split) if scene in train]
     if both:
-        raise MethodError(
-            "the method would be tested on what it was fitted on",
-            where=f"split {split} of {manifest.stem}",
-            expected=f"a split without scenes of {TRAINING}",
-            got=", ".join(both),
-            fix=f"--split NAME, one of: {', '.join(_fair_splits(manifest, train))}",
-        )
+        what = f"the method would be tested on what it was fitted on: {', '.join(both)}"
+        fix = f"--split NAME, one of: {', '.join(_fair_splits(manifest, train))}"
+        raise MethodError(what, where=f"split {split} of {manifest.stem}", fix=fix)
     return f"{manifest.stem}, split {TRAINING}", train
 
 
@@ -167,11 +153,9 @@ def fit_sha256(folder: Path) -> str:
     try:
         return hashlib.sha256((folder / FIT).read_bytes()).hexdigest()
     except OSError as error:
-        raise MethodError(
-            "the run kept nothing that a method learned",
-            where=str(folder),
-            fix="name the folder of a run of a method that is fitted",
-        ) from error
+        fix = "name the folder of a run of a method that is fitted"
+        what = "the run kept nothing that a method learned"
+        raise MethodError(what, where=str(folder), fix=fix) from error
 
 
 def fit_from(method: Method, folder: Path) -> Fit:

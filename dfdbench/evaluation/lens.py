@@ -1,6 +1,4 @@
-"""The lens of a data set as methods are told it: its facts, and the blur law that follows."""
-
-from __future__ import annotations
+"""The lens of a data set as methods are given it: its facts, and the blur law that follows."""
 
 import math
 from collections.abc import Mapping
@@ -28,6 +26,7 @@ _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
 # In pixels; so narrow a kernel changes nothing, and a width of 0 is none.
 _LEAST_SIGMA = 0.1
+_SAY = "--param recipe=FILE.toml with what the manifest's rig and depth.scale lack"
 
 
 def rig_of(manifest: Manifest) -> Rig:
@@ -47,7 +46,7 @@ def rig_of(manifest: Manifest) -> Rig:
     return rig.model_copy(update={"near": rig.near or scale.near, "far": rig.far or scale.far})
 
 
-def told_by_lens(
+def given_by_lens(
     manifest: Manifest, parameters: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return parameters whose `recipe` is a blur law where they name a lens.
@@ -84,8 +83,8 @@ def told_by_lens(
     whole = {name: value for name, value in known.items() if value is not None}
     whole |= {_SCALE: scale.model_dump()} if scale else {}
     whole |= {} if recipe == RIG else dict(recipe)
-    told = RIG if recipe == RIG else whole
-    return {**parameters, "recipe": lens_law(whole, where)}, {"recipe": told}
+    recorded = {"recipe": RIG if recipe == RIG else whole}
+    return {**parameters, "recipe": lens_law(whole, where)}, recorded
 
 
 def is_lens(fields: Mapping[str, Any]) -> bool:
@@ -93,12 +92,12 @@ def is_lens(fields: Mapping[str, Any]) -> bool:
     return bool(fields.keys() & {*_LENS})
 
 
-def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:
+def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     """Return the blur law of a thin lens over the depth levels of a data set.
 
     Parameters
     ----------
-    told : mapping
+    given : mapping
         ``focal_length``, ``focus_distance`` and ``pixel_pitch`` in metres and
         ``defocus_f_number``; ``scale``, the fields of a `DepthScale`: what levels are in metres.
         ``infocus_f_number`` where the in-focus image has blur of its own. Besides, what a
@@ -127,27 +126,23 @@ def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     """
     problems = [
         Problem("unknown field of a lens", where=where, expected=_names(), got=name)
-        for name in told
+        for name in given
         if name not in (*_LENS, _SCALE, *_OF_LAW)
     ]
-    lacking = [name for name in (*_NEEDED, _SCALE) if name not in told]
+    lacking = [name for name in (*_NEEDED, _SCALE) if name not in given]
     if lacking:
         problems.append(
             Problem(
-                "the lens is not known well enough",
-                where=where,
-                expected=", ".join((*_NEEDED, _SCALE)),
-                got=f"no {', '.join(lacking)}",
-                fix="--param recipe=FILE.toml with what the manifest's rig and depth.scale lack",
+                f"the lens is not known well enough: no {', '.join(lacking)}", where=where, fix=_SAY
             )
         )
     if problems:
         raise MethodError.of(problems)
-    rig, scale = _checked(told, where)
+    rig, scale = _checked(given, where)
     try:
         sigmas = np.maximum(_sigmas(rig, scale), _LEAST_SIGMA)
         size = {"kernel_size": 2 * math.ceil(3 * float(sigmas.max())) + 1}
-        rest = {name: told[name] for name in _OF_LAW if name in told}
+        rest = {name: given[name] for name in _OF_LAW if name in given}
         return law_of_fields({SIGMAS: sigmas.tolist(), **size, **rest})
     except InputError as error:
         raise MethodError.of(
@@ -156,13 +151,13 @@ def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:
         ) from error
 
 
-def _checked(told: Mapping[str, Any], where: str) -> tuple[Rig, DepthScale]:
+def _checked(given: Mapping[str, Any], where: str) -> tuple[Rig, DepthScale]:
     found: list[Any] = []
     problems: list[Problem] = []
-    lens = {name: told[name] for name in _LENS if name in told}
-    for model, given, section in ((Rig, lens, ""), (DepthScale, told[_SCALE], _SCALE)):
+    lens = {name: given[name] for name in _LENS if name in given}
+    for model, facts, section in ((Rig, lens, ""), (DepthScale, given[_SCALE], _SCALE)):
         try:
-            found.append(model.model_validate(given))
+            found.append(model.model_validate(facts))
         except ValidationError as error:
             problems += problems_of(error, "wrong fact of a lens", file=where, section=section)
     scale = found[-1] if found else None

@@ -1,7 +1,5 @@
 """A method loaded with the facts of the data set that it asks for."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,7 +17,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
-from dfdbench.evaluation.lens import rig_of, told_by_lens
+from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.system.location import is_local
@@ -32,65 +30,55 @@ def load_for(
     method: str | Callable[..., Any],
     parameters: Mapping[str, Any],
     seed: int = 0,
-    told: bool = False,
+    given_blur: bool = False,
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
-    A method is named as for `dfdbench.methods.load`, or is the function or class itself, defined
-    at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe
+    A method is named as for `dfdbench.methods.load`, or is the function, class or object itself. A
+    class with a parameter ``recipe`` gets the data set's blur recipe
     (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
     name, empty for captured defocus, one with ``training_mean`` or ``training_median`` that depth
     level of the training split, one with ``seed`` the run's seed, one with ``rig`` a
     `dfdbench.datasets.depth_scale.Rig` of what the manifest knows of the lens. A recipe that is a
     lens becomes the blur law that follows: see `dfdbench.evaluation.lens`.
 
-    With `told`, a method on a track is given the law of its formation as ``recipe``, see
-    `dfdbench.blur.formation.told_law`: what is that knowledge worth? The result then has
+    With `given_blur`, a method on a track gets the law of its formation as ``recipe``, see
+    `dfdbench.blur.formation.given_law`: what is that knowledge worth? The result then has
     ``recipe`` among the method's uses, by which it has no rank.
 
     Raises
     ------
     MethodError
-        Where the method asks for what there is not; where `told` finds nobody to tell.
+        If the method asks for what there is not, or takes no blur with `given_blur`.
     """
     images, parameters = images_in(parameters)
-    taken, recorded = told_by_lens(store.manifest, parameters)
-    offers, for_fits = _offers(store, seed, told)
-    entry = method if isinstance(method, str) else entry_of(method)
-    found = load_method(entry, taken, offers, for_fits)
+    taken, recorded = given_by_lens(store.manifest, parameters)
+    found = load_any(method, taken, *_offers(store, seed, given_blur))
     if is_local(store.path):
         found.sources.apart = (Path(str(store.path)),)
-    if told and "recipe" not in found.uses:
-        raise MethodError(
-            "nothing to tell: the method does not ask for the blur recipe, or was given one",
-            where=found.entry,
-            expected="a constructor parameter recipe that is left open, as graph-cuts has it",
-            fix="leave out --given-blur, or --param recipe",
-        )
+    if given_blur and "recipe" not in found.uses:
+        what = "nothing to give: the method does not ask for the blur recipe, or was given one"
+        fix = "leave out --given-blur, or --param recipe"
+        raise MethodError(what, where=found.entry, fix=fix)
     return _on(store, found, recorded, images)
 
 
-def load_here(
-    store: Dataset, target: Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
+def load_any(
+    method: str | Callable[..., Any], parameters: Mapping[str, Any], offers: Facts, for_fits: Facts
 ) -> Method:
-    """Make a method of any callable, as `load_for` does of one that can be found by its name.
+    """Load a method by its name, or make one of any callable; offers as of `load_method`.
 
-    For a function in a notebook, a lambda, an object: what it does may change unnoticed, so that
-    no run of it can go on, and no other process can load it. Its source has no hash.
-
-    Raises
-    ------
-    MethodError
-        Where it asks for what there is not, or does not take these parameters.
+    A function in a notebook, a lambda, an object may change unnoticed: no run of it can go on, and
+    no other process can load it. Its source has no hash.
     """
-    kind = target if hasattr(target, "__qualname__") else type(target)
-    name = kind.__qualname__
-    images, parameters = images_in(parameters)
-    taken, recorded = told_by_lens(store.manifest, parameters)
-    offers, for_fits = _offers(store, seed, told=False)
-    entry = f"{kind.__module__}:{name}"
-    found = make_method(name, entry, target, None, taken, offers, for_fits)
-    return _on(store, found, recorded, images)
+    if not isinstance(method, str):
+        try:
+            method = entry_of(method)
+        except MethodError:
+            kind: Any = method if hasattr(method, "__qualname__") else type(method)
+            name, entry = kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}"
+            return make_method(name, entry, method, None, parameters, offers, for_fits)
+    return load_method(method, parameters, offers, for_fits)
 
 
 def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:
@@ -120,12 +108,9 @@ def _on(
     """
     depth = store.manifest.depth
     if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
-        raise MethodError(
-            f"the method answers in metres, and nothing says what levels of {store.manifest.stem} "
-            "are in metres",
-            where=found.name,
-            expected="depth.scale in the manifest, or a method that answers in levels",
-        )
+        what = f"it answers in metres, and {store.manifest.stem} does not say what levels are"
+        fix = "put depth.scale into the manifest, or choose a method that answers in levels"
+        raise MethodError(what, where=found.name, fix=fix)
     named = {} if images is None else {"images": list(images)}
     return replace(found, images=images, parameters=found.parameters | recorded | named)
 
@@ -151,14 +136,14 @@ def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
     return load_method(name, parameters, offers, {"recipe": lambda: None})
 
 
-def _offers(store: Dataset, seed: int, told: bool) -> tuple[Facts, Facts]:
+def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
     """Return what is offered to a class that asks for it, and what instead to one with a fit."""
 
     def recipe() -> BlurRecipe | BlurLaw | None:
-        return _formation_of(store) if told else store.recipe
+        return _formation_of(store) if given_blur else store.recipe
 
     offers: Facts = {
-        "recipe": recipe if told else lambda: _recipe_of(store),
+        "recipe": recipe if given_blur else lambda: _recipe_of(store),
         "recipe_name": lambda: store.recipe_name,
         "training_mean": lambda: training_mean(store),
         "training_median": lambda: training_median(store),
@@ -173,35 +158,28 @@ def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
     # Here: it needs scipy, which no other method's loading does.
-    from dfdbench.blur.formation import told_law
+    from dfdbench.blur.formation import given_law
 
     formation = find_degradation(manifest.degradation).formation
     if formation.planes:
-        raise MethodError(
-            "nobody is given the blur of a focal stack", where=manifest.stem, fix="leave out --told"
-        )
-    return told_law(find_recipe(manifest.recipe), formation)
+        what, fix = "nobody is given the blur of a focal stack", "leave out --given-blur"
+        raise MethodError(what, where=manifest.stem, fix=fix)
+    return given_law(find_recipe(manifest.recipe), formation)
 
 
 def _recipe_of(store: Dataset) -> BlurRecipe:
     recipe = store.recipe
     if recipe is None and store.manifest.on_track:
-        raise MethodError(
-            "the method asks for the blur recipe, and a track does not tell it",
-            where=str(store.path),
-            expected="a method that learns or calibrates the blur from training pairs",
-            got=store.manifest.short,
-            fix="--param recipe=published gives it one, which is not how these images were made",
-        )
+        what = "the method asks for the blur recipe, and a track does not give it"
+        fix = "choose one that is fitted; --param recipe=published gives one, but not the true one"
+        raise MethodError(what, where=store.manifest.short, fix=fix)
     if recipe is None:
-        raise MethodError(
-            "the method asks for a blur recipe, and there is none",
-            where=str(store.path),
-            expected="a data set with synthetic blur",
-            got=f"{store.manifest.short}: captured defocus",
-            fix="--param recipe=FILE.toml tells a lens, and recipe=rig that of the manifest; "
-            "recipe=published gives a recipe, which is not how these images were made",
+        what = "the method asks for a blur recipe, and captured images have none"
+        fix = (
+            "--param recipe=FILE.toml describes a lens, recipe=rig takes the manifest's; "
+            "recipe=published gives a recipe, but not how these images were made"
         )
+        raise MethodError(what, where=store.manifest.short, fix=fix)
     return recipe
 
 
@@ -243,13 +221,9 @@ def _training_levels(store: Dataset) -> NDArray[np.int64]:
     """Return how many known pixels of the training split's depth maps have each level."""
     splits = [split.name for split in store.manifest.splits]
     if "train" not in splits:
-        raise StoreError(
-            what="the method asks for the depth of the training split, and there is none",
-            where=str(store.path),
-            expected="a split called train in the manifest",
-            got=", ".join(splits) or "no splits",
-            fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
-        )
+        what = "the method asks for the depth of the training split, and there is no split train"
+        fix = "--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one"
+        raise StoreError(what, where=str(store.path), fix=fix)
     counts = np.zeros(256, np.int64)
     seen: set[tuple[str, tuple[int, ...]]] = set()
     for pair in store.pairs("train"):

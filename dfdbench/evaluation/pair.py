@@ -25,7 +25,7 @@ from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
-from dfdbench.metrics.protocol import Protocol, Unit, score
+from dfdbench.metrics.protocol import Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
@@ -90,7 +90,10 @@ class PairEvaluator:
             self._warm = True
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
-        prediction = in_unit(prediction, self._method.answers_in(unit), self._store)
+        if prediction.depth is not None:
+            # What is beyond the set's ends becomes the end.
+            about, answered = self._store.manifest.depth, self._method.answers_in(unit)
+            prediction = replace(prediction, depth=about.of_unit(prediction.depth, answered))
         return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
 
@@ -108,7 +111,7 @@ class RemoteEvaluator:
         As for `PairEvaluator`.
     learned : bytes or None
         What the method's fit learned here, from `pack`; None where it has no fit.
-    told : bool
+    given_blur : bool
         As for `dfdbench.evaluation.loading.load_for`.
     expected : str
         The files and versions of the process that began the run, as JSON.
@@ -119,7 +122,7 @@ class RemoteEvaluator:
     parameters: str
     seed: int
     learned: bytes | None = field(default=None, repr=False)
-    told: bool = False
+    given_blur: bool = False
     expected: str = field(default="{}", repr=False)
 
     @classmethod
@@ -129,10 +132,10 @@ class RemoteEvaluator:
         """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
-        told = store.manifest.on_track and "recipe" in method.uses
+        given = store.manifest.on_track and "recipe" in method.uses
         parameters = json.dumps(method.parameters)
         expected = json.dumps({"software": software(), "used": method.used})
-        return cls(str(place), method.entry, parameters, seed, learned, told, expected)
+        return cls(str(place), method.entry, parameters, seed, learned, given, expected)
 
     def __call__(self, pair: Pair) -> EvaluatedElsewhere:
         """Evaluate one pair; its time is marked as not comparable.
@@ -153,7 +156,7 @@ def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Dataset(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.given_blur)
     _require_same(json.loads(remote.expected), method)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))
@@ -169,27 +172,15 @@ def _require_same(expected: dict[str, Hashes], method: Method) -> None:
     ]
     differing += changes(expected.get("used", {}), method.used)
     if differing:
-        raise MethodError(
-            "a worker would run another version of the method",
-            where=f"{method.entry}, on {platform.node()}",
-            expected="the files and versions of the process that began the run",
-            got="; ".join(differing),
-            fix="give the workers the same environment and files, and start them again",
-        )
+        what = f"a worker would run another version of the method: {'; '.join(differing)}"
+        fix = "give the workers the same environment and files, and start them again"
+        raise MethodError(what, where=f"{method.entry}, on {platform.node()}", fix=fix)
 
 
 @lru_cache(maxsize=1)
 def _environment_here() -> Environment:
     # After the first pair: a method may load PyTorch only then.
     return describe_environment()
-
-
-def in_unit(prediction: Prediction, unit: Unit, store: Dataset) -> Prediction:
-    """Return a prediction in its data set's unit; what is beyond the set's ends becomes the end."""
-    if prediction.depth is None:
-        return prediction
-    depth = store.manifest.depth.of_unit(prediction.depth, unit)
-    return replace(prediction, depth=depth)
 
 
 def record_of(

@@ -1,7 +1,5 @@
 """What a run is to evaluate, and by what it knows an earlier run as its own."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -157,11 +155,9 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     require_what_was_built(store, split)
     available = store.pairs(split)
     if not available:
-        raise StoreError(
-            f"the store holds no pair of split {split}",
-            where=str(store.path),
-            fix=f"build {store.manifest.short} with the scenes of that split",
-        )
+        fix = f"build {store.manifest.short} with the scenes of that split"
+        what = f"the store holds no pair of split {split}"
+        raise StoreError(what, where=str(store.path), fix=fix)
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
@@ -170,12 +166,10 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
 def require_truth(store: Dataset) -> None:
     """Refuse a data set that has no depth to score against."""
     if not store.manifest.has_truth:
-        raise StoreError(
-            f"{store.manifest.short} has no depth to score against",
-            where=str(store.path),
-            fix=f"dfdbench export {store.manifest.short} --png IMAGES --images-only, then dfdbench "
-            "predict IMAGES --out MAPS",
-        )
+        name = store.manifest.short
+        export = f"dfdbench export {name} --png IMAGES --images-only"
+        fix = f"{export}, then dfdbench predict IMAGES --out MAPS"
+        raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:
@@ -200,12 +194,8 @@ def require_what_was_built(store: Dataset, split: str) -> None:
         if pair.id not in lacking and pair.scene in whole
     ) | dict.fromkeys(pair.scene for pair in manifest.pairs(split) if pair.id not in there)
     if lost:
-        raise StoreError(
-            "scenes that were built are no longer in the store, or not all of their pairs",
-            where=str(store.path),
-            got=f"lost: {listed(lost, most=10)}",
-            fix=f"dfdbench build {_as_built(store)}",
-        )
+        what = f"the store has lost scenes that were built, or their pairs: {listed(lost, most=10)}"
+        raise StoreError(what, where=str(store.path), fix=f"dfdbench build {_as_built(store)}")
 
 
 def _as_built(store: Dataset) -> str:

@@ -28,16 +28,14 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
-from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.loading import images_in, load_any
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.metrics.protocol import Unit
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.system.files import write_whole
 
 if TYPE_CHECKING:
@@ -128,14 +126,11 @@ class DepthPredictor:
         if self.method.learner is None:
             return
         if fitted is None or not (fitted / FIT).is_file():
-            raise MethodError(
-                "the method learns the blur of a camera, and nothing says what it is"
-                if fitted is None
-                else "the run kept nothing that the method learned",
-                where=str(fitted or self.method.entry),
-                fix="name a run of this method on captures of the same camera (--fitted RUN), or "
-                "say what the lens is (--lens FILE)",
-            )
+            what = "the run kept nothing that the method learned"
+            if fitted is None:
+                what = "the method learns the blur of a camera, and nothing says what it is"
+            fix = "name a run on the same camera (--fitted RUN), or the lens (--lens FILE)"
+            raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
         learned = read_fit(fitted).learned
         assert learned is not None  # `keep_fit` writes nothing else
         restore(self.method, learned)
@@ -191,9 +186,7 @@ class DepthPredictor:
         with seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
-            raise MethodError(
-                "the method gave no depth map", where=self.method.entry, got=answer.error
-            )
+            raise MethodError(f"no depth map: {answer.error}", where=self.method.entry)
         return Estimate(answer.depth, answer.seconds, found)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
@@ -208,21 +201,19 @@ class DepthPredictor:
         """
         found = ""
         if infocus.shape != defocus.shape or infocus.ndim != 3:
-            raise InputError(
-                f"the photographs differ in size: {_size(infocus)} and {_size(defocus)}",
-                fix="crop or resample them to the same size",
-            )
+            sizes = f"{_size(infocus)} and {_size(defocus)}"
+            fix = "crop or resample them to the same size"
+            raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
         if self._align:
             needed = matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
-                raise InputError(
-                    "the photographs cannot be laid on each other",
-                    fix="align them yourself and say --no-align",
-                )
+                fix = "align them yourself and say --no-align"
+                raise InputError("the photographs cannot be laid on each other", fix=fix)
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
-        pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), _no_depth(infocus))
+        unknown = np.full(infocus.shape[:2], np.nan, np.float32)
+        pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         return self._answer(*self.method.called_on(pair), found)
 
 
@@ -256,7 +247,7 @@ def predict(
     InputError, SourceError
         If an image cannot be read, or the two do not fit each other.
     MethodError
-        If the method cannot be loaded, is not told the blur, or returns no depth map.
+        If the method cannot be loaded, is not given the blur, or returns no depth map.
 
     Examples
     --------
@@ -287,9 +278,7 @@ def read_image(path: Path) -> Image:
     try:
         return read_photograph(path.read_bytes(), str(path), rotation="apply")
     except OSError as error:
-        raise InputError(
-            f"cannot read the photograph: {reason_of(error)}", where=str(path)
-        ) from error
+        raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
 
 def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -> None:
@@ -410,24 +399,12 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
 
 def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:
     def recipe() -> None:
-        raise MethodError(
-            "the method needs to be given the blur",
-            where=str(method),
-            fix="say what the lens is (--lens FILE), or give a recipe (--param recipe=published)",
-        )
+        fix = "say what the lens is (--lens FILE), or give a recipe (--param recipe=published)"
+        raise MethodError("the method needs to be given the blur", where=str(method), fix=fix)
 
     offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
     unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}
-    if not isinstance(method, str):
-        try:
-            method = entry_of(method)
-        except MethodError:
-            kind = method if hasattr(method, "__qualname__") else type(method)
-            name = kind.__qualname__
-            return make_method(
-                name, f"{kind.__module__}:{name}", method, None, parameters, offers, unknown
-            )
-    return load_method(method, parameters, offers, unknown)
+    return load_any(method, parameters, offers, unknown)
 
 
 def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
@@ -445,10 +422,6 @@ def _scale_of(result: Result) -> DepthScale | None:
         return find_manifest(result.dataset.name).depth.scale
     except DfdbenchError:
         return None
-
-
-def _no_depth(image: Image) -> NDArray[np.float32]:
-    return np.full(image.shape[:2], np.nan, np.float32)
 
 
 def _size(image: Image) -> str:

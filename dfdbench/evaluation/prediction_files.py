@@ -1,7 +1,5 @@
 """Depth maps made elsewhere, one file per pair: found, read, checked, and turned into levels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,8 +25,8 @@ _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
 # In bytes, of a compressed array: 32 million pixels of float64.
 _LARGEST = 2**28
-# Of what is wrong with single files, so much is told: a wrong unit is wrong in all of them.
-_TOLD = 20
+# Of what is wrong with single files, so many are named: a wrong unit is wrong in all of them.
+_MOST = 20
 
 
 @dataclass(frozen=True)
@@ -111,10 +109,11 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
         if depth is not None:
             highest = max(highest, float(depth.max()))
         else:
-            wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
-    problems += wrong[:_TOLD]
-    if wrong[_TOLD:]:
-        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _TOLD}"))
+            expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
+            wrong.append(Problem(text, where=str(files[pair]), expected=expected))
+    problems += wrong[:_MOST]
+    if wrong[_MOST:]:
+        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
     if problems:
         raise ResultError.of(problems)
     chosen = {pair: files[pair] for pair in wanted}
@@ -125,17 +124,14 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
 def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
     problems = []
     if not folder.is_dir():
-        problems.append(
-            Problem("no folder of depth maps", where=str(folder), expected="a folder with files")
-        )
+        problems.append(Problem("no folder of depth maps", where=str(folder)))
     if not store.pairs(split):
         problems.append(Problem(f"the store holds no pair of split {split}", where=str(store.path)))
     if unit == "metres" and store.manifest.depth.scale is None:
         problems.append(
             Problem(
-                "the manifest does not say how levels become metres",
+                "no depth.scale in the manifest makes metres of levels",
                 where=store.manifest.stem,
-                expected="depth.scale in the manifest",
                 fix="hand in depth levels: --unit levels",
             )
         )
@@ -185,10 +181,6 @@ def _sorted_out(
         if names
     ]
     return files, problems
-
-
-def _expected(shape: tuple[int, int], unit: Unit) -> str:
-    return f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
 
 
 def _depth(

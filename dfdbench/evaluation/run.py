@@ -26,24 +26,17 @@ from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run, protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import Hashes
+from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
+    RESULT,
     DatasetRecord,
     Environment,
     MethodRecord,
     PairResult,
     Result,
     average,
-)
-from dfdbench.results.record_file import RESULT, save_result
-from dfdbench.results.run_folder import (
-    add_to_journal,
-    keep_identity,
-    keep_prediction,
-    keep_store_place,
-    open_run_folder,
-    read_identity,
-    read_journal,
+    save_result,
 )
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
@@ -149,32 +142,31 @@ def run_method(
             before = None
         plan = replace(plan, fit=_fitted(plan, folder if before else None, pool))
         known = _Known(plan.identity, before)
-        set_aside = open_run_folder(folder, known.content, before is not None)
+        set_aside = run_folder.open_run_folder(folder, known.content, before is not None)
         if plan.fit:
             keep_fit(folder, plan.fit)
-        keep_store_place(folder, store.path)
+        run_folder.keep_store_place(folder, store.path)
         journal = _Journal(plan, folder, known, on_pair)
         reused = journal.done
         _evaluate(plan, journal, pool)
-        said = [*_edited_meanwhile(plan, known), *warnings]
-        result = result_of(plan, journal.records(), known.environments, said)
+        seed = plan.options.seed
+        said = [*method.warnings, *warnings]
+        if edited := plan.differs_from(known.content):
+            said.append(f"{listed(edited)} while it was run: run it again")
+        record, pairs = _method_record(plan), journal.records()
+        result = compose(store, split, record, pairs, seed, said, known.environments)
         save_result(result, folder / RESULT)
     return RunDone(result, folder, reused, set_aside, tuple(because))
 
 
 def _begun(folder: Path) -> dict[str, Any] | None:
     """Return what a folder's run is known by; None if there is none, empty if it is damaged."""
-    found = read_identity(folder)
+    found = run_folder.read_identity(folder)
     try:
         _Environments.validate_python((found or {}).get(_ENVIRONMENTS, []), strict=True)
     except ValidationError:
         return {}
     return found
-
-
-def _edited_meanwhile(plan: RunPlan, known: _Known) -> list[str]:
-    edited = plan.differs_from(known.content)
-    return [f"{listed(edited)} while it was run: run it again"] if edited else []
 
 
 class _Known:
@@ -218,13 +210,9 @@ def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None
         fit = fit_from(plan.method, plan.options.fitted)
     fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
     if fit and fit.learned is None and pool is not None:
-        raise MethodError(
-            "what the method learned cannot be sent to other processes",
-            where=f"{plan.method.entry}: fit",
-            expected="a fit that returns what it learned, as numbers and arrays by name",
-            got="None: it is kept in the method itself",
-            fix="leave out --workers and --scheduler",
-        )
+        what = "what the method learned cannot be sent to other processes: its fit returns None"
+        fix = "leave out --workers and --scheduler"
+        raise MethodError(what, where=f"{plan.method.entry}: fit", fix=fix)
     return fit
 
 
@@ -236,7 +224,7 @@ class _Journal:
     ) -> None:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
         places = range(len(known.environments))
-        found = read_journal(folder)
+        found = run_folder.read_journal(folder)
         self._finished = {name: each for name, each in found.items() if each.machine in places}
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
@@ -251,9 +239,9 @@ class _Journal:
                 return
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
-            keep_identity(self._folder, self._known.content)
+            run_folder.keep_identity(self._folder, self._known.content)
         if evaluated.depth is not None and plan.options.keep_predictions:
-            keep_prediction(self._folder, plan.store.manifest, pair, evaluated.depth)
+            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, evaluated.depth)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
@@ -262,7 +250,7 @@ class _Journal:
 
     def _keep(self, record: PairResult) -> None:
         self._finished[record.id] = record
-        add_to_journal(self._folder, record)
+        run_folder.add_to_journal(self._folder, record)
 
     def _compare(self, first: EvaluatedElsewhere, second: EvaluatedElsewhere) -> None:
         differs = difference(first.depth, second.depth)
@@ -303,30 +291,6 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
 _NAMED = 10
 
 
-def result_of(
-    plan: RunPlan,
-    pairs: list[PairResult],
-    environments: Sequence[Environment] = (),
-    warnings: Sequence[str] = (),
-) -> Result:
-    """Return a run's result.
-
-    Parameters
-    ----------
-    plan : RunPlan
-        What was run on what.
-    pairs : list of PairResult
-        A record for each pair of the split.
-    environments : sequence of Environment
-        Where the pairs were run, as their `machine` counts them; by default here.
-    warnings : sequence of str
-        What is said after the warnings that follow from the records.
-    """
-    said = [*plan.method.warnings, *warnings]
-    method, seed = _method_record(plan), plan.options.seed
-    return compose(plan.store, plan.split, method, pairs, seed, said, environments)
-
-
 def compose(
     store: Dataset,
     split: str,
@@ -353,7 +317,7 @@ def compose(
     warnings : sequence of str
         What is said after the warnings that follow from the records.
     environments : sequence of Environment
-        As for `result_of`.
+        Where the pairs were run, as their `machine` counts them; by default here.
     """
     first, *others = environments or [describe_environment()]
     evaluated = [pair for pair in pairs if pair.status == "ok"]

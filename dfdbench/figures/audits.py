@@ -1,7 +1,5 @@
 """Figures of audits: depths, coverage, errors by depth and on uncovered levels, difficulty."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,26 +19,17 @@ from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.figures.style import (
-    BLUE,
-    COLOURS,
-    ERROR_LIMIT,
-    GREEN,
-    ORANGE,
-    PINK,
-    RED,
-    SKY,
-    legend_beside,
-    plain_text,
-    single_axes,
-    without_ticks,
-)
+from dfdbench.figures import style
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction
 from dfdbench.tables.table import counted
 
-_OF_VERDICT = {Verdict.missing: PINK, Verdict.scarce: ORANGE, Verdict.covered: GREEN}
-_UNKNOWN = SKY
+_OF_VERDICT = {
+    Verdict.missing: style.PINK,
+    Verdict.scarce: style.ORANGE,
+    Verdict.covered: style.GREEN,
+}
+_UNKNOWN = style.SKY
 _LABELLED = 12
 _SHADE = 0.6
 _ALL_COVERED = "largest errors; training covers every level"
@@ -57,27 +46,27 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     figure.suptitle(f"depths of {_name(record.test)}, held against {_name(record.train)}")
     for axis in (top, middle):
-        _steps(axis, record.train.counts, f"training ({record.train.split})", BLUE, fill=True)
-        _steps(axis, record.test.counts, f"test ({record.test.split})", RED)
+        _steps(axis, record.train.counts, f"training ({record.train.split})", style.BLUE, fill=True)
+        _steps(axis, record.test.counts, f"test ({record.test.split})", style.RED)
         axis.set_ylabel("pixels of all pairs")
         for item in record.ranges:
-            style = {"color": _OF_VERDICT[item.verdict], "alpha": _SHADE, "linewidth": 0}
-            axis.axvspan(item.first - 0.5, item.last + 0.5, zorder=0, **style)
+            look = {"color": _OF_VERDICT[item.verdict], "alpha": _SHADE, "linewidth": 0}
+            axis.axvspan(item.first - 0.5, item.last + 0.5, zorder=0, **look)
     top.yaxis.set_major_formatter("{x:,.0f}")
     middle.set_yscale("log")
     middle.set_ylabel("pixels of all pairs, log scale")
     _label_ranges(middle, record)
-    _steps(bottom, record.train.counts, "training, as is", BLUE, fill=True, share=True)
+    _steps(bottom, record.train.counts, "training, as is", style.BLUE, fill=True, share=True)
     _steps(bottom, record.train.expanded, "training, as 32 x 32 crops", "black", share=True)
-    _steps(bottom, record.test.counts, "test, as is", RED, share=True)
+    _steps(bottom, record.test.counts, "test, as is", style.RED, share=True)
     bottom.set(ylabel="known pixels (%)", xlabel="depth level", xlim=(-1, LEVELS))
     handles = [
         Patch(color=_OF_VERDICT[verdict], alpha=_SHADE, label=f"{verdict}: {text}")
         for verdict in (Verdict.missing, Verdict.scarce)
         if (text := record.ranges_of(verdict)) and len(text) < 90
     ]
-    legend_beside(top, [*top.get_legend_handles_labels()[0], *handles])
-    legend_beside(bottom)
+    style.legend_beside(top, [*top.get_legend_handles_labels()[0], *handles])
+    style.legend_beside(bottom)
     for axis in (top, middle, bottom):
         axis.grid(alpha=0.3)
     return figure
@@ -86,8 +75,8 @@ def coverage_figure(record: CoverageRecord) -> Figure:
 def depths_figure(side: Side) -> Figure:
     """Draw how often each depth level occurs in some scenes, as Figs 3.5, 3.9 and 7.4."""
     histogram = side.histogram
-    figure, axis = single_axes(11, 5)
-    axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=BLUE)
+    figure, axis = style.single_axes(11, 5)
+    axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=style.BLUE)
     scenes = counted(len(side.scenes), "scene")
     axis.set(
         title=f"depths of {side.label}, {side.name}: {histogram.known:,} pixels of known depth, "
@@ -115,7 +104,7 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
             top.bar(levels[chosen], mean[chosen], width=1, color=colour, label=str(verdict))
             bottom.bar(levels[chosen], total.pixels[chosen], width=1, color=colour)
     top.set(title=title, ylabel="mean absolute error (levels)")
-    legend_beside(top)
+    style.legend_beside(top)
     bottom.set(xlabel="true depth level", ylabel="pixels", xlim=(-1, LEVELS), yscale="log")
     for axis in (top, bottom):
         axis.grid(alpha=0.3)
@@ -142,7 +131,7 @@ def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -
         assert prediction is not None
         _draw_mask(figure, axes, join, depth, valid, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
-    shown_as = {"scarce": ORANGE, "missing": PINK, "depth unknown": _UNKNOWN}
+    shown_as = {"scarce": style.ORANGE, "missing": style.PINK, "depth unknown": _UNKNOWN}
     handles = [Patch(color=colour, label=label) for label, colour in shown_as.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
@@ -160,13 +149,13 @@ def _draw_mask(
     kind = np.ma.masked_where(~valid, kind)
     covered = np.ma.filled(kind, 0) == 0
     known = np.ma.masked_where(~valid, np.abs(prediction - depth))
-    verdicts = ListedColormap(["white", ORANGE, PINK])
+    verdicts = ListedColormap(["white", style.ORANGE, style.PINK])
     images: tuple[tuple[Any, Any, float], ...] = (
         (np.ma.masked_where(~valid, depth), "viridis", 255),
         (prediction, "viridis", 255),
         (kind, verdicts, 2),
-        (known, "gray", ERROR_LIMIT),
-        (known, "gray", ERROR_LIMIT),
+        (known, "gray", style.ERROR_LIMIT),
+        (known, "gray", style.ERROR_LIMIT),
     )
     shown = [
         axis.imshow(image, cmap=colours, vmin=0, vmax=most, interpolation="nearest")
@@ -176,7 +165,7 @@ def _draw_mask(
     axes[4].imshow(over, cmap=verdicts, vmin=0, vmax=2, interpolation="nearest", alpha=0.5)
     figure.colorbar(shown[0], ax=axes[1], label="depth level", fraction=0.05)
     figure.colorbar(shown[3], ax=axes[4], label="levels", fraction=0.05, extend="max")
-    without_ticks(axes, _UNKNOWN)
+    style.without_ticks(axes, _UNKNOWN)
 
 
 def difficulty_figure(
@@ -198,7 +187,7 @@ def difficulty_figure(
         axes[0].set_title(name.replace("/", ", "), fontsize=9)
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
         bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), "none"])
-        without_ticks(axes, _UNKNOWN)
+        style.without_ticks(axes, _UNKNOWN)
     return figure
 
 
@@ -264,25 +253,25 @@ def depth_error_figure(
     With a scale, an axis on top shows metres.
     """
     figure = Figure(figsize=(max(9.0, 3.6 * len(found)), 8), layout="constrained")
-    figure.suptitle(plain_text(title))
+    figure.suptitle(style.plain_text(title))
     grid = figure.add_gridspec(2, len(found), height_ratios=(1.1, 1))
     there = np.flatnonzero(found[0].levels.pixels)
     span = (float(there[0]) - 2, float(there[-1]) + 2)
     top = figure.add_subplot(grid[0, :])
     for number, one in enumerate(found):
         levels, means = _curve(one.levels)
-        colour = COLOURS[number % len(COLOURS)]
-        top.plot(levels, means, color=colour, label=plain_text(one.name))
+        colour = style.COLOURS[number % len(style.COLOURS)]
+        top.plot(levels, means, color=colour, label=style.plain_text(one.name))
     top.set(xlabel="true depth level", ylabel="mean absolute error (levels)", xlim=span)
     top.set_ylim(bottom=0)
     top.grid(alpha=0.3)
-    legend_beside(top)
+    style.legend_beside(top)
     if scale is not None:
         _metres_on_top(top, scale, span)
     for number, one in enumerate(found):
         axis = figure.add_subplot(grid[1, number])
         _draw_answers(axis, one, span)
-        axis.set_title(plain_text(one.name), fontsize=10)
+        axis.set_title(style.plain_text(one.name), fontsize=10)
         if number == 0:
             axis.set_ylabel("predicted level")
     return figure
@@ -304,9 +293,9 @@ def _draw_answers(axis: Axes, one: DepthErrors, span: tuple[float, float]) -> No
     known = answers.sum(axis=1, keepdims=True)
     share = np.divide(answers, known, out=np.zeros(answers.shape), where=known > 0)
     ends = (-0.5, LEVELS - 0.5)
-    style: dict[str, Any] = {"cmap": "gray_r", "vmin": 0, "vmax": 1, "interpolation": "nearest"}
-    axis.imshow(np.sqrt(share).T, origin="lower", extent=(*ends, *ends), aspect="auto", **style)
-    axis.plot(span, span, color=RED, linewidth=1)
+    look: dict[str, Any] = {"cmap": "gray_r", "vmin": 0, "vmax": 1, "interpolation": "nearest"}
+    axis.imshow(np.sqrt(share).T, origin="lower", extent=(*ends, *ends), aspect="auto", **look)
+    axis.plot(span, span, color=style.RED, linewidth=1)
     axis.set(xlabel="true level", xlim=span, ylim=span)
 
 

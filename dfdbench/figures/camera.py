@@ -9,16 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    depth_span,
-    legend_below,
-    legend_beside,
-    single_axes,
-)
+from dfdbench.figures import style
 from dfdbench.optics.lens_table import LensTable, StepPair
 from dfdbench.optics.sharpness import Measurement
 from dfdbench.optics.thin_lens import ThinLens
@@ -42,8 +33,8 @@ def law_figure(calibration: Calibration) -> Figure:
     most = max(int(calibration.pixels.max()), 1)
     sizes = 4 + 60 * calibration.pixels[: law.levels] / most
     label = "each level by itself"
-    widths.scatter(levels, calibration.measured, sizes, color=ORANGE, label=label)
-    widths.plot(levels, law.sigmas, color=BLUE, label="the law")
+    widths.scatter(levels, calibration.measured, sizes, color=style.ORANGE, label=label)
+    widths.plot(levels, law.sigmas, color=style.BLUE, label="the law")
     images = "linear light" if law.linear else "grey levels"
     place = "registered" if law.registered else "moved, each pair its own way"
     gain = f"gain {law.gain:.3f}" if law.even else "a gain a pair"
@@ -53,8 +44,8 @@ def law_figure(calibration: Calibration) -> Figure:
         # A level that shows no blur may be off by pixels: the law sets the scale.
         ylim=(0, 1.3 * max(law.sigmas)),
     )
-    legend_beside(widths)
-    left.plot(levels, calibration.residual, ".", color=BLUE)
+    style.legend_beside(widths)
+    left.plot(levels, calibration.residual, ".", color=style.BLUE)
     left.set(xlabel="depth level", ylabel="residual (grey levels, rms)", xlim=(0, law.levels - 1))
     left.set_ylim(bottom=0)
     for axis in (widths, left):
@@ -67,7 +58,7 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
     # Dark exposures are drawn brighter: otherwise there would be nothing to compare with.
     shown = np.clip(image / max(float(np.percentile(image, 99)), 1.0), 0, 1)
     all_known = np.concatenate([levels[valid] for levels, valid in depths.values()])
-    low, high = depth_span(all_known.astype(np.float64)) if all_known.size else (0.0, 255.0)
+    low, high = style.depth_span(all_known.astype(np.float64)) if all_known.size else (0.0, 255.0)
     figure = Figure(figsize=(5.2 * len(depths) + 1.2, 5.4), layout="constrained")
     grid = figure.subplots(1, len(depths), squeeze=False)[0]
     for axis, (name, (levels, valid)) in zip(grid, depths.items(), strict=True):
@@ -75,7 +66,7 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
         known = np.where(valid, levels, np.nan).astype(np.float64)
         drawn = axis.imshow(known, cmap="viridis", alpha=0.4, vmin=low, vmax=high)
         if valid.any() and not valid.all():
-            axis.contour(valid, levels=[0.5], colors=ORANGE, linewidths=1.2)
+            axis.contour(valid, levels=[0.5], colors=style.ORANGE, linewidths=1.2)
         axis.set(xticks=[], yticks=[], title=name)
     figure.colorbar(drawn, ax=grid[-1], label="depth level (cm)", fraction=0.046)
     figure.suptitle(title)
@@ -84,21 +75,21 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
 
 def temperature_figure(measured: Sequence[Measurement]) -> Figure:
     """Draw sharpness over the camera's temperature, as the thesis's Fig. 7.11."""
-    figure, axis = single_axes(7, 4.5)
+    figure, axis = style.single_axes(7, 4.5)
     degrees = [item.temperature for item in measured]
     sharpness, background = zip(*((m.sharpness, m.background) for m in measured), strict=True)
-    axis.plot(degrees, sharpness, marker="o", color=BLUE, label="image")
-    axis.plot(degrees, background, marker="s", color=ORANGE, label="background: noise alone")
+    axis.plot(degrees, sharpness, marker="o", color=style.BLUE, label="image")
+    axis.plot(degrees, background, marker="s", color=style.ORANGE, label="background: noise alone")
     title = f"sharpness over temperature, voltage step {measured[0].step}"
     axis.set(xlabel="camera temperature (°C)", ylabel=_SHARPNESS, title=title)
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
 def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Figure:
     """Draw sharpness over the voltage step, one line a direction, as the thesis's Fig. 7.12."""
-    figure, axis = single_axes(7, 4.5)
-    for measured, marker, colour in ((up, "o", BLUE), (down, "s", ORANGE)):
+    figure, axis = style.single_axes(7, 4.5)
+    for measured, marker, colour in ((up, "o", style.BLUE), (down, "s", style.ORANGE)):
         if measured:
             steps = [item.step for item in measured]
             ends = (steps[0], steps[-1]) if measured is up else (steps[-1], steps[0])
@@ -107,20 +98,20 @@ def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Fi
             axis.plot(steps, sharpness, marker=marker, color=colour, label=label)
     title = "sharpness over the voltage step: hysteresis"
     axis.set(xlabel="voltage step", ylabel=_SHARPNESS, title=title)
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
 def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
     """Draw blur, quantised blur and its limit over a range in metres, as the thesis's Fig. 2.5."""
     distance = np.linspace(near, far, 4001)
-    figure, axis = single_axes(9, 5)
+    figure, axis = style.single_axes(9, 5)
     limit = lens.max_blur_radius() / lens.pixel_size
     radius = lens.blur_radius(distance) / lens.pixel_size
     whole = lens.quantised_blur_radius(distance)
-    axis.plot(distance, radius, color=BLUE, label="blur radius")
-    axis.plot(distance, whole, color=BLACK, linewidth=1, label="quantised to whole pixels")
-    axis.axhline(limit, color=GREEN, linestyle="--", label=f"at infinity: {limit:.2f} pixels")
+    axis.plot(distance, radius, color=style.BLUE, label="blur radius")
+    axis.plot(distance, whole, color=style.BLACK, linewidth=1, label="quantised to whole pixels")
+    axis.axhline(limit, color=style.GREEN, linestyle="--", label=f"at infinity: {limit:.2f} pixels")
     axis.axvline(lens.focus_distance, color="0.6", linestyle=":", label="focus")
     axis.set(
         xlabel="distance from the camera (m)",
@@ -130,7 +121,7 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
         title=f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at "
         f"{lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm",
     )
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -144,15 +135,15 @@ def pair_figure(table: LensTable, pairs: Sequence[StepPair]) -> Figure:
         )
         axis.axvspan(pair.distances[0], pair.distances[-1], color="0.9", label="working range")
         for radius, colour, line, label in (
-            (first, BLUE, "-", f"step {pair.first}"),
-            (second, ORANGE, "-", f"step {pair.second}"),
-            (np.abs(first - second), BLACK, "--", "difference"),
+            (first, style.BLUE, "-", f"step {pair.first}"),
+            (second, style.ORANGE, "-", f"step {pair.second}"),
+            (np.abs(first - second), style.BLACK, "--", "difference"),
         ):
             axis.step(
                 table.distances, radius, where="mid", color=colour, linestyle=line, label=label
             )
         axis.set(xlabel="distance from the camera (m)", title=pair.name)
         axis.grid(alpha=0.3)
-        legend_beside(axis)
+        style.legend_beside(axis)
     grid[0].set_ylabel("blur radius (pixels)")
     return figure

@@ -1,31 +1,14 @@
 """Figures over several runs: scores by scene and lighting, times, changes, scores on tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.datasets.captures import Capture
-from dfdbench.figures.style import (
-    COLOURS,
-    DEPTH_LABELS,
-    MARKERS,
-    SKY,
-    brightened,
-    brightening,
-    depth_scales,
-    legend_below,
-    marks,
-    plain_text,
-    without_ticks,
-    wrapped,
-)
+from dfdbench.figures import style
+from dfdbench.figures.runs import draw_by_scene, draw_pair
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
@@ -71,11 +54,11 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
         [seconds for _, seconds in timed],
         orientation="horizontal",
         patch_artist=True,
-        boxprops={"facecolor": SKY, "alpha": 0.7},
+        boxprops={"facecolor": style.SKY, "alpha": 0.7},
         widths=0.6,
         whis=(0, 100),
     )
-    names = [wrapped(plain_text(label), 40) for label, _ in timed]
+    names = [style.wrapped(style.plain_text(label), 40) for label, _ in timed]
     axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
     axis.set_xscale("log")
@@ -101,9 +84,9 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axis = figure.subplots()
     for number, (label, seconds, score) in enumerate(found):
-        marker = MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
-        style = {**marks(number), "marker": marker, "markersize": 9}
-        axis.plot(seconds, score, label=plain_text(label), **style)
+        marker = style.MARKERS[(number + number // len(style.COLOURS)) % len(style.MARKERS)]
+        look = {**style.marks(number), "marker": marker, "markersize": 9}
+        axis.plot(seconds, score, label=style.plain_text(label), **look)
     axis.set_xscale("log")
     axis.set_yscale("log")
     for side in (axis.xaxis, axis.yaxis):
@@ -113,7 +96,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     axis.set_ylabel(find_metric(name).heading)
     axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
     axis.grid(which="both", alpha=0.3)
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -130,36 +113,17 @@ def change_figure(
         return None
     figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 6, squeeze=False)
-    names = [plain_text(run.label) for run in (first, second)]
+    names = [style.plain_text(run.label) for run in (first, second)]
     figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
     heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
-        _draw_maps(figure, axes, images, predictions)
+        draw_pair(figure, axes, images, *predictions)
         axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
         axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
-
-
-def _draw_maps(
-    figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
-) -> None:
-    known = images.depth.astype(np.float64)
-    scale, errors = depth_scales(images.about, known)
-    unit, sharp = images.about.kind, images.shown[0]
-    times = brightening(sharp)
-    axes[0].imshow(brightened(sharp, times))
-    if times > 1:
-        axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
-    for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
-        shown = axis.imshow(depth, interpolation="nearest", **scale)
-    for axis, depth in zip(axes[4:], predictions, strict=True):
-        error = axis.imshow(depth - known, interpolation="nearest", **errors)
-    without_ticks(axes, "0.75")
-    figure.colorbar(shown, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
-    figure.colorbar(error, ax=axes[5], label=unit, fraction=0.05, extend="both")
 
 
 def _scene_figure(
@@ -174,39 +138,24 @@ def _scene_figure(
     metrics = metrics_of(protocol)
     figure = Figure(figsize=(whole, 2.5 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(levels), squeeze=False, sharey="row", sharex=True)
-    for line, metric in enumerate(metrics.values()):
-        for column, level in enumerate(levels):
-            axis = grid[line][column]
-            for number, run in enumerate(runs):
-                place = {dataset.blocks: level}
-                if dataset.rows and value is not None:
-                    place[dataset.rows] = value
-                found = _scores(run, protocol, metric.name, place)
-                offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
-                style = {**marks(number), "color": COLOURS[number % (len(COLOURS) - 1)]}
-                at = [scenes.index(scene) + offset for scene, _ in found]
-                scores = [score for _, score in found]
-                axis.plot(at, scores, label=plain_text(run.label), **style)
-            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
-            axis.grid(alpha=0.3)
-            if column == 0:
-                axis.set_ylabel(metric.axis_label)
-            if line == 0:
-                axis.set_title(f"{dataset.blocks} {level}")
-    legend_below(figure, grid[0][0])
+    for line, metric in zip(grid, metrics.values(), strict=True):
+        line[0].set_ylabel(metric.axis_label)
+        for axis, level in zip(line, levels, strict=True):
+            place = {dataset.blocks: level}
+            if dataset.rows and value is not None:
+                place[dataset.rows] = value
+            series = {style.plain_text(run.label): _pairs_at(run, place) for run in runs}
+            colours = len(style.COLOURS) - 1
+            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.6, colours)
+    for axis, level in zip(grid[0], levels, strict=True):
+        axis.set_title(f"{dataset.blocks} {level}")
+    style.legend_below(figure, grid[0][0])
     return figure
 
 
-def _scores(
-    run: SavedRun, protocol: str, metric: str, place: dict[str, int]
-) -> list[tuple[str, float]]:
-    return [
-        (pair.scene, score)
-        for pair in run.result.pairs
-        if pair.status == "ok"
-        and place.items() <= pair.coordinates.items()
-        and (score := pair.score(protocol, metric)) is not None
-    ]
+def _pairs_at(run: SavedRun, place: dict[str, int]) -> list[PairResult]:
+    pairs = (pair for pair in run.result.pairs if pair.status == "ok")
+    return [pair for pair in pairs if place.items() <= pair.coordinates.items()]
 
 
 def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:
@@ -234,9 +183,9 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         for number, (method, means) in enumerate(scores.items()):
             values = means.loc[track].tolist() if track in means.index else []
             longest = max(longest, len(values))
-            line = _LINES[number // len(COLOURS) % len(_LINES)]
-            style = {**marks(number), "linestyle": line, "markersize": None}
-            axis.plot(range(len(values)), values, label=plain_text(method), **style)
+            line = _LINES[number // len(style.COLOURS) % len(_LINES)]
+            look = {**style.marks(number), "linestyle": line, "markersize": None}
+            axis.plot(range(len(values)), values, label=style.plain_text(method), **look)
         axis.set_title(track, fontsize=10)
         axis.set_xlabel("severity")
         axis.set_xticks(range(longest), [CLEAN, *map(str, range(1, longest))])
@@ -245,8 +194,39 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         axis.set_ylabel(find_metric(metric).heading)
     # Only now is the height of the shared axis known.
     axes.flat[0].set_ylim(bottom=0)
-    figure.suptitle(plain_text(title), fontsize=11)
+    figure.suptitle(style.plain_text(title), fontsize=11)
     if len(scores) > 1:
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
+    """Draw the scores of foreign fits beside a set's own, as a matrix.
+
+    A column is coloured by its score over that of its own fit, on the diagonal.
+
+    Parameters
+    ----------
+    means : DataFrame
+        See `dfdbench.report.transfer.Transfer.table`.
+    title : str
+        Above the matrix.
+    """
+    side = 2.2 + 0.8 * len(means)
+    figure = Figure((side + 2.4, side), layout="constrained")
+    axis = figure.subplots()
+    shares = means.to_numpy() / np.diag(means)
+    image = axis.imshow(shares, vmin=1, cmap="cividis_r")
+    middle = (1 + np.nanmax(shares)) / 2
+    for (row, column), score in np.ndenumerate(means.to_numpy()):
+        colour = "white" if shares[row, column] > middle else "black"
+        axis.text(column, row, f"{score:.3f}", ha="center", va="center", color=colour, fontsize=9)
+    names = [style.plain_text(str(name)) for name in means.columns]
+    axis.set_xticks(range(len(names)), names, rotation=45, ha="right")
+    axis.set_yticks(range(len(names)), names)
+    axis.set_xlabel("tested on")
+    axis.set_ylabel("fitted on")
+    figure.colorbar(image, label="over that of its own fit", shrink=0.8)
+    figure.suptitle(style.wrapped(style.plain_text(title), 60), fontsize=10)
     return figure

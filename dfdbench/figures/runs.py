@@ -1,7 +1,5 @@
 """Figures of a run: pairs, scores by scene and by group, depths, times."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,22 +14,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.figures.style import (
-    BLUE,
-    DEPTH_LABELS,
-    RED,
-    SKY,
-    brightened,
-    brightening,
-    depth_scales,
-    depth_span,
-    legend_below,
-    marks,
-    plain_text,
-    single_axes,
-    without_ticks,
-    write_forms,
-)
+from dfdbench.figures import style
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
@@ -74,7 +57,7 @@ def draw_run(
         path
         for name, figure in figures.items()
         if figure is not None
-        for path in write_forms(figure, target, name, ("png", *also))
+        for path in style.write_forms(figure, target, name, ("png", *also))
     ]
 
 
@@ -98,13 +81,13 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
+        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     for axis, head in zip(grid[0], HEADS, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
-        draw_pair(figure, axes, images, prediction)
+        draw_pair(figure, axes, images, prediction, both=True)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
@@ -131,22 +114,18 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{plain_text(result.method.title)} on {result.dataset.label}, "
+        f"{style.plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     for line, metric in zip(grid, metrics.values(), strict=True):
         line[0].set_ylabel(metric.axis_label)
         for axis, value in zip(line, columns, strict=True):
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
-            for number, level in enumerate(levels):
-                offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
-                of_level = [pair for pair in chosen if pair.coordinates[blocks] == level]
-                found = [(p.scene, p.score(protocol, metric.name)) for p in of_level]
-                at = [scenes.index(name) + offset for name, score in found if score is not None]
-                scores = [score for _, score in found if score is not None]
-                axis.plot(at, scores, label=f"{blocks} {level}", **marks(number))
-            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
-            axis.grid(alpha=0.3)
+            series = {
+                f"{blocks} {level}": [pair for pair in chosen if pair.coordinates[blocks] == level]
+                for level in levels
+            }
+            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.5)
     for axis, value in zip(grid[0], columns, strict=True):
         axis.set_title(f"{rows} {value}" if rows else "")
     for axis in grid[-1]:
@@ -156,24 +135,44 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     return figure
 
 
+def draw_by_scene(
+    axis: Axes,
+    series: Mapping[str, Sequence[PairResult]],
+    scenes: Sequence[str],
+    protocol: str,
+    metric: str,
+    spread: float,
+    colours: int = len(style.COLOURS),
+) -> None:
+    """Draw a score by scene, a mark a pair; series stand beside each other, by their labels."""
+    for number, (label, pairs) in enumerate(series.items()):
+        offset = (number - (len(series) - 1) / 2) * spread / len(series)
+        found = [(p.scene, v) for p in pairs if (v := p.score(protocol, metric)) is not None]
+        at = [scenes.index(scene) + offset for scene, _ in found]
+        look = {**style.marks(number), "color": style.COLOURS[number % colours]}
+        axis.plot(at, [value for _, value in found], label=label, **look)
+    axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
+    axis.grid(alpha=0.3)
+
+
 def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
     truth, found = _depth_counts(store, result, folder)
     if not truth.any():
         return None
-    figure, axis = single_axes(9, 4)
+    figure, axis = style.single_axes(9, 4)
     levels = np.arange(LEVELS)
     truth, found = 100 * truth / truth.sum(), 100 * found / found.sum()
-    axis.fill_between(levels, truth, step="mid", color=SKY, alpha=0.6, label="ground truth")
-    label = f"prediction of {plain_text(result.method.title)}"
-    axis.step(levels, found, where="mid", color=RED, linewidth=1, label=label)
+    axis.fill_between(levels, truth, step="mid", color=style.SKY, alpha=0.6, label="ground truth")
+    label = f"prediction of {style.plain_text(result.method.title)}"
+    axis.step(levels, found, where="mid", color=style.RED, linewidth=1, label=label)
     axis.set(
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
         title=f"depths of {result.dataset.label}, split {result.dataset.split}",
     )
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -204,22 +203,22 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     sizes = np.array(sorted(times))
     # An intercept would mean nothing for sizes that are much alike, as Middlebury's.
     rate = seconds.sum() / pixels.sum()
-    figure, axis = single_axes(9, 5)
-    axis.plot(pixels, seconds, ".", color=BLUE, alpha=0.4, label="a pair")
+    figure, axis = style.single_axes(9, 5)
+    axis.plot(pixels, seconds, ".", color=style.BLUE, alpha=0.4, label="a pair")
     means = [np.mean(times[size]) for size in sizes]
     label = "mean of the pairs of a size"
-    axis.plot(sizes, means, "D", color=RED, fillstyle="none", label=label)
+    axis.plot(sizes, means, "D", color=style.RED, fillstyle="none", label=label)
     label = f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels"
     axis.plot(sizes, rate * sizes, color="black", linewidth=1, label=label)
     axis.set(
         xlabel="pixels of an image",
         ylabel="seconds per pair",
         ylim=(0, None),
-        title=f"time of {plain_text(result.method.title)} on {result.dataset.label}, "
+        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}",
     )
     axis.xaxis.set_major_formatter("{x:,.0f}")
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -283,7 +282,7 @@ def _group_figure(
                 for place, group in enumerate(labels)
                 if group in by_label
             }
-            _draw_run(axis, rows, number, plain_text(name))
+            _draw_run(axis, rows, number, style.plain_text(name))
         axis.set_xlabel(metric.axis_label)
         axis.locator_params(axis="x", nbins=4)
         axis.grid(axis="x", alpha=0.3)
@@ -291,14 +290,14 @@ def _group_figure(
     grid[0].set_ylim(len(labels) - 0.5, -0.5)
     grid[0].set_ylabel(what)
     first = next(iter(results.values()))
-    whose = "" if several else f"{plain_text(next(iter(results)))} on "
+    whose = "" if several else f"{style.plain_text(next(iter(results)))} on "
     figure.suptitle(
         f"{whose}{first.dataset.label}, split {first.dataset.split}, "
         f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
         fontsize=10,
     )
     if several:
-        legend_below(figure, grid[0])
+        style.legend_below(figure, grid[0])
     return figure
 
 
@@ -316,8 +315,8 @@ def _by_label(
 
 
 def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:
-    dots: dict[str, Any] = {**marks(number), "marker": ".", "markersize": None}
-    bars: dict[str, Any] = {**marks(number), "capsize": 2, "linestyle": None, "linewidth": 1}
+    dots: dict[str, Any] = {**style.marks(number), "marker": ".", "markersize": None}
+    bars: dict[str, Any] = {**style.marks(number), "capsize": 2, "linestyle": None, "linewidth": 1}
     for at, values in rows.items():
         axis.plot(values, [at] * len(values), alpha=0.35, markeredgewidth=0, **dots)
         spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
@@ -367,16 +366,16 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     """
     if not isinstance(pair, Capture):
         raise TypeError(
-            f"show draws one capture, as dataset.captures()[0]; got {type(pair).__name__}"
+            f"show draws a capture, as dataset.captures()[0], not {type(pair).__name__}"
         )
     count = 3 if prediction is None else len(HEADS)
     rows, columns = pair.depth.shape
     figure = Shown(figsize=(3 * count, 3 * rows / columns + 0.6), layout="constrained")
-    figure.suptitle(plain_text(pair.pair.id), fontsize=10)
+    figure.suptitle(style.plain_text(pair.pair.id), fontsize=10)
     axes = list(figure.subplots(1, count))
     for axis, head in zip(axes, HEADS, strict=False):
         axis.set_title(head, fontsize=10)
-    draw_pair(figure, axes, pair, prediction)
+    draw_pair(figure, axes, pair, *([] if prediction is None else [prediction]), both=True)
     return figure
 
 
@@ -384,27 +383,33 @@ def draw_pair(
     figure: Figure,
     axes: Sequence[Axes],
     images: Capture,
-    prediction: NDArray[np.floating[Any]] | None,
+    *predictions: NDArray[np.floating[Any]],
+    both: bool = False,
 ) -> None:
-    """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
+    """Draw a pair into axes: its images, its truth, the predictions, then their errors.
+
+    Of the images, `both` or the in-focus one alone. Depth and error get scales.
+    """
     known = images.depth.astype(np.float64)
-    scale, errors = depth_scales(images.about, known)
+    scale, errors = style.depth_scales(images.about, known)
     unit = images.about.kind
-    sharp, blurred = images.shown
-    times = brightening(sharp)
-    axes[0].imshow(brightened(sharp, times))
-    axes[1].imshow(brightened(blurred, times))
+    times = style.brightening(images.shown[0])
+    shown = images.shown[: 1 + both]
+    for axis, image in zip(axes, shown, strict=False):
+        axis.imshow(style.brightened(image, times))
     if times > 1:
-        axes[0].set_xlabel(f"both images shown {times} times brighter", fontsize=8)
-    truth = axes[2].imshow(known, interpolation="nearest", **scale)
-    without_ticks(axes, "0.75")
-    if prediction is None:
-        figure.colorbar(truth, ax=axes[2], label=DEPTH_LABELS[unit], fraction=0.05)
-        return
-    axes[3].imshow(prediction, interpolation="nearest", **scale)
-    error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
-    figure.colorbar(truth, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
-    figure.colorbar(error, ax=axes[4], label=unit, fraction=0.05, extend="both")
+        which = "both images shown" if both else "shown"
+        axes[0].set_xlabel(f"{which} {times} times brighter", fontsize=8)
+    maps = (known, *predictions)
+    last = len(shown) + len(maps)
+    for axis, depth in zip(axes[len(shown) : last], maps, strict=True):
+        drawn = axis.imshow(depth, interpolation="nearest", **scale)
+    style.without_ticks(axes, "0.75")
+    figure.colorbar(drawn, ax=axes[last - 1], label=style.DEPTH_LABELS[unit], fraction=0.05)
+    for axis, depth in zip(axes[last:], predictions, strict=True):
+        error = axis.imshow(depth - known, interpolation="nearest", **errors)
+    if predictions:
+        figure.colorbar(error, ax=axes[-1], label=unit, fraction=0.05, extend="both")
 
 
 def predicted_figure(
@@ -417,9 +422,9 @@ def predicted_figure(
     for axis, head, image in zip(axes, HEADS, (infocus, defocus), strict=False):
         axis.set_title(head, fontsize=10)
         axis.imshow(image)
-    low, high = depth_span(np.asarray(depth, np.float64))
+    low, high = style.depth_span(np.asarray(depth, np.float64))
     shown = axes[2].imshow(depth, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
     axes[2].set_title("depth", fontsize=10)
-    without_ticks(axes, "0.75")
+    style.without_ticks(axes, "0.75")
     figure.colorbar(shown, ax=axes[2], label="depth level (brighter is nearer)", fraction=0.05)
     return figure

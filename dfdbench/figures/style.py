@@ -1,7 +1,5 @@
 """What figures share: colours, markers, legends, brightness, plain text, files."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterable, Sequence

@@ -13,22 +13,14 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.figures.style import (
-    BLUE,
-    GREEN,
-    RED,
-    legend_below,
-    legend_beside,
-    plain_text,
-    single_axes,
-)
+from dfdbench.figures import style
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.metrics.metric import METRICS
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.crops import Selections
-    from dfdbench.training.search.run import Iteration
+    from dfdbench.training.search.swarm_search import Iteration
     from dfdbench.training.trainer import Log, Row
 
 _POINTS = 400
@@ -43,7 +35,7 @@ def training_figure(log: Log, title: str) -> Figure:
     _draw_losses(axes[0, 0], axes[0, 1], log.losses)
     drawn = axes.flat[: 2 + len(METRICS)]
     for axis, (metric, shown) in zip(drawn[2:], METRICS.items(), strict=True):
-        for name, colour in (("train", BLUE), ("test", RED)):
+        for name, colour in (("train", style.BLUE), ("test", style.RED)):
             rows = [row for row in log.scores if f"{name}_{metric}" in row]
             steps = [int(row["step"]) for row in rows]
             scores = [float(row[f"{name}_{metric}"]) for row in rows]
@@ -51,7 +43,7 @@ def training_figure(log: Log, title: str) -> Figure:
         axis.set(ylabel=shown.title, xlabel="step")
         axis.xaxis.set_tick_params(labelbottom=True)
         if log.scores:
-            legend_beside(axis)
+            style.legend_beside(axis)
     for axis in axes.flat[len(drawn) :]:
         axis.set_axis_off()
     for axis in drawn:
@@ -66,18 +58,18 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
     label = f"mean of {width} steps" if width > 1 else "each step"
     losses.plot(_means(steps, width), _means(values, width), color="black", label=label)
     losses.set(ylabel="training loss")
-    legend_beside(losses)
+    style.legend_beside(losses)
     rates.plot(steps, [float(row["learning_rate"]) for row in rows], color="black")
     rates.set(ylabel="learning rate", yscale="log")
 
 
 def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     """Draw how often each level occurs in the training pairs and was trained on, as Fig. 5.9."""
-    figure, axis = single_axes(11, 5)
+    figure, axis = style.single_axes(11, 5)
     levels = np.array([int(row["level"]) for row in rows])
     for name, label, colour in (
-        ("present", "in the training pairs", BLUE),
-        ("trained", "trained on", RED),
+        ("present", "in the training pairs", style.BLUE),
+        ("trained", "trained on", style.RED),
     ):
         counts = np.array([int(row[name]) for row in rows], np.float64)
         axis.stairs(
@@ -89,7 +81,7 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
             alpha=0.6,
         )
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, LEVELS))
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -104,8 +96,8 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     figure.suptitle(f"{title}: {patches.sum():,} patches of {drawn.size} x {drawn.size}")
     top, bottom = figure.subfigures(2, 1, squeeze=False)[:, 0]
     axis = top.subplots()
-    axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=BLUE)
-    axis.axhline(patches.mean(), color=RED)
+    axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=style.BLUE)
+    axis.axhline(patches.mean(), color=style.RED)
     # A legend would hide bars.
     axis.set_title(f"line: the mean, {patches.mean():,.2f} patches a pair", fontsize=9)
     axis.set(xlabel="training pair, by number", ylabel="patches drawn", xlim=(0, len(patches) + 1))
@@ -170,8 +162,8 @@ def _draw_band(axis: Axes, scores: NDArray[np.float64], baseline: str) -> None:
     mean, deviation = scores.mean(), scores.std(ddof=1)
     whose = f" of {baseline}" if baseline else ""
     ends = mean - 2 * deviation, mean + 2 * deviation
-    axis.axhspan(*ends, color=BLUE, alpha=0.15, label=f"mean{whose} ± 2 σ")
-    axis.axhline(mean, color=BLUE, linestyle="--", label=f"mean{whose}")
+    axis.axhspan(*ends, color=style.BLUE, alpha=0.15, label=f"mean{whose} ± 2 σ")
+    axis.axhline(mean, color=style.BLUE, linestyle="--", label=f"mean{whose}")
 
 
 def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
@@ -180,10 +172,10 @@ def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
     if several:
         means = [groups[place].mean() for place in several]
         bars = [2 * groups[place].std(ddof=1) for place in several]
-        axis.errorbar(several, means, bars, fmt="o", color=RED, capsize=4, label="mean ± 2 σ")
+        axis.errorbar(several, means, bars, fmt="o", color=style.RED, capsize=4, label="mean ± 2 σ")
         ends = [groups[place].min() for place in several]
         ends += [groups[place].max() for place in several]
-        axis.plot(several * 2, ends, "o", color=GREEN, label="minimum, maximum")
+        axis.plot(several * 2, ends, "o", color=style.GREEN, label="minimum, maximum")
     single = [place for place, found in enumerate(groups) if len(found) == 1]
     axis.plot(single, [groups[place][0] for place in single], "o", color="black")
     axis.set_xticks(range(len(groups)), list(scores))
@@ -200,33 +192,33 @@ def _means(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 
 def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
     """Draw the best objective so far, and the least and the mean of each iteration."""
-    figure, axis = single_axes(9, 5)
+    figure, axis = style.single_axes(9, 5)
     numbers = [item.number for item in course]
     best = [item.best for item in course]
-    axis.step(numbers, best, where="post", color=BLUE, label="best so far")
+    axis.step(numbers, best, where="post", color=style.BLUE, label="best so far")
     for name, marker, line in (("mean", "s", "-"), ("least", "o", "")):
         values = [getattr(item, name) for item in course]
-        axis.plot(numbers, values, marker=marker, linestyle=line, color=RED, label=name)
-    axis.set(title=plain_text(title), xlabel="iteration", ylabel="objective, Eq. 6.1")
+        axis.plot(numbers, values, marker=marker, linestyle=line, color=style.RED, label=name)
+    axis.set(title=style.plain_text(title), xlabel="iteration", ylabel="objective, Eq. 6.1")
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend_beside(axis)
+    style.legend_beside(axis)
     return figure
 
 
 def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
     """Draw the share of all components that are equal to the best position's, and its marks."""
-    from dfdbench.training.search.run import MARKS
+    from dfdbench.training.search.swarm_search import MARKS
 
-    figure, axis = single_axes(9, 5)
+    figure, axis = style.single_axes(9, 5)
     shares = [100 * item.alike for item in course]
-    axis.plot([item.number for item in course], shares, marker="o", color=BLUE, label="equal")
+    axis.plot([item.number for item in course], shares, marker="o", color=style.BLUE, label="equal")
     for mark in MARKS:
-        axis.axhline(100 * mark, color=GREEN, linestyle="--", linewidth=1)
+        axis.axhline(100 * mark, color=style.GREEN, linestyle="--", linewidth=1)
         axis.annotate(f"{100 * mark:.0f} %", (course[0].number, 100 * mark), va="bottom")
-    axis.set(title=plain_text(title), xlabel="iteration", ylim=(0, 104))
+    axis.set(title=style.plain_text(title), xlabel="iteration", ylim=(0, 104))
     axis.set_ylabel("components equal to the best's (%)")
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend_beside(axis)
+    style.legend_beside(axis)
     return figure
 
 
@@ -236,12 +228,12 @@ def widths_figure(filters: Sequence[int], title: str) -> Figure:
     axis = figure.subplots()
     places = np.arange(len(LAYERS))
     for shift, label, colour, widths in (
-        (-0.2, "DfD-Net", RED, FILTERS["original"]),
-        (0.2, "found", BLUE, filters),
+        (-0.2, "DfD-Net", style.RED, FILTERS["original"]),
+        (0.2, "found", style.BLUE, filters),
     ):
         axis.bar(places + shift, widths, 0.4, color=colour, label=label)
     axis.set_xticks(places, [str(layer) for layer in LAYERS])
-    axis.set(title=plain_text(title), xlabel="layer, input to output", ylabel="filters")
+    axis.set(title=style.plain_text(title), xlabel="layer, input to output", ylabel="filters")
     axis.grid(axis="y", alpha=0.3)
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure

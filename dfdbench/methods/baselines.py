@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,12 +13,15 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver
-from dfdbench.methods.law_cost import blurred_by, level_costs
+from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit, read_out
+from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
+from dfdbench.methods.method import Learned, TrainingPair
 
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
 
+#: Rows and columns of what `PositionalPrior` learns.
+_CELLS = (24, 32)
 
 class Constant:
     """The same depth everywhere, without a look at the images.
@@ -60,6 +64,49 @@ class ConstantMedian(Constant):
         super().__init__(training_median)
 
 
+class PositionalPrior:
+    """The depth that training captures have at the same place, without a look at the images.
+
+    The median over the captures in each of 24 x 32 cells. A method that is no better has learned
+    where floors and walls are, not what blur says.
+
+    Examples
+    --------
+    >>> from dfdbench.methods.check import MadePair
+    >>> depth = np.full((48, 64), 40, np.uint8)
+    >>> depth[24:] = 200
+    >>> image = np.zeros((48, 64, 3), np.uint8)
+    >>> prior = PositionalPrior()
+    >>> prior.restore(prior.fit([MadePair(image, image, depth, depth > 0)]))
+    >>> prior(image, image)[[0, -1], 0].tolist()
+    [40.0, 200.0]
+    """
+
+    def __init__(self) -> None:
+        self._depth: NDArray[Any] | None = None
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        """Learn ``depth``, the median level of each cell."""
+        seen = np.reshape([_cells(pair.levels, pair.valid) for pair in pairs], (len(pairs), -1))
+        if np.isnan(seen).all():
+            raise nothing_to_fit("positional-prior", "training captures with known depth", "none")
+        # What no capture shows is as deep as all of them.
+        seen[:, np.isnan(seen).all(axis=0)] = np.nanmedian(seen)
+        return {"depth": np.nanmedian(seen, axis=0).reshape(_CELLS)}
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        self._depth = learned_array(learned, "depth", "positional-prior", 2)
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return the level for each pixel of `infocus`, shape (y, x)."""
+        if self._depth is None:
+            what = "the method has seen no training captures yet"
+            raise MethodError(what, where="positional-prior", fix="call fit(captures) first")
+        size = infocus.shape[1::-1]
+        return np.asarray(cv2.resize(self._depth, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
 class Local(Solver):
     """Depth from a small window: the blur level that explains the defocus image best.
 
@@ -74,6 +121,8 @@ class Local(Solver):
         method is fitted: see `dfdbench.methods.calibration`.
     window : int
         Side of the square window in pixels, odd.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Examples
     --------
@@ -86,13 +135,16 @@ class Local(Solver):
     """
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = RECIPES["published"], window: int = 7
+        self,
+        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        window: int = 7,
+        prior: bool = False,
     ) -> None:
         if not isinstance(window, int) or window < 1 or window % 2 == 0:
             raise MethodError(
                 "wrong parameter", where="window", expected="odd, positive", got=str(window)
             )
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._window = (window, window)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
@@ -100,6 +152,8 @@ class Local(Solver):
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
         squares: Iterator[Cost]
+        # Squares over the noise's variance: two a nat.
+        nat = UNIT if len(images) > 1 else 2
         if len(images) > 1:
             # A stack's costs in one volume: its images, each blurred by few kernels, take more.
             costs = level_costs(self.blurs, infocus, images, np.inf)
@@ -108,12 +162,28 @@ class Local(Solver):
             squares = _by_law(blur, infocus, images[0])
         else:
             squares = _by_recipe(blur, infocus, images[0])
+        energy, sharpness = nat * self.prior.energy, self.prior.sharpness / nat
+        volume = []
         for candidate, single in enumerate(squares):
             cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
+            if self.prior.weight:
+                cost = cost + np.float32(energy[candidate])
+            if sharpness:
+                volume.append(cost)
+                continue
             better = cost < best
             best[better] = cost[better]
             level[better] = candidate
-        return np.asarray(blur.depth_of_level(level), np.float32)
+        found = read_out(np.stack(volume), sharpness) if sharpness else level
+        return np.asarray(blur.depth_of_level(found), np.float32)
+
+
+def _cells(levels: Image, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    known = np.where(valid, levels, np.nan)
+    rows = np.array_split(known, _CELLS[0])
+    cells = [cell for row in rows for cell in np.array_split(row, _CELLS[1], axis=1)]
+    medians = [np.nan if np.isnan(cell).all() else np.nanmedian(cell) for cell in cells]
+    return np.reshape(medians, _CELLS)
 
 
 def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[Cost]:

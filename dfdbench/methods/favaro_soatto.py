@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -12,15 +13,19 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
+from dfdbench.methods.depth_prior import Part, choose_prior
 from dfdbench.methods.fitted import (
+    NO_PRIOR,
     REFIT,
+    DepthPrior,
     Image,
     evenly_spread,
     learned_array,
-    least_label,
     not_fitted,
     nothing_to_fit,
     odd_window,
+    prior_problems,
+    read_out,
     require_window_fits,
     wrong,
 )
@@ -62,6 +67,8 @@ class FavaroSoatto:
         How many groups the 256 levels are divided into, 2 to 128.
     window : int
         Side of the window that residuals are summed over, in pixels, odd.
+    prior : bool
+        Weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -96,7 +103,12 @@ class FavaroSoatto:
     paper = "Favaro and Soatto, A geometric approach to shape from defocus, PAMI 2005"
 
     def __init__(
-        self, sharp_patch: int = 13, blurred_patch: int = 3, groups: int = 64, window: int = 7
+        self,
+        sharp_patch: int = 13,
+        blurred_patch: int = 3,
+        groups: int = 64,
+        window: int = 7,
+        prior: bool = False,
     ) -> None:
         problems = odd_window("sharp_patch", sharp_patch, most=21)
         problems += odd_window("blurred_patch", blurred_patch, most=21)
@@ -106,8 +118,10 @@ class FavaroSoatto:
         if not isinstance(groups, int) or not 2 <= groups <= _LEVELS // 2:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += odd_window("window", window)
+        problems += prior_problems(prior)
         if problems:
             raise MethodError.of(problems)
+        self._with_prior, self._prior = prior, NO_PRIOR
         self._sides = sharp_patch, blurred_patch
         self._groups, self._window = groups, window
         self._operators: NDArray[np.float32] | None = None
@@ -121,6 +135,19 @@ class FavaroSoatto:
         MethodError
             Where no group of levels has patches enough.
         """
+        learned = self._learned(pairs)
+        if not self._with_prior:
+            return learned
+        trial = copy.copy(self)
+        trial.restore(learned)
+
+        def solve(part: Part, prior: DepthPrior) -> Array:
+            trial._prior = prior
+            return trial._solve(part.infocus, part.images)
+
+        return learned | choose_prior(solve, pairs, readouts=True).as_learned()
+
+    def _learned(self, pairs: Sequence[TrainingPair]) -> Learned:
         sharp, blurred = self._sides
         size, moments = 0, np.zeros((self._groups, 0, 0))
         counts, depths = np.zeros(self._groups, np.int64), np.zeros(self._groups, np.int64)
@@ -163,6 +190,7 @@ class FavaroSoatto:
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
+        self._prior = DepthPrior.taken_from(dict(learned))
         operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
         self._depths = learned_array(learned, "depth", _NAME, 1)
         sharp, blurred = self._sides
@@ -208,7 +236,8 @@ class FavaroSoatto:
         window = (self._window, self._window)
         for cost in costs:
             cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)
-        best = least_label(costs)
+        self._prior.weigh_in(costs, np.rint(self._depths).astype(np.int64))
+        best = read_out(costs, self._prior.sharpness)
         # Between two groups, but not out into depths that no training pair has shown.
         own, width = self._depths[np.rint(best).astype(np.int64)], _LEVELS / self._groups
         depth = np.interp(best, np.arange(self._depths.size), self._depths)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,17 +57,124 @@ def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(labels + fraction)
 
 
-class Calibrated:
+def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
+    """Return each pixel's label from costs in nats, shape (label, y, x).
+
+    Parameters
+    ----------
+    costs : ndarray
+        The prior's among them.
+    sharpness : float
+        See `DepthPrior`.
+
+    Examples
+    --------
+    >>> costs = np.array([0.0, 0.1, 0.2, 5.0]).reshape(4, 1, 1)
+    >>> read_out(costs, 0).tolist(), read_out(costs, 1).round(2).tolist()
+    ([[0.0]], [[0.9]])
+    """
+    if not sharpness:
+        return least_label(costs)
+    least = costs.min(axis=0)
+    total = np.zeros(least.shape)
+    sums = np.empty(costs.shape, np.float32)
+    for label, cost in enumerate(costs):
+        total += np.exp(-sharpness * (cost - least))
+        sums[label] = total
+    half = total / 2
+    label = (sums < half).sum(axis=0)
+    after = np.take_along_axis(sums, label[np.newaxis], 0)[0]
+    before = np.take_along_axis(sums, np.maximum(label - 1, 0)[np.newaxis], 0)[0]
+    before = np.where(label > 0, before, 0)
+    # Each label's share lies evenly over its place, half a label to either side.
+    part = np.divide(
+        half - before, after - before, out=np.full(half.shape, 0.5), where=after > before
+    )
+    return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
+
+
+@dataclass(frozen=True)
+class DepthPrior:
+    """What each level costs beside the images, and how a volume of costs is read.
+
+    Parameters
+    ----------
+    energy : ndarray of float64, shape (level,)
+        Nats; all 0 where no prior helps.
+    sharpness : float
+        0 for the level of least cost; else the median of ``exp(-sharpness * cost)``.
+    weight : float
+        What the histogram's logarithm was multiplied with.
+    """
+
+    energy: NDArray[np.float64]
+    sharpness: float = 0.0
+    weight: float = 0.0
+
+    def as_learned(self) -> Learned:
+        """Return it as a method's fit returns it."""
+        return {"prior": self.energy, "sharpness": self.sharpness, "prior_weight": self.weight}
+
+    def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
+        """Add itself to costs of no known unit, shape (label, y, x), where they lie.
+
+        Their unit is taken to be the image's median of the least cost.
+
+        Parameters
+        ----------
+        costs : ndarray of float32
+        levels : ndarray of int, optional
+            The level of each label; default: they are the same.
+        """
+        if self.weight:
+            costs /= max(float(np.median(costs.min(axis=0))), 1e-12)
+            costs += self.energy[levels, np.newaxis, np.newaxis].astype(np.float32)
+
+    @classmethod
+    def taken_from(cls, learned: Learned) -> DepthPrior:
+        """Take it out of what a fit learned; without it there is none."""
+        if "prior" not in learned:
+            return NO_PRIOR
+        energy = np.asarray(learned.pop("prior"), np.float64)
+        return cls(energy, float(learned.pop("sharpness")), float(learned.pop("prior_weight")))
+
+
+#: No prior, and the level of least cost.
+NO_PRIOR = DepthPrior(np.zeros(LEVELS))
+
+
+class Calibrated(ABC):
     """A method that needs the blur: it is given, or measured on training pairs.
 
     Parameters
     ----------
     recipe : BlurRecipe, BlurLaw or None
         The blur; None leaves it to the fit.
+    prior : bool
+        Let the fit find out whether it helps to know how often training shows each depth.
+
+    Raises
+    ------
+    MethodError
+        If `prior` is true and the blur is given, so that nothing is fitted.
     """
 
-    def __init__(self, recipe: BlurRecipe | BlurLaw | None) -> None:
+    #: Whether a median can be read from its costs.
+    reads_out: ClassVar[bool] = True
+
+    @abstractmethod
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+        """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
+
+    def __init__(self, recipe: BlurRecipe | BlurLaw | None, prior: bool = False) -> None:
+        MethodError.raise_if(prior_problems(prior))
+        if prior and recipe is not None:
+            what = "prior=true is for a fit, and the blur is given"
+            fix = "add --param recipe=null, so that the method is fitted, or leave prior out"
+            raise MethodError(what, where="prior", fix=fix)
         self._told = recipe
+        self._with_prior = prior
+        self.prior = NO_PRIOR
         #: What the fit measured of each defocus image; nothing if the blur was given, or before.
         self.calibrations: tuple[Calibration, ...] = ()
 
@@ -84,6 +193,8 @@ class Calibrated:
         # Imported here and in the fit: it loads half of scipy, for the fit alone.
         from dfdbench.methods.calibration import Calibration
 
+        learned = dict(learned)
+        self.prior = DepthPrior.taken_from(learned)
         self.calibrations = Calibration.all_of(learned)
 
     @property
@@ -114,19 +225,31 @@ class Calibrated:
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate
 
-        return calibrate(pairs).as_learned()
+        return self._learned([calibrate(pairs)], pairs)
+
+    def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
+        from dfdbench.methods.calibration import Calibration
+        from dfdbench.methods.depth_prior import Part, choose_prior
+
+        learned = Calibration.all_as_learned(found)
+        if not self._with_prior:
+            return learned
+        trial = copy.copy(self)
+        trial.calibrations = tuple(found)
+
+        def solve(part: Part, prior: DepthPrior) -> Array:
+            trial.prior = prior
+            return trial._solve(part.infocus, part.images)
+
+        return learned | choose_prior(solve, captures, self.reads_out).as_learned()
 
 
-class Solver(Calibrated, ABC):
+class Solver(Calibrated):
     """What solves with the blur of any number of defocus images: pairs, and focal stacks.
 
     Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
     there is none, against the sharpest pixels of the others.
     """
-
-    @abstractmethod
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x)."""
@@ -159,9 +282,9 @@ class Solver(Calibrated, ABC):
             raise MethodError(what, where=type(self).__name__, fix=fix)
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.calibration import Calibration, calibrate_images
+        from dfdbench.methods.calibration import calibrate_images
 
-        return Calibration.all_as_learned(calibrate_images(pairs))
+        return self._learned(calibrate_images(pairs), pairs)
 
 
 Array = NDArray[Any]
@@ -291,6 +414,11 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
     if window > max(min(height, width), _SMALL_WINDOW):
         what = f"the window is larger than the image, {window} of {height} x {width} pixels"
         raise MethodError(what, where=f"{method}: window")
+
+
+def prior_problems(value: Any) -> list[Problem]:
+    """Return what is wrong with the parameter `prior`: true or false."""
+    return [] if isinstance(value, bool) else [wrong("prior", "true or false", value)]
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

@@ -19,7 +19,7 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Solver
-from dfdbench.methods.law_cost import all_blurred, information, law_cost
+from dfdbench.methods.law_cost import add_energy, all_blurred, information, law_cost
 
 Image = NDArray[np.uint8]
 
@@ -85,6 +85,8 @@ class GraphCuts(Solver):
         Of ``split``: how close to the least energy, for how many cuts.
     published_offset : bool
         Add one level, as the published program does.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -104,6 +106,7 @@ class GraphCuts(Solver):
     (True, ['energy'])
     """
 
+    reads_out = False
     paper = (
         "Emerson, Purdue 2019, ch. 4; Boykov, Veksler and Zabih, Fast approximate energy "
         "minimization via graph cuts, PAMI 2001"
@@ -122,8 +125,9 @@ class GraphCuts(Solver):
         solver: str = "split",
         quality: str = "default",
         published_offset: bool = False,
+        prior: bool = False,
     ) -> None:
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         for kind, name, known in (
             ("smoothness", smoothness, tuple(SMOOTHNESS)),
             ("color_space", color_space, COLOR_SPACES),
@@ -197,6 +201,9 @@ class GraphCuts(Solver):
                 add = True
                 # Before the next is made: they are large.
                 del one
+            if self.prior.weight:
+                energy = nat * self.prior.energy[self._levels]
+                offset += add_energy(unary, energy, self._limit)
         else:
             unary, offset = data_cost(
                 self._channels(infocus),

@@ -16,12 +16,12 @@ from dfdbench.methods.fitted import (
     Image,
     Solver,
     channels_of,
-    least_label,
     number_within,
     odd_window,
+    read_out,
     require_window_fits,
 )
-from dfdbench.methods.law_cost import level_costs
+from dfdbench.methods.law_cost import UNIT, level_costs
 
 
 class Guided(Solver):
@@ -44,6 +44,8 @@ class Guided(Solver):
     limit : float
         Nats above a pixel's least at which costs are cut off, so that one pixel that no level
         explains cannot outvote a window.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -74,13 +76,14 @@ class Guided(Solver):
         window: int = 7,
         flatness: float = 100.0,
         limit: float = 15.0,
+        prior: bool = False,
     ) -> None:
         problems = odd_window("window", window)
         problems += number_within("flatness", flatness, 0, 1e6)
         problems += number_within("limit", limit, 0, 10000)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._limit = limit
         self._window = (window, window)
         self._flatness = np.float32(flatness)
@@ -104,7 +107,10 @@ class Guided(Solver):
             slope = (self._box(guide * cost) - mean * average) / spread
             start = average - slope * mean
             filtered[:] = self._box(slope) * guide + self._box(start)
-        return np.asarray(self.blur.depth_of_level(least_label(smooth)), np.float32)
+        if self.prior.weight:
+            smooth += (UNIT * self.prior.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
+        found = read_out(smooth, self.prior.sharpness / UNIT)
+        return np.asarray(self.blur.depth_of_level(found), np.float32)
 
     def _box(self, image: NDArray[Any]) -> NDArray[np.float32]:
         return np.asarray(

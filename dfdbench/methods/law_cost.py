@@ -301,6 +301,22 @@ def law_cost(
     return unary, int(offset)
 
 
+def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: int) -> int:
+    """Add to each pixel's costs what a level costs everywhere; return the sum of the least.
+
+    Parameters
+    ----------
+    unary : ndarray of uint16, shape (y, x, level)
+        Written over; costs relative to a pixel's least, at most `limit` above it.
+    energy : ndarray of float64, shape (level,)
+        In integer costs, before rounding.
+    limit : int
+        As for `law_cost`.
+    """
+    most = np.iinfo(np.uint16).max
+    return int(_add(unary, np.minimum(np.rint(energy), most).astype(np.uint16), limit))
+
+
 def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
     """Return what a pixel tells of its depth level: Fisher's information, a level to the -2.
 
@@ -408,6 +424,23 @@ def _fill(
                 continue
             for level in range(levels):
                 unary[y, x, level] = np.uint16(min(squares[level] - least, np.float32(limit)))
+    return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
+
+
+@compiled()
+def _add(unary: Array, energy: Array, limit: int) -> int:
+    height, width, levels = unary.shape
+    offset = np.int64(0)
+    for y in range(height):
+        for x in range(width):
+            row = unary[y, x]
+            least = np.int64(2**31)
+            for level in range(levels):
+                least = min(least, np.int64(row[level]) + np.int64(energy[level]))
+            offset += least
+            for level in range(levels):
+                cost = np.int64(row[level]) + np.int64(energy[level]) - least
+                row[level] = np.uint16(min(cost, np.int64(limit)))
     return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -17,8 +18,8 @@ from dfdbench.methods.fitted import (
     Calibrated,
     Image,
     channels_of,
-    least_label,
     odd_window,
+    read_out,
     require_window_fits,
 )
 
@@ -54,6 +55,8 @@ class RationalFilters(Calibrated):
         kernels are what counts: gain, shift and noise are not.
     window : int
         Side of the square window in pixels, odd.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -83,15 +86,20 @@ class RationalFilters(Calibrated):
 
     paper = "Watanabe and Nayar, Rational filters for passive depth from defocus, IJCV 1998"
 
-    def __init__(self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7) -> None:
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = False
+    ) -> None:
         problems = odd_window("window", window)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._window = (window, window)
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        return self._solve(infocus, [defocus])
+
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         require_window_fits(self._window[0], infocus, "rational-filters")
         blur = self.blur
         sigmas = np.asarray(blur.sigmas, np.float64)
@@ -100,11 +108,13 @@ class RationalFilters(Calibrated):
             raise MethodError("the blur is the same at every depth", where="rational-filters")
         exponent = blur.exponent if isinstance(blur, BlurLaw) else 2.0
         before, filters = design(low, high, exponent, blur.kernel_size)
-        sharp, blurred = channels_of(infocus), channels_of(defocus)
+        sharp, blurred = channels_of(infocus), channels_of(images[0])
         terms = [_filtered(sharp - blurred, before)]
         terms += [_filtered(sharp + blurred, -kernel) for kernel in filters]
         residuals = self._residuals(terms, (sigmas - low) / (high - low))
-        return np.asarray(blur.depth_of_level(least_label(residuals)), np.float32)
+        self.prior.weigh_in(residuals)
+        label = read_out(residuals, self.prior.sharpness)
+        return np.asarray(blur.depth_of_level(label), np.float32)
 
     def _residuals(self, terms: list[Array], widths: Array) -> NDArray[np.float32]:
         """Return each level's squared residual, summed over window and channels, (level, y, x)."""

@@ -99,6 +99,7 @@ _BUILT_IN = {
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "guided": "dfdbench.methods.guided:Guided",
     "local": "dfdbench.methods.baselines:Local",
+    "positional-prior": "dfdbench.methods.baselines:PositionalPrior",
     "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
@@ -113,6 +114,7 @@ _WORDS = {
     "graph-cuts-rounded": "graph cuts whose costs know that grey levels are rounded",
     "guided": "costs smoothed along edges by a guided filter (Hosni et al. 2013)",
     "local": "the depth whose blur fits best around each pixel",
+    "positional-prior": "the depth that training captures have at the same place; sees no image",
     "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
     "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
     "sgm": "semi-global matching of blur (Hirschmueller 2008)",
@@ -221,6 +223,8 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    # Recipes are pydantic's, which reads lists of packages at its first: not the method's files.
+    import dfdbench.blur.recipe  # noqa: F401
     from dfdbench.methods.sources import Sources
 
     entry = find_entry(name)

@@ -14,7 +14,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import InputError, MethodError, Problem
 from dfdbench.methods import mrf
 from dfdbench.methods.fitted import Solver
-from dfdbench.methods.law_cost import all_blurred, few_kernels, law_misfits
+from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs
 from dfdbench.system.compiled import compiled
 
@@ -287,6 +287,8 @@ class RoundedGraphCuts(Solver):
         as its noise, and no level is proposed beyond those whose blur training showed.
     truncation : int
         Difference in levels from which neighbours count as different surfaces.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -311,15 +313,20 @@ class RoundedGraphCuts(Solver):
     True
     """
 
+    reads_out = False
+
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = RECIPES["published"], truncation: int = 8
+        self,
+        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        truncation: int = 8,
+        prior: bool = False,
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
             raise MethodError(
                 "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
             )
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
@@ -340,6 +347,8 @@ class RoundedGraphCuts(Solver):
             unary[..., : shown.start] = unary[..., shown.stop :] = np.iinfo(np.uint16).max
             channels = infocus.shape[2] * len(images)
             offset = costs_of_misfits(unary, channels, _UNIT, limit)
+            if self.prior.weight:
+                offset += add_energy(unary, _UNIT * self.prior.energy, limit)
         else:
             unary, offset = rounded_cost(infocus, images[0], blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)

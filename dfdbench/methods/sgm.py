@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fitted import Image, Solver, least_label, number_within
+from dfdbench.methods.fitted import Image, Solver, number_within, read_out
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.system.compiled import compiled
 
-#: Largest cost and step together: the sums over eight paths are kept in 16 bits.
-MOST = 65535 // 8
+_DIRECTIONS = 8
+#: Largest cost and step together: the sums over all paths are kept in 16 bits.
+MOST = 65535 // _DIRECTIONS
 
 # Above any cost of a path, and still in 16 bits with a step added.
 _FAR = np.uint16(2**15)
@@ -119,6 +120,8 @@ class SemiGlobal(Solver):
         first.
     limit : float
         Nats above a pixel's least at which costs are cut off.
+    prior : bool
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -149,6 +152,7 @@ class SemiGlobal(Solver):
         small_step: float = 0.5,
         large_step: float = 15.0,
         limit: float = 100.0,
+        prior: bool = False,
     ) -> None:
         most = MOST // (2 * UNIT)
         problems = number_within("small_step", small_step, 0, most)
@@ -163,15 +167,17 @@ class SemiGlobal(Solver):
         problems += number_within("limit", limit, 0, most)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         costs = level_costs(self.blurs, infocus, images, self._limit)
         # As many images as there are, as often a cost is counted.
-        small, large = (step * len(images) for step in self._steps)
-        sums = path_costs(costs, small, large)
-        return np.asarray(
-            self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
-        )
+        small, large = (min(step * len(images), MOST // 2) for step in self._steps)
+        if self.prior.weight:
+            costs += np.rint(UNIT * self.prior.energy).astype(np.uint16)
+        np.minimum(costs, MOST - large, out=costs)
+        sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
+        label = read_out(sums, self.prior.sharpness / (UNIT * _DIRECTIONS))
+        return np.asarray(self.blur.depth_of_level(label), np.float32)

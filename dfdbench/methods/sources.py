@@ -241,7 +241,8 @@ def _real(folder: str | Path) -> Path:
 
 
 def _source_of(heard: str) -> Path:
-    # Python opens a module's bytecode in place of the module if that is up to date.
+    # Python opens a module's bytecode in place of the module if that is up to date. Where the file
+    # is nobody's bytecode, or this Python keeps none, `source_from_cache` raises.
     with contextlib.suppress(ValueError, NotImplementedError):
         if heard.endswith(".pyc"):
             return _settled(importlib.util.source_from_cache(heard))

@@ -162,8 +162,7 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     for what, values in (("distances", distances), ("voltage steps", steps)):
         if sorted(set(values)) != list(values):
             problems.append(Problem(f"{what} do not ascend", where=where, got=str(values)))
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     radius = np.array([row[1:] for row in table], np.int64)
     return LensTable(tuple(steps), tuple(distances), radius)
 
@@ -204,11 +203,9 @@ def pair_difference(table: LensTable, first: int, second: int, near: float, far:
     # A nanometre of slack: 1.6 typed and 1.6 read are the same distance.
     distances = tuple(d for d in table.distances if near - 1e-9 <= d <= far + 1e-9)
     if len(distances) < 2:
-        raise InputError(
-            f"fewer than two measured distances in {near:g} to {far:g} m",
-            where="--range",
-            fix=f"stay within {table.distances[0]:g} to {table.distances[-1]:g} m",
-        )
+        what = f"fewer than two measured distances in {near:g} to {far:g} m"
+        fix = f"stay within {table.distances[0]:g} to {table.distances[-1]:g} m"
+        raise InputError(what, where="--range", fix=fix)
     radii = [table.radius_at(step, distances) for step in (first, second)]
     differences = np.abs(radii[0] - radii[1]).astype(np.int64)
     return StepPair(max(first, second), min(first, second), distances, tuple(differences.tolist()))

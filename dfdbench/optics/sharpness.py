@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.errors import Problem, SourceError
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
 
@@ -147,8 +147,7 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
                 problems += error.problems
         if measured:
             found[name] = tuple(sorted(measured, key=_TEMPERATURE if warms else _STEP))
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     if not found:
         fix = "to see the layout: dfdbench rig simulate lens --out DIR"
         raise SourceError("no captures of a lens test", where=str(folder), fix=fix)
@@ -181,10 +180,7 @@ def _measure(path: Path, warms: bool) -> Measurement:
     if not match or (warms and match[3] is None):
         shape = "image_STEP_EXPOSURE_TEMPERATURE.png" if warms else "image_STEP_EXPOSURE.png"
         raise SourceError(f"the name is not {shape}", where=where)
-    try:
-        content = read_whole(path, LARGEST_ARRAY)
-    except OSError as error:
-        raise SourceError("cannot read the file", where=where, got=reason_of(error)) from error
+    content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise SourceError("not a PNG image", where=where)

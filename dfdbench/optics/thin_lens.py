@@ -62,8 +62,7 @@ class ThinLens:
         if not problems and self.focus_distance <= self.focal_length:
             what = f"no real image: the focus is within the focal length of {self.focal_length:g} m"
             problems = [Problem(what, where="focus_distance", got=f"{self.focus_distance:g} m")]
-        if problems:
-            raise InputError.of(problems)
+        InputError.raise_if(problems)
 
     def blur_radius_far(self, distance: ArrayLike) -> Floats:
         """Return the blur of points beyond the focus, in metres on the sensor (Eq. 2.8 to 2.11).

@@ -21,7 +21,7 @@ from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, first_protocol, shown_protocol
 from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
-from dfdbench.results.saved_run import SavedRun, told_apart
+from dfdbench.results.saved_run import SavedRun, distinguished
 from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table, as_html, listed
@@ -163,7 +163,7 @@ class Run:
         found = self._first.images(pair)
         if found is None:
             raise ResultError(
-                self._first.without or "the run kept no depth map of this pair", where=pair
+                self._first.without or "no depth map of this pair was kept", where=pair
             )
         return found
 
@@ -208,9 +208,7 @@ class Run:
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
-            raise InputError(
-                "there is something already", where=str(folder), fix="name a new folder"
-            )
+            raise InputError("there is something", where=str(folder), fix="name a new folder")
         for label, run in self._runs.items():
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
@@ -251,7 +249,7 @@ class Comparison:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
             raise InputError("one run is given twice", where=str(runs[0].path))
-        first, *others = self.runs = told_apart(runs)
+        first, *others = self.runs = distinguished(runs)
         self.protocol = protocol or first_protocol(first.result.dataset.short)
         self.tables = {
             other.label: change_tables(

@@ -1,7 +1,5 @@
 """The report of runs: gathered once, written as one HTML file or as Markdown with figures."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -22,16 +20,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.tables import lighting_table, runs_table, standings_table
+from dfdbench.figures import style
 from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.runs import group_figures, panel_figure
-from dfdbench.figures.style import (
-    ERROR_LIMIT,
-    brightened,
-    brightening,
-    depth_scales,
-    write_figure,
-    write_forms,
-)
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
@@ -189,7 +180,7 @@ def write_plots(
     for number, section in enumerate(content.sections, 1):
         stems = {name: f"{number}-{name.replace(' ', '-')}" for name in section.plots}
         for name, figure in section.plots.items():
-            write_forms(figure, folder, stems[name], forms)
+            style.write_forms(figure, folder, stems[name], forms)
         written.append([(name, f"{stem}.{forms[0]}") for name, stem in stems.items() if forms])
     return written
 
@@ -268,15 +259,15 @@ def _cards(
         return []
     images, prediction = found
     known = images.depth.astype(np.float64)
-    scale, errors = depth_scales(images.about, known)
+    scale, errors = style.depth_scales(images.about, known)
     low, high = scale["vmin"], scale["vmax"]
     sharp, blurred = images.shown
-    times = brightening(sharp)
+    times = style.brightening(sharp)
     place = run.result.dataset.fingerprint, pair.id
     if place not in of_data:
         of_data[place] = {
-            "infocus": photo(brightened(sharp, times)),
-            "defocus": photo(brightened(blurred, times)),
+            "infocus": photo(style.brightened(sharp, times)),
+            "defocus": photo(style.brightened(blurred, times)),
             "truth": depth_picture(known, scale),
         }
     own = {
@@ -296,9 +287,9 @@ def _error_limit(pairs: Sequence[tuple[SavedRun, PairResult]]) -> str:
     """Return at which error the scale ends, with its unit."""
     dataset = next((run.store for run, _ in pairs if run.store), None)
     if dataset is None:
-        return f"{ERROR_LIMIT:.0f} levels"
+        return f"{style.ERROR_LIMIT:.0f} levels"
     about = dataset.manifest.depth
-    return f"{ERROR_LIMIT * about.span / LAST_LEVEL:.3g} {about.kind}"
+    return f"{style.ERROR_LIMIT * about.span / LAST_LEVEL:.3g} {about.kind}"
 
 
 def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
@@ -415,6 +406,6 @@ def _panels(content: Content, folder: Path) -> list[tuple[str, str]]:
         figure = panel_figure(run.store, run.result, place, worst, content.protocol, "worst")
         if figure is not None:
             file = f"worst-{number}.png"
-            write_figure(figure, folder / file)
+            style.write_figure(figure, folder / file)
             drawn.append((run.label, file))
     return drawn

@@ -1,7 +1,5 @@
 """Methods beside metrics, the best marked: the table that goes into a paper."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -26,7 +24,7 @@ def paper_tables(
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; `dfdbench.results.saved_run.told_apart` tells those of one method apart.
+        At least one; `dfdbench.results.saved_run.distinguished` tells those of one method apart.
     protocol : str
         The protocol.
     columns : sequence of str

@@ -1,7 +1,5 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -84,10 +82,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         if values[0] != values[1]:
             problems.append(
                 Problem(
-                    "runs on different data are not comparable",
+                    f"runs on different data are not comparable: {values[0]} and {values[1]}",
                     where=f"dataset.{what}",
-                    expected=values[0],
-                    got=values[1],
                     fix="run both methods on the same built data set and split",
                 )
             )
@@ -98,13 +94,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
         definitions += [known for known in result.protocols if label_of(known) == protocol]
     if definitions[0] != definitions[1]:
-        raise ResultError(
-            f"protocol {protocol} is defined differently in the two results",
-            where="",
-            expected=str(definitions[0]),
-            got=str(definitions[1]),
-            fix="run both with the same version",
-        )
+        what = f"protocol {protocol} is defined differently in the two results"
+        raise ResultError(what, fix="run both with the same version")
 
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
@@ -184,9 +175,7 @@ def change_tables(
     """
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
-        raise ResultError(
-            "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
-        )
+        raise ResultError("no pair was scored in both runs", fix="`dfdbench run` goes on")
     tables = [difference_table(first, second, protocol, names)]
     if most_changed(first, second, protocol, most):
         tables.append(pair_table(first, second, protocol, most))

@@ -1,7 +1,5 @@
 """Say on what machine and with which versions something ran."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

@@ -1,7 +1,5 @@
 """Every score of runs as a pandas table, and tables of a run over tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,22 +14,9 @@ from dfdbench.results.wording import given_to, method_label, parameters_of, scor
 from dfdbench.tables.table import Table
 
 COLUMNS = (
-    "run",
-    "dataset",
-    "track",
-    "severity",
-    "split",
-    "method",
-    "parameters",
-    "capture",
-    "scene",
-    "coordinates",
-    "status",
-    "protocol",
-    "metric",
-    "value",
-    "seconds",
-)
+    "run", "dataset", "track", "severity", "split", "method", "parameters", "capture", "scene",
+    "coordinates", "status", "protocol", "metric", "value", "seconds",
+)  # fmt: skip
 
 
 def scores_of(results: Sequence[Result]) -> pd.DataFrame:
@@ -230,7 +215,5 @@ def _notes(results: Sequence[Result]) -> list[str]:
     for run in results:
         if not run.complete:
             data = run.dataset
-            notes.append(
-                f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no average"
-            )
+            notes.append(f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no mean")
     return notes

@@ -1,7 +1,5 @@
 """Guard where commands write: never into a data set, a run, or one of their own inputs."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -41,36 +39,26 @@ def output_place(
     True
     >>> output_place("photos/report", "photos")
     Traceback (most recent call last):
-    dfdbench.errors.InputError: this command would write into one of its inputs ...
+    dfdbench.errors.InputError: this command would write into one of its inputs: photos ...
     """
     where = f"{option} {named}".lstrip()
     if not str(named).strip():
         raise InputError("no place is named", where=option, fix="leave it out, or name a place")
     if is_address(named):
-        raise InputError(
-            "this command writes on this machine only",
-            where=where,
-            expected="a local path",
-            got="a URL",
-        )
+        raise InputError("this command writes on this machine only, not to a URL", where=where)
     place = Path(os.path.realpath(str(named)))
     above = place.parents if replaces else (place, *place.parents)
     for marker, what in _HELD.items():
         holder = next((folder for folder in above if (folder / marker).is_file()), None)
         if holder:
-            raise InputError(
-                f"this command would write into {what}",
-                where=where,
-                got=str(holder),
-                fix="choose another place",
-            )
+            raise _refused(what, where, holder)
     for read in filter(None, inputs):
         source = Path(os.path.realpath(str(read)))
         if place.is_relative_to(source) or (replaces and source.is_relative_to(place)):
-            raise InputError(
-                "this command would write into one of its inputs",
-                where=where,
-                got=str(read),
-                fix="choose another place",
-            )
+            raise _refused("one of its inputs", where, read)
     return Path(named)
+
+
+def _refused(into: str, where: str, found: object) -> InputError:
+    what = f"this command would write into {into}: {found}"
+    return InputError(what, where=where, fix="choose another place")

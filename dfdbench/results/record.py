@@ -1,4 +1,4 @@
-"""A result: what a run found, pair by pair, in a file that checks itself."""
+"""A result: what a run found, pair by pair, and its file."""
 
 from __future__ import annotations
 
@@ -6,11 +6,22 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
+from pydantic import (
+    AfterValidator,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
+from dfdbench.errors import ResultError, reason_of
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
 from dfdbench.metrics.protocol import (
     Unit,
@@ -21,11 +32,13 @@ from dfdbench.metrics.protocol import (
     require_scored,
 )
 from dfdbench.metrics.scores import LARGEST_NUMBER
-from dfdbench.system.strict import Record
+from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.strict import Record, problems_of
+from dfdbench.system.text import parse_json
 
-if TYPE_CHECKING:
-    pass
-
+RESULT_SCHEMA_VERSION = 1
+#: What a result is called in the folder of its run.
+RESULT = "result.json"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
@@ -38,7 +51,6 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text in one line, without what steers a terminal.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-#: What depth maps that were made elsewhere may hold.
 #: How a result of such maps is marked wherever its method is named.
 SCORED = "scored, not run"
 
@@ -241,6 +253,26 @@ class Result(Record):
     averages: dict[Name, dict[str, Finite | None]] | None
     warnings: list[str] = Field(default_factory=list)
 
+    @model_validator(mode="after")
+    def _check(self) -> Result:
+        data, pairs, protocols = self.dataset, self.pairs, self.protocol_names
+        # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
+        if not {data.blocks, data.rows or data.blocks} <= set(data.axes):
+            raise ValueError(f"blocks and rows are not among the axes {', '.join(data.axes)}")
+        if len(set(data.axes)) < len(data.axes) or len(set(protocols)) < len(protocols):
+            raise ValueError("an axis or a protocol is listed twice")
+        for pair in pairs:
+            if pair.coordinates.keys() != set(data.axes) or pair.id != pair.pair_on(data.axes).id:
+                raise ValueError(f"{pair.id} is not where its name says")
+            if pair.status == "ok" and pair.scores.keys() != set(protocols):
+                raise ValueError(f"{pair.id} is not scored under {', '.join(protocols)}")
+            if pair.machine >= len(self.environments):
+                raise ValueError(f"{pair.id} was run on a machine that is not listed")
+        counts = len(pairs), sum(pair.status == "ok" for pair in pairs)
+        if counts != (data.expected, data.evaluated) or len({p.id for p in pairs}) < len(pairs):
+            raise ValueError("the pairs do not add up")
+        return self
+
     @property
     def protocol_names(self) -> tuple[str, ...]:
         """The labels of the protocols that were scored, under which `scores` has them."""
@@ -266,6 +298,64 @@ def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str
         }
         for protocol in protocols
     }
+
+
+def save_result(result: Result, path: Path) -> None:
+    """Write a result as JSON, whole or not at all."""
+    write_whole(path, result.model_dump_json(indent=1) + "\n")
+
+
+def load_result(path: Path | str) -> Result:
+    """Read a run's result, check it, and compute its averages anew.
+
+    Parameters
+    ----------
+    path : Path or str
+        The result file, or the folder of the run.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read, is of another schema version, or contradicts itself.
+    """
+    path = Path(path)
+    path = path / RESULT if path.is_dir() else path
+    content = read_json(path)
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    # True equals 1 too.
+    if type(found) is not int or found != RESULT_SCHEMA_VERSION:
+        what = f"result of version {found}, not {RESULT_SCHEMA_VERSION}"
+        fix = "run the method again with this version of dfdbench"
+        raise ResultError(what, where=str(path), fix=fix)
+    try:
+        result = Result.model_validate(content, strict=True)
+    except ValidationError as error:
+        problems = problems_of(error, "wrong value in the result", file=path)
+        raise ResultError.of(problems) from error
+    means = average(result.pairs, list(result.protocol_names)) if result.complete else None
+    return result.model_copy(update={"averages": means})
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file that a run wrote says.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read.
+    """
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        what = f"cannot read the result: {reason_of(error)}"
+        fix = "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD"
+        raise ResultError(what, where=str(path), fix=fix) from error
+    try:
+        return parse_json(text)
+    except ValueError as error:
+        what = f"the result is damaged: {error if text.strip() else 'an empty file'}"
+        fix = "the same `dfdbench run` writes it anew, from the pairs that it kept"
+        raise ResultError(what, where=str(path), fix=fix) from error
 
 
 # The thesis's printed tables are held against these sets, under its own protocol. On any other it

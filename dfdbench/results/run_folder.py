@@ -1,7 +1,5 @@
 """The folder of a run: its identity, finished pairs, depth maps, and where its store is."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -41,7 +39,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     identity : mapping
         What must be the same for pairs of an earlier call to be taken over.
     goes_on : bool
-        Take over what is there, which `read_identity` told to be of the same run.
+        Take over what is there, which `read_identity` says is of the same run.
 
     Returns
     -------
@@ -56,11 +54,8 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     set_aside = None
     if folder.exists() and any(folder.iterdir()):
         if not (folder / RUN_IDENTITY).exists():
-            raise ResultError(
-                "the folder holds something else than a run",
-                where=str(folder),
-                fix="choose another with --out DIR",
-            )
+            what, fix = "the folder holds something else than a run", "choose another: --out"
+            raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)
             if set_aside.exists():
@@ -74,11 +69,6 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
 def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
     """Write down by what a run is known."""
     write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
-
-
-def is_begun(folder: Path) -> bool:
-    """Return whether a run was begun in a folder, ended or not."""
-    return (folder / RUN_IDENTITY).is_file()
 
 
 def read_identity(folder: Path) -> dict[str, Any] | None:
@@ -192,13 +182,9 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
         if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
             raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise ResultError(
-            what="no depth maps of a run",
-            where=str(place),
-            expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
-            got=str(error)[:200],
-            fix="run the method again with --fresh",
-        ) from error
+        maps = f"depth maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them"
+        what, fix = f"not a run's {maps}: {error!s:.200}", "run the method again with --fresh"
+        raise ResultError(what, where=str(place), fix=fix) from error
     return depth if kept else None
 
 
@@ -213,10 +199,5 @@ def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:
     known = {pair.id: pair.at for pair in store.manifest.pairs()}
     strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]
     if strange:
-        raise ResultError(
-            what="pairs that the data set does not have",
-            where=f"{path}: pairs",
-            expected=f"pairs of {store.manifest.stem}",
-            got=listed(strange, most=1),
-            fix="run the method again",
-        )
+        what = f"{store.manifest.stem} has no pair {listed(strange, most=1)}"
+        raise ResultError(what, where=f"{path}: pairs", fix="run the method again")

@@ -1,7 +1,5 @@
 """Tables of a run, and the same as CSV and JSON: scores, extremes, times, scenes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,13 +9,7 @@ from dfdbench.metrics.intervals import SCENES_TO_TELL
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import (
-    RunSummary,
-    ScoreGroup,
-    Statistic,
-    scene_labels,
-    summarise_scenes,
-)
+from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.tables.render import as_csv
 from dfdbench.tables.table import Table, counted
@@ -48,11 +40,8 @@ def run_score_table(summary: RunSummary) -> Table:
     columns = [*labels, *(head for metric in metrics.values() for head in (metric.heading, "std"))]
     rows = []
     for group in groups:
-        cells = [*_place(group, len(labels))]
-        for metric in metrics:
-            statistic = group.metrics[metric]
-            cells += [score_text(statistic.mean), score_text(statistic.std)]
-        rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
+        pairs = (f"{group.evaluated}/{group.expected}",) * partial
+        rows.append((*_place(group, len(labels)), *_cells(group), *pairs))
     if partial:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
@@ -71,6 +60,11 @@ def run_score_table(summary: RunSummary) -> Table:
         _rules(groups),
         label=f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}",
     )
+
+
+def _cells(group: ScoreGroup) -> list[str]:
+    found = group.metrics.values()
+    return [score_text(value) for each in found for value in (each.mean, each.std)]
 
 
 def extremes_table(summary: RunSummary) -> Table:
@@ -165,9 +159,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if count:
             notes.append(f"{count} of {len(result.pairs)} pairs {text}")
     if not result.complete:
-        notes.append(
-            "an incomplete run has no overall score and no rank: means are of what was run"
-        )
+        notes.append("an incomplete run has no overall score or rank: means are of what was run")
     return notes + [f"warning: {text}" for text in result.warnings]
 
 
@@ -288,11 +280,8 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
         if not group.evaluated and not group.failed:
             idle.append(label)
             continue
-        cells = [label, _listed(members[label])]
-        for metric in metrics:
-            statistic = group.metrics[metric]
-            cells += [score_text(statistic.mean), score_text(statistic.std)]
-        rows.append((*cells, f"{group.evaluated}/{group.expected}"))
+        done = f"{group.evaluated}/{group.expected}"
+        rows.append((label, _listed(members[label]), *_cells(group), done))
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
     heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset
@@ -309,8 +298,6 @@ def _listed(names: list[str]) -> str:
 
 
 Labels = Mapping[str, Mapping[str, str]]
-_OF_RUN = ("method", "dataset", "split", "protocol")
-_OF_STATISTIC = ("mean", "std", "min", "max", "low", "high", "interval", "defined")
 
 
 def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
@@ -323,25 +310,14 @@ def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
     labels : mapping of str to mapping, optional
         What else parts the scenes, with each scene's label of it: a column and its groups.
     """
-    labels = labels or {}
     dataset = summary.result.dataset
-    places = [*_axes(summary), *labels]
-    groups = _placed(summary) + [
-        placed for what, label_of in labels.items() for placed in _by_label(summary, what, label_of)
-    ]
-    run = (summary.result.method.title, dataset.name, dataset.split, summary.protocol)
-    rows = []
-    for place, group in groups:
-        found = (place.get(name) for name in places)
-        where = ["all" if value is None else value for value in found]
-        for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
-            rows.append((*run, *where, metric, *_cells(value), group.evaluated, group.expected))
-    columns = (*_OF_RUN, *places, "metric", *_OF_STATISTIC, "evaluated", "expected")
-    return as_csv(columns, rows)
+    run = {"method": summary.result.method.title, "dataset": dataset.name, "split": dataset.split}
+    rows = [{**run, "protocol": summary.protocol, **row} for row in _rows(summary, labels or {})]
+    return as_csv(tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
 def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
-    """Return a run's tables as JSON, numbers in full; `labels` as for `run_as_csv`."""
+    """Return the same rows as JSON, with the best and worst pairs; `labels` as for `run_as_csv`."""
     result, protocol, order = summary.result, summary.protocol, summary.ranked
     dataset = result.dataset
 
@@ -356,15 +332,7 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
         "split": dataset.split,
         "protocol": protocol,
         "complete": result.complete,
-        "evaluated": dataset.evaluated,
-        "expected": dataset.expected,
-        "groups": [_group_as_dict(place, group) for place, group in _placed(summary)],
-        **{
-            f"by_{what}": [
-                _group_as_dict(place, group) for place, group in _by_label(summary, what, label_of)
-            ]
-            for what, label_of in (labels or {}).items()
-        },
+        "rows": _rows(summary, labels or {}),
         "top": [line(pair) for pair in order[:EXTREMES]],
         "bottom": [line(pair) for pair in order[EXTREMES:][-EXTREMES:]],
         "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
@@ -372,49 +340,28 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _axes(summary: RunSummary) -> list[str]:
-    dataset = summary.result.dataset
-    return [axis for axis in (dataset.blocks, dataset.rows) if axis]
-
-
-def _placed(summary: RunSummary) -> list[tuple[dict[str, object], ScoreGroup]]:
-    axes = _axes(summary)
-    return [
+def _rows(summary: RunSummary, labels: Labels) -> list[dict[str, object]]:
+    """Return a row for each group and metric; a place that does not part it is ``all``."""
+    axes = _labels(summary.result)
+    groups: list[tuple[dict[str, object], ScoreGroup]] = [
         (dict(zip(axes, (group.block, group.row), strict=False)), group) for group in summary.groups
     ]
-
-
-def _by_label(
-    summary: RunSummary, what: str, label_of: Mapping[str, str]
-) -> list[tuple[dict[str, object], ScoreGroup]]:
-    groups = summarise_scenes(summary.result, summary.protocol, label_of)
-    return [({what: label}, group) for label, group in groups.items()]
-
-
-def _cells(value: Statistic) -> tuple[object, ...]:
-    spread = (value.mean, value.std, value.minimum, value.maximum)
-    return (*spread, value.low, value.high, value.interval_is, value.defined)
-
-
-def _numbers(value: Statistic) -> dict[str, Any]:
-    return {
-        "mean": value.mean,
-        "std": value.std,
-        "min": value.minimum,
-        "max": value.maximum,
-        "interval": None if value.low is None else [value.low, value.high],
-        "interval_is": value.interval_is,
-        "defined": value.defined,
-    }
-
-
-def _group_as_dict(place: Mapping[str, object], group: ScoreGroup) -> dict[str, Any]:
-    return {
-        **{name: "all" if value is None else value for name, value in place.items()},
-        "expected": group.expected,
-        "evaluated": group.evaluated,
-        "failed": group.failed,
-        "undefined": group.undefined,
-        **{metric: _numbers(value) for metric, value in group.metrics.items()},
-        "seconds": _numbers(group.seconds),
-    }
+    for what, label_of in labels.items():
+        found = summarise_scenes(summary.result, summary.protocol, label_of)
+        groups += [({what: label}, group) for label, group in found.items()]
+    rows = []
+    for place, group in groups:
+        where = {name: place.get(name) for name in (*axes, *labels)}
+        for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
+            rows.append(
+                {
+                    **{name: "all" if at is None else at for name, at in where.items()},
+                    "metric": metric,
+                    **{"mean": value.mean, "std": value.std},
+                    **{"min": value.minimum, "max": value.maximum},
+                    **{"low": value.low, "high": value.high, "interval": value.interval_is},
+                    **{"defined": value.defined, "evaluated": group.evaluated},
+                    "expected": group.expected,
+                }
+            )
+    return rows

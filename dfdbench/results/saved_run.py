@@ -15,16 +15,9 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
-from dfdbench.results.record import PairResult, Result, shown_protocol
-from dfdbench.results.record_file import RESULT, load_result
-from dfdbench.results.run_folder import (
-    PREDICTIONS,
-    PREVIOUS,
-    is_begun,
-    read_prediction,
-    read_store_place,
-    require_pairs_of,
-)
+from dfdbench.results import run_folder
+from dfdbench.results.output_place import RUN_IDENTITY
+from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import labelled, method_label, score_text
@@ -55,7 +48,7 @@ class SavedRun:
         Why there are no images; empty where there are.
     place : str
         What its label says besides, where it stands beside another run of the same method: see
-        `dfdbench.results.saved_run.told_apart`.
+        `dfdbench.results.saved_run.distinguished`.
     """
 
     path: Path
@@ -99,13 +92,12 @@ class SavedRun:
                 raise unknown_name("pair of the run", pair, records)
             pair = records[pair]
         if not isinstance(pair, PairResult):
-            raise TypeError(
-                "a pair of a run is named by its id or its record, as run.result.pairs[0]; "
-                f"got {pair!r}"
-            )
+            raise TypeError(f"a pair is named by its id or its record, not {pair!r}")
         if self.store is None:
             return None
-        prediction = read_prediction(self.path.parent, pair.pair, self.store.shape_of(pair.scene))
+        prediction = run_folder.read_prediction(
+            self.path.parent, pair.pair, self.store.shape_of(pair.scene)
+        )
         if prediction is None:
             return None
         return self.store.read(pair.pair), prediction
@@ -157,30 +149,26 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
         raise ResultError.of(_no_run(path))
     file = path / RESULT if path.is_dir() else path
     result = load_result(file)
-    if not (file.parent / PREDICTIONS).is_dir():
+    if not (file.parent / run_folder.PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
     found: Dataset | None
     if dataset:
         store = open_dataset(dataset)
         if store.fingerprint != result.dataset.fingerprint:
-            raise ResultError(
-                "the store holds other data than the run was made with",
-                where=str(file),
-                expected=result.dataset.fingerprint,
-                got=store.fingerprint,
-            )
+            what = "the store holds other data than the run was made with"
+            raise ResultError(what, where=f"{store.path}, {file}")
         found, without = store, ""
     else:
         found, without = _find_store(file.parent, result)
     if found:
-        require_pairs_of(result, found, file)
+        run_folder.require_pairs_of(result, found, file)
     return SavedRun(file, result, found, without)
 
 
 def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
     """Return the store that a run was made with, or None and why there is none."""
     wanted = result.dataset.fingerprint
-    noted = read_store_place(folder)
+    noted = run_folder.read_store_place(folder)
     without = ""
     if noted:
         with contextlib.suppress(DfdbenchError):
@@ -198,26 +186,17 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
-    if is_begun(folder):
-        return Problem(
-            "the run in this folder was stopped before its end",
-            where=str(folder),
-            expected=RESULT,
-            got="the pairs that it finished, which are kept",
-            fix="the same command that began it finishes it",
-        )
+    if (folder / RUN_IDENTITY).is_file():
+        what = "this run was stopped before its end; the pairs that it finished are kept"
+        fix = "the same command that began it finishes it"
+        return Problem(what, where=str(folder), fix=fix)
     below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]
-    return Problem(
-        "no run in this folder",
-        where=str(folder),
-        expected=f"a folder with {RESULT}, or a result file",
-        fix=f"name the runs: {listed(sorted(below), most=3)}"
-        if below
-        else "`dfdbench run` makes one",
-    )
+    found = f"name the runs: {listed(sorted(below), most=3)}"
+    fix = found if below else "`dfdbench run` makes one"
+    return Problem(f"no run in this folder: no {RESULT}", where=str(folder), fix=fix)
 
 
-def told_apart(runs: Iterable[SavedRun]) -> list[SavedRun]:
+def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
     """Return the runs, each with the folder's name in its label where labels would be the same.
 
     Where the folders are called the same too, as much of the path is said as tells them apart.
@@ -262,8 +241,8 @@ def without_previous(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[Path
     kept, left_out = [], []
     for path in paths:
         folder = _folder(path)
-        newer = given.get(folder.with_name(folder.name.removesuffix(PREVIOUS)))
-        if folder.name.endswith(PREVIOUS) and newer is not None:
+        newer = given.get(folder.with_name(folder.name.removesuffix(run_folder.PREVIOUS)))
+        if folder.name.endswith(run_folder.PREVIOUS) and newer is not None:
             left_out.append((path, newer))
         else:
             kept.append(path)

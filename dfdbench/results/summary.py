@@ -1,7 +1,5 @@
 """Means, spreads and intervals out of a result's pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
 
-from __future__ import annotations
-
 import json
 
 from dfdbench.blur.tracks import CLEAN
@@ -154,10 +152,6 @@ GIVEN_NOTE = (
 )
 
 
-def _is_lens(recipe: object) -> bool:
-    return recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe)
-
-
 def given_to(result: Result) -> str:
     """Return what a run's method was given beside the images, in a few words.
 
@@ -175,10 +169,11 @@ def given_to(result: Result) -> str:
     if method.scored:
         return NOT_KNOWN
     parts = []
-    if _is_lens(method.parameters.get("recipe")):
+    recipe = method.parameters.get("recipe")
+    if recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe):
         parts.append("the lens")
-    elif method.parameters.get("recipe") is not None:
-        same = method.parameters["recipe"] == dataset.recipe["name"]
+    elif recipe is not None:
+        same = recipe == dataset.recipe["name"]
         parts.append("the blur" if same else "another blur")
     elif method.fitted_on:
         parts.append("blur fitted")

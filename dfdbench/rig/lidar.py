@@ -388,8 +388,7 @@ def read_beams(path: Path | None = None) -> Beams:
         raise SourceError(f"no rows with the columns {', '.join(_LIMITS)}", where=where)
     problems: list[Problem] = []
     found = [_column(rows, name, where, problems) for name in _LIMITS]
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return Beams(np.array(found[0]), np.array(found[1]), np.array(found[2], np.int64))
 
 
@@ -424,11 +423,8 @@ def _decode(path: Path) -> NDArray[np.int32]:
     if _length(big) == len(content):
         fix = "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian"
         raise SourceError("the range file is big-endian", where=str(path), fix=fix)
-    raise SourceError(
-        f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length",
-        where=str(path),
-        fix="copy the file again",
-    )
+    what = f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length"
+    raise SourceError(what, where=str(path), fix="copy the file again")
 
 
 def _length(shape: tuple[int, ...]) -> int:

@@ -102,8 +102,7 @@ def write_captures(
         If a scene's folder holds something else; then nothing is changed.
     """
     wanted = json.dumps({"version": _VERSION, **asdict(settings)}, indent=1) + "\n"
-    if problems := [p for name in scenes if (p := _foreign(folder / name, wanted))]:
-        raise InputError.of(problems)
+    InputError.raise_if([p for name in scenes if (p := _foreign(folder / name, wanted))])
     left = [name for name in scenes if not (folder / name).exists()]
     table = read_lens_table()
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.unseen import FAR, NEAR
+from dfdbench.datasets.rendered import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws

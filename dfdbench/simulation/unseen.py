@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
+from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws

@@ -59,13 +59,10 @@ def cache_folder(folder: Path | None = None) -> Path:
     named = os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
     found = folder or Path(os.path.expanduser(named))
     if is_address(found):
-        raise InputError(
-            "the cache is no folder of this machine",
-            where="--cache" if folder else "DFDBENCH_CACHE",
-            expected="a folder",
-            got=str(folder or named),
-            fix="`dfdbench build NAME --store URL` builds a store elsewhere",
-        )
+        where = "--cache" if folder else "DFDBENCH_CACHE"
+        fix = "name a folder; `dfdbench build NAME --store URL` builds a store elsewhere"
+        what = f"the cache is no folder of this machine: {folder or named}"
+        raise InputError(what, where=where, fix=fix)
     return found
 
 

@@ -81,6 +81,16 @@ def read_whole(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         return file.read()
 
 
+def read_as(
+    kind: type[DfdbenchError], path: Path, what: str, largest: int = LARGEST_TEXT, fix: str = ""
+) -> bytes:
+    """Return what a file holds; raise an error of a kind, "cannot read WHAT", if it cannot be."""
+    try:
+        return read_whole(path, largest)
+    except OSError as error:
+        raise kind(f"cannot read {what}: {reason_of(error)}", where=str(path), fix=fix) from error
+
+
 def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
     """Return what a file of text in UTF-8 says, with every line end as a newline.
 
@@ -192,9 +202,7 @@ def writing_folder(folder: Path, what: str) -> Iterator[None]:
             yield
     except OSError as error:
         fix = room_or("choose another place with --out DIR", error)
+        fix = f"{fix}; the same command goes on where it stopped"
         raise ResultError(
-            f"cannot write the {what}",
-            where=str(folder),
-            got=reason_of(error),
-            fix=f"{fix}; the same command goes on where it stopped",
+            f"cannot write the {what}", where=str(folder), got=reason_of(error), fix=fix
         ) from error

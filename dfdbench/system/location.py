@@ -42,26 +42,18 @@ def as_location(place: Place) -> UPath:
         _ = location.fs
     except (ImportError, ValueError, TypeError, AttributeError) as error:
         # TypeError and AttributeError: kinds that need more than a URL, as reference:// does.
-        raise InputError(
-            "cannot reach places of this kind",
-            where=str(place),
-            got=str(error),
-            fix="install what fsspec needs for it; for s3:// that is dfdbench[s3]",
-        ) from error
+        fix = "install what fsspec needs for it; for s3:// that is dfdbench[s3]"
+        what = "cannot reach places of this kind"
+        raise InputError(what, where=str(place), got=str(error), fix=fix) from error
     except OSError as error:
         # Some libraries connect at once.
-        raise InputError(
-            what="cannot reach the host",
-            where=str(place),
-            got=reason_of(error),
-            fix="check the URL and the network",
-        ) from error
+        what = f"cannot reach the host: {reason_of(error)}"
+        raise InputError(what, where=str(place), fix="check the URL and the network") from error
     if location.protocol in _LOCAL:
         return UPath(location.path)
     if not location.name:
-        raise InputError(
-            "the URL names no folder", where=str(place), expected="such as s3://bucket/demo.zarr"
-        )
+        what = "the URL names no folder"
+        raise InputError(what, where=str(place), expected="such as s3://bucket/demo.zarr")
     return location
 
 

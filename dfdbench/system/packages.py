@@ -64,12 +64,12 @@ def offered_as(group: str) -> dict[str, EntryPoint]:
     try:
         return {point.name: point for point in entry_points(group=group)}
     except Exception as error:
-        raise InputError(
-            "what an installed package offers cannot be read",
-            where=f"{_unreadable()}: entry_points.txt",
-            got=f"{type(error).__name__}: {error}"[:100],
-            fix="install that package anew, or remove it",
-        ) from error
+        what = f"what an installed package offers cannot be read: {type(error).__name__}: {error}"[
+            :150
+        ]
+        where = f"{_unreadable()}: entry_points.txt"
+        fix = "install that package anew, or remove it"
+        raise InputError(what, where=where, fix=fix) from error
 
 
 def _unreadable() -> str:

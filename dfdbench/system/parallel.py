@@ -6,16 +6,16 @@ import logging
 import os
 import re
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from dfdbench.errors import InputError
-from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -23,13 +23,15 @@ Outcome = TypeVar("Outcome")
 OnOutcome = Callable[[Item, Outcome], None]
 #: Called with (items done, items in all) after each item.
 OnDone = Callable[[int, int], None]
+#: Called with an item's number and its outcome, as soon as it is there.
+Hear = Callable[[int, Outcome], None]
 
 _SECONDS_TO_ANSWER = 30
 #: How a scheduler is named: HOST:PORT, with a protocol before it or without.
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
 
 
-class Pool(Protocol):
+class Pool(ABC):
     """Where work is done."""
 
     def map(
@@ -52,10 +54,27 @@ class Pool(Protocol):
         on_done : callable, optional
             Called after that with (items done, items in all).
         """
+        done = 0
+
+        def hear(number: int, outcome: Outcome) -> None:
+            nonlocal done
+            done += 1
+            if on_outcome:
+                on_outcome(items[number], outcome)
+            if on_done:
+                on_done(done, len(items))
+
+        return self._outcomes(function, items, hear)
+
+    @abstractmethod
+    def _outcomes(
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
+    ) -> list[Outcome]:
+        """Return what the function gives; `hear` is called as each is done."""
 
 
 @dataclass(frozen=True)
-class Threads:
+class Threads(Pool):
     """Work in threads of this process.
 
     Parameters
@@ -71,21 +90,14 @@ class Threads:
 
     workers: int = 1
 
-    def map(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+    def _outcomes(
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`."""
-        return _compute(
-            ThreadPoolExecutor(self.workers), function, items, _Listener(items, on_outcome, on_done)
-        )
+        return _compute(ThreadPoolExecutor(self.workers), function, items, hear)
 
 
 @dataclass(frozen=True)
-class Processes:
+class Processes(Pool):
     """Work in processes of this machine, for what shares no process well.
 
     Parameters
@@ -96,52 +108,39 @@ class Processes:
 
     workers: int = 1
 
-    def map(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+    def _outcomes(
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`."""
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
-        pool = ProcessPoolExecutor(
-            self.workers, mp_context=get_context("spawn"), initializer=_begin_worker
-        )
-        return _compute(pool, function, items, _Listener(items, on_outcome, on_done))
+        context = get_context("spawn")
+        pool = ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
+        return _compute(pool, function, items, hear)
 
 
 @dataclass(frozen=True)
-class Cluster:
+class Cluster(Pool):
     """Work on a `dask.distributed` cluster whose workers have dfdbench installed.
 
     Parameters
     ----------
     address : str
         The scheduler's, such as ``tcp://node1:8786``.
+
+    Raises
+    ------
+    InputError
+        From `map`, if dask.distributed is not installed, no scheduler answers, or it goes away.
     """
 
     address: str
 
-    def map(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+    def _outcomes(
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`.
-
-        Raises
-        ------
-        InputError
-            Where dask.distributed is not installed, no scheduler answers, or it goes away.
-        """
         with _client(self.address) as (client, as_completed):
             futures = client.map(function, items, pure=False, batch_size=1)
             place = {future.key: number for number, future in enumerate(futures)}
             outcomes: dict[int, Outcome] = {}
-            listener = _Listener(items, on_outcome, on_done)
             try:
                 for future, outcome in as_completed(futures, loop=client.loop, with_results=True):
                     # Work that nobody will do any more comes as an outcome, too.
@@ -149,7 +148,7 @@ class Cluster:
                         raise _gone(self.address)
                     number = place[future.key]
                     outcomes[number] = outcome
-                    listener.hear(number, outcome)
+                    hear(number, outcome)
             finally:
                 if client.status == "running":
                     client.cancel(futures)
@@ -175,32 +174,8 @@ def _end_with_parent() -> None:
     threading.Thread(target=end, daemon=True).start()
 
 
-class _Listener(Generic[Item, Outcome]):
-    """Counts the items that are done and tells the caller of each."""
-
-    def __init__(
-        self,
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None,
-        on_done: OnDone | None,
-    ) -> None:
-        self._items, self._on_outcome, self._on_done = items, on_outcome, on_done
-        self._done = 0
-
-    def hear(self, number: int, outcome: Outcome) -> None:
-        """Tell of an item by its place."""
-        self._done += 1
-        if self._on_outcome:
-            self._on_outcome(self._items[number], outcome)
-        if self._on_done:
-            self._on_done(self._done, len(self._items))
-
-
 def _compute(
-    pool: Executor,
-    function: Callable[[Item], Outcome],
-    items: Sequence[Item],
-    listener: _Listener[Item, Outcome],
+    pool: Executor, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
 ) -> list[Outcome]:
     # Here: it takes a third of a second, and one worker does without.
     from dask.base import compute
@@ -211,7 +186,7 @@ def _compute(
 
     def posttask(key: Any, outcome: Any, *_: Any) -> None:
         if key in place:
-            listener.hear(place[key], outcome)
+            hear(place[key], outcome)
 
     tasks = [
         delayed(function, pure=False)(items[number], dask_key_name=name)
@@ -234,31 +209,19 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        raise InputError(
-            "dask.distributed is not installed",
-            where="--scheduler",
-            got=str(error),
-            fix="pip install 'dfdbench[cluster]', here and on the cluster's workers",
-        ) from error
+        fix = "pip install 'dfdbench[cluster]', here and on the cluster's workers"
+        what = f"dask.distributed is not installed: {error}"
+        raise InputError(what, where="--scheduler", fix=fix) from error
     if not _ADDRESS.fullmatch(address):
         # Asked all the same, the client's threads would keep the command from ending.
-        raise InputError(
-            "not a scheduler's address",
-            where="--scheduler",
-            expected="such as tcp://node1:8786",
-            got=address,
-        )
+        what = f"not a scheduler's address, such as tcp://node1:8786: {address}"
+        raise InputError(what, where="--scheduler")
     try:
         client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(
-            "no scheduler answers",
-            where="--scheduler",
-            expected="such as tcp://node1:8786",
-            got=f"{address} ({error})",
-            fix="start one with: dask scheduler",
-        ) from error
-    # A scheduler that goes away is told once, in our words.
+        what = f"no scheduler answers at {address}: {error}"
+        raise InputError(what, where="--scheduler", fix="start one with: dask scheduler") from error
+    # A scheduler that goes away is reported once, in our words.
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -270,9 +233,27 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
 
 
 def _gone(address: str) -> InputError:
-    return InputError(
-        "the scheduler went away, or its work was cancelled",
-        where="--scheduler",
-        got=address,
-        fix="start it again: the same command goes on with what is left to do",
-    )
+    what = f"the scheduler at {address} went away, or its work was cancelled"
+    fix = "start it again: the same command goes on with what is left to do"
+    return InputError(what, where="--scheduler", fix=fix)
+
+
+# What asyncio says, with a traceback, whenever the garbage collector comes by.
+_SAID = (
+    "Task exception was never retrieved",
+    "Future exception was never retrieved",
+    "Task was destroyed but it is pending!",
+)
+
+
+def keep_quiet_of_abandoned_tasks() -> None:
+    """Let asyncio say nothing of the tasks that nobody waits for any more.
+
+    zarr reads the members of a group all at once. The first that cannot be read is raised, and
+    with its name; of the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
+    """
+    logging.getLogger("asyncio").addFilter(_is_news)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    return not record.getMessage().startswith(_SAID)

@@ -1,13 +1,18 @@
-"""Records that files keep: what is in them is checked, and what is wrong is told."""
+"""Frozen records of checked fields, and what is wrong with one in words."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, fields
+from functools import cache
+from typing import Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from dfdbench.errors import Problem
+from dfdbench.errors import InputError, Problem
 
+Made = TypeVar("Made")
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
 _LONGEST = 80
 
@@ -72,3 +77,49 @@ integer, got 'x'
                 problem = Problem(what, where=where, expected=expected, got=got, fix=fix)
         problems.append(problem)
     return problems
+
+
+def check_fields(record: Any, what: str) -> None:
+    """Check a dataclass's values against the annotations of its fields, strictly.
+
+    Raises
+    ------
+    InputError
+        With every field that is wrong; `what` names the record.
+    """
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    InputError.raise_if(list(_wrong_values(type(record), values, what)))
+
+
+def made_of(kind: type[Made], given: Mapping[str, Any], what: str) -> Made:
+    """Return a dataclass made of its fields by name.
+
+    Raises
+    ------
+    InputError
+        With every field that is unknown, lacking or wrong; `what` names the record.
+    """
+    known = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
+    unknown = [name for name in given if name not in known]
+    lacking = [name for name in known if known[name] is MISSING and name not in given]
+    problems = [
+        *(Problem(f"unknown field of a {what}", where=str(name)) for name in unknown),
+        *(Problem(f"a field of the {what} is lacking", where=name) for name in lacking),
+        *_wrong_values(kind, {name: given[name] for name in known if name in given}, what),
+    ]
+    InputError.raise_if(problems)
+    return kind(**given)
+
+
+def _wrong_values(kind: type, values: Mapping[str, Any], what: str) -> Iterator[Problem]:
+    for name, value in values.items():
+        try:
+            _adapters(kind)[name].validate_python(value, strict=True)
+        except ValidationError as error:
+            yield from problems_of(error, f"wrong {what}", file=name)
+
+
+@cache
+def _adapters(kind: type) -> dict[str, TypeAdapter[Any]]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: TypeAdapter(hints[field.name]) for field in fields(kind)}

@@ -8,6 +8,8 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from dfdbench.errors import InputError, Problem
+
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
 
@@ -71,6 +73,17 @@ def differences(
             yield from differences(one, other, f"{name}{key}.")
         elif one != other:
             yield f"{name}{key}", one, other
+
+
+def require_same(
+    before: Mapping[str, Any], now: Mapping[str, Any], what: str, where: str, fix: str = ""
+) -> None:
+    """Raise an InputError that names everything in which two nested records differ."""
+    problems = [
+        Problem(f"{what}, with {name} {one} instead of {other}", where=where, fix=fix)
+        for name, one, other in differences(before, now)
+    ]
+    InputError.raise_if(problems)
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What was set before Python began and breaks libraries: told before they are imported."""
+"""Reject environment variables that crash our dependencies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dfdbench.errors import InputError, Problem
 
 _COUNT = r"[1-9]\d{0,5}"
 _THREADS = "a number of threads, 1 or more"
-#: What a variable has to look like, and how that is told.
+#: What a variable has to look like, and that in words.
 _FORMS = {
     "NUMBA_NUM_THREADS": (_COUNT, _THREADS),
     # OpenMP takes a count for each depth of nesting.
@@ -40,27 +40,16 @@ def require_sound_start(environment: Mapping[str, str], assertions: bool = __deb
     >>> require_sound_start({"OMP_NUM_THREADS": "4"}, assertions=True)
     >>> require_sound_start({"OMP_NUM_THREADS": "0"}, assertions=True)
     Traceback (most recent call last):
-    dfdbench.errors.InputError: wrong environment variable (OMP_NUM_THREADS): expected ...
+    dfdbench.errors.InputError: not a number of threads, 1 or more: 0 ...
     """
     problems = [
-        Problem(
-            "wrong environment variable",
-            where=name,
-            expected=expected,
-            got=environment[name][:80],
-            fix=f"unset {name}",
-        )
+        Problem(f"not {expected}: {environment[name][:80]}", where=name, fix=f"unset {name}")
         for name, (form, expected) in _FORMS.items()
         if environment.get(name) and not re.fullmatch(form, environment[name].strip())
     ]
     if not assertions:
+        what = "Python was started without assertions, which zarr needs"
         problems.append(
-            Problem(
-                "Python was started without assertions, and zarr cannot do without",
-                where="PYTHONOPTIMIZE, or python -O",
-                expected="a Python as it starts by itself",
-                fix="unset PYTHONOPTIMIZE",
-            )
+            Problem(what, where="PYTHONOPTIMIZE, or python -O", fix="unset PYTHONOPTIMIZE")
         )
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)

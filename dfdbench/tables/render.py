@@ -1,7 +1,5 @@
 """A table in each of its forms: terminal, Markdown, LaTeX, CSV, JSON."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

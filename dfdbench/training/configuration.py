@@ -11,11 +11,11 @@ import torch
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.errors import InputError, Problem, reason_of
+from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
-from dfdbench.system.files import read_whole
+from dfdbench.system.files import read_as
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
@@ -24,6 +24,9 @@ Count = Annotated[int, Field(ge=1)]
 Expansion = Literal["eight", "basic", "one"]
 #: Wider than this no configuration can mean.
 _NARROWEST = 128
+_ONE_A_FILTER = Field(min_length=len(SIZED), max_length=len(SIZED))
+_ONE_A_SITE = Field(min_length=len(SITES), max_length=len(SITES))
+_Beta = Annotated[float, Field(ge=0, lt=1)]
 #: Rows and columns of a filter, or one number for both.
 _Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
@@ -92,11 +95,11 @@ class TrainingConfiguration(Record):
     decay_prelu : bool
         Weight decay for the slopes of the PReLUs too, as in dlib; else for filters alone. A choice
         of its own, whatever the schedule. U-Net has no PReLU.
-    schedule : {"dlib", "progress", "cosine"}
-        Lower the learning rate where the loss makes no progress, as dlib's trainer judges it or by
-        an earlier rule of our own; or along a cosine to 0.
+    schedule : {"dlib", "cosine"}
+        Lower the learning rate if the loss makes no progress, as dlib's trainer judges it; or along
+        a cosine to 0.
     patience, shrink, minimum_learning_rate
-        Of ``dlib`` and ``progress``: steps without progress, factor, and where training ends.
+        Of ``dlib``: steps without progress, factor, and where training ends.
     steps : int, optional
         If training ends at the latest; ``cosine`` needs it.
     warm_up : int
@@ -115,15 +118,9 @@ class TrainingConfiguration(Record):
     narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1
     sampling_size: Annotated[int, Field(ge=1, le=8)] = 2
     first_activation: Literal["prelu", "sigmoid"] = "prelu"
-    kernels: Annotated[list[_Size], Field(min_length=len(SIZED), max_length=len(SIZED))] | None = (
-        None
-    )
-    activations: (
-        Annotated[list[_Activation], Field(min_length=len(SITES), max_length=len(SITES))] | None
-    ) = None
-    normalized: (
-        Annotated[list[bool], Field(min_length=len(SITES), max_length=len(SITES))] | None
-    ) = None
+    kernels: Annotated[list[_Size], _ONE_A_FILTER] | None = None
+    activations: Annotated[list[_Activation], _ONE_A_SITE] | None = None
+    normalized: Annotated[list[bool], _ONE_A_SITE] | None = None
     crop: Annotated[int, Field(ge=12)] = 32
     crops_per_step: Annotated[int, Field(ge=1, le=65_536)] = 28
     expansion: Expansion = "eight"
@@ -137,12 +134,9 @@ class TrainingConfiguration(Record):
     label_width: Annotated[float, Field(ge=0, le=64, allow_inf_nan=False)] = 0.0
     learning_rate: Positive = 1e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
-    betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (
-        0.5,
-        0.99,
-    )
+    betas: tuple[_Beta, _Beta] = (0.5, 0.99)
     decay_prelu: bool = True
-    schedule: Literal["dlib", "progress", "cosine"] = "dlib"
+    schedule: Literal["dlib", "cosine"] = "dlib"
     patience: Annotated[int, Field(ge=10)] = 2500
     shrink: Annotated[float, Field(gt=0, lt=1)] = 0.1
     minimum_learning_rate: Positive = 1e-10
@@ -274,22 +268,17 @@ def read_configuration(
         configuration = TrainingConfiguration.model_validate(kept)
     except ValidationError as error:
         problems += problems_of(error, "the configuration cannot be used", file=name)
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return configuration
 
 
 def _text_of(name: str) -> str:
     if not Path(name).is_file():
         known = ", ".join(shipped_configurations())
-        raise InputError(
-            f"no such configuration as {name}", where="--config", expected=f"a file or {known}"
-        )
-    try:
-        return read_whole(Path(name)).decode("utf-8", errors="replace")
-    except OSError as error:
-        got = reason_of(error)
-        raise InputError("cannot read the configuration", where=name, got=got) from error
+        what = f"no such configuration as {name}"
+        raise InputError(what, where="--config", expected=f"a file or {known}")
+    content = read_as(InputError, Path(name), "the configuration")
+    return content.decode("utf-8", errors="replace")
 
 
 def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str]:

@@ -17,6 +17,7 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
+from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.schedule import EndedBy
@@ -29,8 +30,7 @@ FOLD = "fold"
 PAIR = "pair"
 
 
-@dataclass(frozen=True)
-class Experiment:
+class Experiment(Record):
     """What is trained again and again.
 
     Parameters
@@ -51,8 +51,8 @@ class Experiment:
 
     name: str
     title: str
-    varies: str
-    values: tuple[Any, ...]
+    varies: str = ""
+    values: tuple[Any, ...] = ()
     repeats: int
     split: str = "train"
     baseline: str = ""
@@ -68,18 +68,7 @@ def experiments() -> dict[str, Experiment]:
     """
     source = files("dfdbench.training").joinpath("experiments.toml")
     content = tomllib.loads(source.read_text(encoding="utf-8"))
-    return {
-        name: Experiment(
-            name,
-            item["title"],
-            item.get("varies", ""),
-            tuple(item.get("values", ())),
-            item["repeats"],
-            item.get("split", "train"),
-            str(item.get("baseline", "")),
-        )
-        for name, item in content.items()
-    }
+    return {name: Experiment(name=name, **item) for name, item in content.items()}
 
 
 def find_experiment(name: str) -> Experiment:
@@ -255,17 +244,11 @@ def experiment_table(
                 for metric in METRICS
                 if all(metric in scores for scores in of_each)
             }
-            rows.append(
-                (
-                    value or "all seeds",
-                    str(len(group)),
-                    "score" if len(group) == 1 else statistic,
-                    *(score_text(scores.get(metric)) for metric in METRICS),
-                )
-            )
-            record: dict[str, object] = {"value": value, "trainings": len(group)}
-            record["statistic"] = rows[-1][2]
-            records.append({**record, **scores, "protocol": protocol})
+            named = "score" if len(group) == 1 else statistic
+            cells = (score_text(scores.get(metric)) for metric in METRICS)
+            rows.append((value or "all seeds", str(len(group)), named, *cells))
+            facts = {"value": value, "trainings": len(group), "statistic": named}
+            records.append({**facts, **scores, "protocol": protocol})
     some = cards[0][1] if cards else None
     notes = [f"{some.method} on {some.dataset}, protocol {protocol}"] if some else []
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})

@@ -10,9 +10,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
+from dfdbench.system.text import require_same
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.schedule import schedule_of
 from dfdbench.training.task import Task, require_trainable, training_tracks
@@ -135,19 +136,9 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
             network = build_network(task.method, architecture)
         return network, ""
     network, card = load_weights(task.start, task.method)
-    # Each may lack what is usual and the other names.
-    problems = [
-        Problem(
-            f"the weights are of another network, with {name} {card.architecture.get(name)} "
-            f"instead of {architecture.get(name)}",
-            where=str(task.start),
-        )
-        for name in dict.fromkeys([*architecture, *card.architecture])
-        if name != "channel_means" and card.architecture.get(name) != architecture.get(name)
-    ]
-    if problems:
-        raise InputError.of(problems)
     architecture["channel_means"] = card.architecture["channel_means"]
+    what = "the weights are of another network"
+    require_same(card.architecture, architecture, what, str(task.start))
     earlier = f"; that from {card.started_from}" if card.started_from else ""
     digest = weights_sha256(task.start)
     minutes = f"{card.seconds / 60:.1f} minutes"

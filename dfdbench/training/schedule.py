@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,10 @@ from scipy.special import ndtr
 
 from dfdbench.training.configuration import TrainingConfiguration
 
-#: The slope test looks at all losses since the last change: not at each step.
-_TEST_EVERY = 50
 #: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
 _BUDGET_A_STEP, _DROPPED = 200, 400
-_FEWEST = 3
-#: The probability from which a loss counts as fallen, in dlib and here.
-SURE = 0.51
+#: The probability from which a loss counts as fallen.
+_SURE = 0.51
 
 
 class EndedBy(StrEnum):
@@ -51,86 +48,7 @@ class EndedBy(StrEnum):
         return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
 
 
-class Schedule(Protocol):
-    """What the trainer asks after each step."""
-
-    @property
-    def rate(self) -> float:
-        """The learning rate of the step to come."""
-
-    def after(self, step: int, loss: float) -> None:
-        """Note the loss of a step; the first is 1."""
-
-    @property
-    def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
-
-
-class ProgressSchedule:
-    """Lower the learning rate if the loss has made no progress for long: a rule of our own.
-
-    Every 50 steps it looks at all losses since the last change (`steps_without_progress`). When
-    the rate changes, the losses are forgotten.
-
-    Parameters
-    ----------
-    configuration : TrainingConfiguration
-        Its `learning_rate`, `patience`, `shrink`, `minimum_learning_rate` and `steps`.
-
-    Examples
-    --------
-    >>> choices = TrainingConfiguration(patience=50, learning_rate=0.1)
-    >>> schedule = ProgressSchedule(choices)
-    >>> for step in range(1, 101):
-    ...     schedule.after(step, 1.0)
-    >>> round(schedule.rate, 6)
-    0.001
-    """
-
-    def __init__(self, configuration: TrainingConfiguration) -> None:
-        self._patience = configuration.patience
-        self._shrink = configuration.shrink
-        self._least = configuration.minimum_learning_rate
-        self._steps = configuration.steps
-        self._losses: list[float] = []
-        self._step = 0
-        self.rate = configuration.learning_rate
-
-    def after(self, step: int, loss: float) -> None:
-        """Note a loss; lower the rate if the slope test says so."""
-        self._step = step
-        self._losses.append(loss)
-        due = step % _TEST_EVERY == 0 and len(self._losses) >= self._patience
-        if due and steps_without_progress(self._losses) >= self._patience:
-            self.rate *= self._shrink
-            self._losses.clear()
-
-    @property
-    def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
-        # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
-        if self.rate <= self._least * (1 + 1e-6):
-            return f"{EndedBy.LEARNING_RATE} {self._least:g}"
-        if self._steps is not None and self._step >= self._steps:
-            return EndedBy.STEPS
-        return ""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-        return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self._step, self.rate, self._losses = state["step"], state["rate"], state["losses"]
-
-
-class DlibSchedule(ProgressSchedule):
+class DlibSchedule:
     """Lower the learning rate if dlib's trainer would (5.2.2).
 
     It keeps the last `patience` losses. Once there are so many, it fits a line to them every
@@ -158,6 +76,15 @@ class DlibSchedule(ProgressSchedule):
     [600, 1060]
     """
 
+    def __init__(self, configuration: TrainingConfiguration) -> None:
+        self._patience = configuration.patience
+        self._shrink = configuration.shrink
+        self._least = configuration.minimum_learning_rate
+        self._steps = configuration.steps
+        self._losses: list[float] = []
+        self._step = 0
+        self.rate = configuration.learning_rate
+
     def after(self, step: int, loss: float) -> None:
         """Note a loss; lower the rate if dlib would."""
         self._step = step
@@ -166,9 +93,27 @@ class DlibSchedule(ProgressSchedule):
         if not due or len(self._losses) < self._patience:
             return
         kept = without_largest(self._losses)
-        if max(probability_of_fall(self._losses), probability_of_fall(kept)) < SURE:
+        if max(probability_of_fall(self._losses), probability_of_fall(kept)) < _SURE:
             self.rate *= self._shrink
             del self._losses[: _DROPPED + self._patience // 10]
+
+    @property
+    def ended(self) -> str:
+        """Why training has ended; empty if it has not."""
+        # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
+        if self.rate <= self._least * (1 + 1e-6):
+            return f"{EndedBy.LEARNING_RATE} {self._least:g}"
+        if self._steps is not None and self._step >= self._steps:
+            return EndedBy.STEPS
+        return ""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self._step, self.rate, self._losses = state["step"], state["rate"], state["losses"]
 
 
 class CosineSchedule:
@@ -220,56 +165,11 @@ class CosineSchedule:
         self._step = state["step"]
 
 
-def schedule_of(configuration: TrainingConfiguration) -> Schedule:
+def schedule_of(configuration: TrainingConfiguration) -> DlibSchedule | CosineSchedule:
     """Return the schedule that a configuration asks for."""
     if configuration.schedule == "cosine":
         return CosineSchedule(configuration)
-    return (DlibSchedule if configuration.schedule == "dlib" else ProgressSchedule)(configuration)
-
-
-def steps_without_progress(losses: Sequence[float] | NDArray[np.float64]) -> int:
-    """Return the largest number of last steps over which the loss is not known to have fallen.
-
-    Fit a line to the last n losses by least squares. With Gaussian noise its slope is normally
-    distributed; the loss has fallen if the slope is negative with a probability of `SURE` (5.2.2,
-    after dlib).
-
-    Parameters
-    ----------
-    losses : array_like of float, shape (n,)
-        One a step, oldest first.
-
-    Returns
-    -------
-    int
-        0 if it falls over every stretch up to now.
-
-    Examples
-    --------
-    >>> steps_without_progress([9, 8, 7, 6, 5, 4, 3, 2, 1, 0])
-    0
-    >>> steps_without_progress([9, 8, 7, 6, 5, 5, 5, 5, 5, 5, 5])
-    7
-    """
-    values = np.asarray(losses, np.float64)
-    if values.size < _FEWEST:
-        return 0
-    # From the newest back: sums over the last n for all n at once.
-    backwards = values[::-1] - values.mean()
-    index = np.arange(values.size, dtype=np.float64)
-    n = index + 1
-    total = np.cumsum(backwards)
-    spread = (n**3 - n) / 12
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rise = (np.cumsum(index * backwards) - (n - 1) / 2 * total) / spread
-        residual = np.cumsum(backwards**2) - total**2 / n - rise**2 * spread
-        error = np.sqrt(np.maximum(residual, 0) / (n - 2) / spread)
-        # Back in time a falling loss rises.
-        least = _rounding(values)
-        exact = np.where(rise > least, 1.0, 0.5)
-        falling = np.where(error > least, ndtr(rise / error), exact)
-    stuck = falling[_FEWEST - 1 :] < SURE
-    return int(np.flatnonzero(stuck)[-1]) + _FEWEST if stuck.any() else 0
+    return DlibSchedule(configuration)
 
 
 def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:

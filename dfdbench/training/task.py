@@ -17,13 +17,12 @@ from torch import nn
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.folds import require_fold, training_of
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Pair, require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.metrics.metric import METRICS
-from dfdbench.metrics.protocol import PROTOCOLS, find_protocol, score
+from dfdbench.metrics.protocol import PROTOCOLS, Protocol, find_protocol, score
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import RandomTracks, margin_of, require_crops_fit
@@ -208,10 +207,12 @@ def mean_scores(
     pairs: Sequence[Pair],
     device: torch.device,
     readout: Readout = "mode",
+    protocols: Sequence[Protocol] = tuple(PROTOCOLS[label] for label in LOGGED),
+    centre: tuple[int, int] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Return the mean of each metric over pairs, under each protocol of `LOGGED`, by its label.
+    """Return the mean of each metric over pairs, under each protocol by its label.
 
-    A metric is absent where no pair defines it.
+    A metric is absent if no pair defines it.
 
     Parameters
     ----------
@@ -225,21 +226,25 @@ def mean_scores(
         If it runs.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer.
+    protocols : sequence of Protocol
+        By default those of `LOGGED`.
+    centre : tuple of int, optional
+        Score only so many rows and columns in the centre of each image.
     """
     predict = Predictor(copy.deepcopy(network).eval(), device, readout=readout)
-    values: dict[str, dict[str, list[float]]] = {
-        protocol: {metric: [] for metric in METRICS} for protocol in LOGGED
-    }
+    found: dict[str, list[dict[str, float]]] = {protocol.label: [] for protocol in protocols}
     for pair in pairs:
         images = store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
-        crop = store.manifest.network_crop
-        for protocol, found in values.items():
-            scores = score(PROTOCOLS[protocol], images.levels, images.valid, levels, crop)
-            for metric in METRICS:
-                if not math.isnan(scores[metric]):
-                    found[metric].append(scores[metric])
-    return {
-        protocol: {metric: fmean(scores) for metric, scores in found.items() if scores}
-        for protocol, found in values.items()
-    }
+        at = tuple(
+            slice(max(0, (side - most) // 2), max(0, (side - most) // 2) + most)
+            for side, most in zip(levels.shape, centre or levels.shape, strict=True)
+        )
+        truth, valid, crop = images.levels[at], images.valid[at], store.manifest.network_crop
+        for protocol in protocols:
+            found[protocol.label].append(score(protocol, truth, valid, levels[at], crop))
+    means: dict[str, dict[str, float]] = {}
+    for label, rows in found.items():
+        defined = {name: [r[name] for r in rows if not math.isnan(r[name])] for name in METRICS}
+        means[label] = {name: fmean(values) for name, values in defined.items() if values}
+    return means

@@ -15,13 +15,13 @@ from typing import Any
 import torch
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError, Problem, ResultError, reason_of, room_or
+from dfdbench.errors import InputError, ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.system.files import read_whole, write_whole
+from dfdbench.system.files import read_as, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
-from dfdbench.system.text import differences
+from dfdbench.system.text import require_same
 from dfdbench.training.configuration import settled
 from dfdbench.training.crops import Cropper
 from dfdbench.training.learner import Learner
@@ -290,25 +290,15 @@ class TrainingFolder:
             If it is damaged, or of another training; every difference is named.
         """
         path = self.path / _CHECKPOINT
-        try:
-            content = read_whole(path, _LARGEST)
-        except OSError as error:
-            what = f"cannot read the checkpoint: {reason_of(error)}"
-            raise InputError(what, where=str(path), fix="--fresh starts over") from error
+        fix = "--fresh starts over"
+        content = read_as(InputError, path, "the checkpoint", _LARGEST, fix)
         body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != digest:
-            raise InputError("damaged checkpoint", where=str(path), fix="--fresh starts over")
+            raise InputError("damaged checkpoint", where=str(path), fix=fix)
         saved = torch.load(io.BytesIO(body), weights_only=True)
-        problems = [
-            Problem(
-                f"the checkpoint is of another training, with {name} {one} instead of {other}",
-                where=str(path),
-                fix="repeat the earlier command, choose another folder with --out, or --fresh",
-            )
-            for name, one, other in differences(saved["identity"], _as_json(identity))
-        ]
-        if problems:
-            raise InputError.of(problems)
+        fix = "repeat the earlier command, choose another folder with --out, or --fresh"
+        what = "the checkpoint is of another training"
+        require_same(saved["identity"], _as_json(identity), what, str(path), fix)
         return saved["state"], Log(**saved["log"])
 
     def write_patches(self, rows: list[Row]) -> None:

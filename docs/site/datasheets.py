@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dfdbench.datasets.catalog import released_manifests
-from dfdbench.datasets.datasheet import datasheet_of
+from dfdbench.datasets.croissant import datasheet_of
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.tables.render import escape_markdown
 

@@ -15,8 +15,6 @@ from dfdbench.audit.coverage import (
     Verdict,
     compare_depths,
     coverage_table,
-    each_as_json,
-    each_table,
     uncovered,
     verdict_line,
 )
@@ -109,12 +107,3 @@ def test_tables_hold_every_range_and_say_what_counts(tiny_store: Dataset) -> Non
     allowed = compare_depths(*sides_of(tiny_store), allowed_share=1.0)
     assert verdict_line(allowed).startswith("covered: ")
     assert "100.0 % allowed" in verdict_line(allowed)
-
-
-def test_each_row_is_one_comparison(tiny_store: Dataset) -> None:
-    records = {name: compare_depths(*sides_of(tiny_store, fold=name)) for name in ("K1", "K2")}
-    table = each_table(records, "fold")
-    assert [row[:2] for row in table.rows] == [("K1", "One, Two"), ("K2", "Three")]
-    content = json.loads(each_as_json(records, "fold"))
-    assert content["schema_version"] == 1
-    assert list(content["records"]) == ["K1", "K2"]

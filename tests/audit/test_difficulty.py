@@ -143,14 +143,8 @@ def test_a_row_takes_the_views_of_a_lighting_together(tiny_manifest: Manifest) -
 
 def test_no_step_reads_none_and_no_pixel_a_dash(tiny_manifest: Manifest) -> None:
     table = difficulty_table(tiny_manifest, rows(tiny_manifest), 3)
-    assert table.columns == (
-        "scene",
-        "illumination",
-        "exposure",
-        "1 apart",
-        "32 apart",
-        "median step",
-    )
+    assert table.columns[:3] == ("scene", "illumination", "exposure")
+    assert table.columns[3:] == ("1 apart", "32 apart", "median step")
     assert table.rows[0] == ("One", "1", "0", "100.0 %", "100.0 %", "none")
     assert table.rows[1] == ("One", "1", "1", "75.0 %", "62.5 %", "64")
     assert table.rows[2][3:] == ("–", "–", "–")

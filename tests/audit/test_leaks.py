@@ -99,7 +99,7 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     hashes = scene_hashes(Dataset(tmp_path / "s.zarr"), tiny_manifest.scene_names)
     leaks = image_leaks({"One": hashes["One"]}, {n: hashes[n] for n in ("Two", "Three")})
     assert [(leak.train, leak.test) for leak in leaks] == [("One/view1", "Three/view1")]
-    assert "bits" in leaks[0].as_problem().got
+    assert "bits" in leaks[0].as_problem().what
     assert scenes_alike(tiny_manifest, hashes) == [("One", "Three"), ("Two",)]
     assert image_leaks({}, hashes) == []
 

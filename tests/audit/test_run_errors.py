@@ -5,18 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.audit import run_errors
 from dfdbench.audit.coverage import CoverageRecord, Verdict, compare_depths
 from dfdbench.audit.leaks import Leak, LeakKind
-from dfdbench.audit.run_errors import (
-    ErrorJoin,
-    LevelErrors,
-    conclusion,
-    error_table,
-    errors_as_json,
-    join_errors,
-    level_errors,
-    scene_table,
-)
 from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
@@ -26,7 +17,7 @@ from dfdbench.evaluation.run import run_method
 from tests.made_results import make_result
 
 DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
-ERRORS = level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
+ERRORS = run_errors.level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
 NINE = np.arange(256) == 9
 
 
@@ -45,15 +36,15 @@ def test_excess_is_what_would_be_gone() -> None:
     assert math.isnan(ERRORS.excess(np.ones(256, bool)))
 
 
-def errors_of(levels: dict[int, tuple[int, float]]) -> LevelErrors:
+def errors_of(levels: dict[int, tuple[int, float]]) -> run_errors.LevelErrors:
     """The errors of some pixels of each level, by level: how many, and by how much."""
     pixels, absolute, squared = np.zeros(256, np.int64), np.zeros(256), np.zeros(256)
     for level, (count, error) in levels.items():
         pixels[level], absolute[level], squared[level] = count, count * error, count * error**2
-    return LevelErrors(pixels, absolute, squared)
+    return run_errors.LevelErrors(pixels, absolute, squared)
 
 
-def join_of(scarce: float, share: int = 20) -> ErrorJoin:
+def join_of(scarce: float, share: int = 20) -> run_errors.ErrorJoin:
     """Level 9 is scarce and 100 covered; of 100 pixels of scene a some share is scarce."""
     of_level = {verdict: np.zeros(256, bool) for verdict in Verdict}
     of_level[Verdict.scarce][9] = True
@@ -62,7 +53,7 @@ def join_of(scarce: float, share: int = 20) -> ErrorJoin:
         "a/1": errors_of({9: (share, scarce), 100: (100 - share, 2.0)}),
         "b/1": errors_of({100: (100, 2.0)}),
     }
-    return ErrorJoin(pairs, {"a/1": "a", "b/1": "b"}, of_level)
+    return run_errors.ErrorJoin(pairs, {"a/1": "a", "b/1": "b"}, of_level)
 
 
 @pytest.fixture
@@ -87,22 +78,22 @@ def record(tiny_store: Dataset) -> CoverageRecord:
     ],
 )
 def test_the_conclusion_follows_from_errors_and_training(
-    record: CoverageRecord, join: ErrorJoin, training: Training, told: str
+    record: CoverageRecord, join: run_errors.ErrorJoin, training: Training, told: str
 ) -> None:
-    assert told in conclusion(join, record, training)
+    assert told in run_errors.conclusion(join, record, training)
 
 
 def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
     leak = Leak(kind=LeakKind.scene, train="a", test="a", detail="all")
     leaky = record.model_copy(update={"leaks": [leak, leak]})
-    told = conclusion(join_of(22.0), leaky, Training.known)
+    told = run_errors.conclusion(join_of(22.0), leaky, Training.known)
     assert told == (
         "training holds 2 scenes of the test: these errors say nothing of scenes that are new"
     )
 
 
 def test_tables_have_means_by_verdict_and_by_scene() -> None:
-    table = error_table(join_of(22.0), "title", "meaning")
+    table = run_errors.error_table(join_of(22.0), "title", "meaning")
     assert [row[:4] for row in table.rows] == [
         ("covered", "180", "90.0 %", "2.00"),
         ("scarce", "20", "10.0 %", "22.00"),
@@ -110,7 +101,7 @@ def test_tables_have_means_by_verdict_and_by_scene() -> None:
         ("all known", "200", "100.0 %", "4.00"),
     ]
     assert table.notes == ("meaning",)
-    assert scene_table(join_of(22.0)).rows == (
+    assert run_errors.scene_table(join_of(22.0)).rows == (
         ("a", "20.0 %", "2.00", "22.00", "–", "66.7 %"),
         ("b", "0 %", "2.00", "–", "–", "–"),
     )
@@ -118,7 +109,7 @@ def test_tables_have_means_by_verdict_and_by_scene() -> None:
 
 def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
     result = make_result({("a", 1, 1, 0): 0.1})
-    content = json.loads(errors_as_json(join_of(22.0), result, record, Training.none))
+    content = json.loads(run_errors.errors_as_json(join_of(22.0), result, record, Training.none))
     assert content["verdicts"]["scarce"]["mean_absolute_error"] == 22
     assert content["verdicts"]["missing"]["mean_absolute_error"] is None
     assert content["levels"]["mean_absolute_error"][100] == 2
@@ -128,13 +119,13 @@ def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
 def test_only_a_runs_own_predictions_are_joined(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
     record = compare_depths(*sides_of(tiny_store))
-    join = join_errors(tiny_store, run.result, run.folder, record)
+    join = run_errors.join_errors(tiny_store, run.result, run.folder, record)
     assert list(join.pairs) == [pair.id for pair in run.result.pairs]
     truth = [tiny_store.read_levels(pair)[1].sum() for pair in tiny_store.pairs("test")]
     assert join.total.pixels.sum() == sum(truth)
     first = run.result.pairs[0].model_copy(update={"prediction_sha256": "0" * 64})
     edited = run.result.model_copy(update={"pairs": [first, *run.result.pairs[1:]]})
     with pytest.raises(ResultError, match="is not the result's"):
-        join_errors(tiny_store, edited, run.folder, record)
+        run_errors.join_errors(tiny_store, edited, run.folder, record)
     with pytest.raises(ResultError, match="no prediction was kept"):
-        join_errors(tiny_store, run.result, tmp_path / "nowhere", record)
+        run_errors.join_errors(tiny_store, run.result, tmp_path / "nowhere", record)

@@ -9,14 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.audit.sides import (
-    as_ranges,
-    depth_histogram,
-    expected_uses,
-    runs,
-    scene_histograms,
-    sides_of,
-)
+from dfdbench.audit import sides
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
@@ -28,7 +21,7 @@ from tests.conftest import TINY_TOML
 
 def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
     depth = np.array([[0, 0, 9, 9, 80]], np.uint8)
-    once, thrice = (depth_histogram(depth, depth > 0, pairs) for pairs in (1, 3))
+    once, thrice = (sides.depth_histogram(depth, depth > 0, pairs) for pairs in (1, 3))
     assert (once.known, once.unknown) == (3, 2)
     assert (thrice.counts == 3 * once.counts).all()
     assert (thrice.unknown, thrice.pairs) == (6, 3)
@@ -37,8 +30,8 @@ def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
 
 def test_inverting_turns_every_level_round() -> None:
     depth = np.array([[4, 8, 250]], np.uint8)
-    turned = depth_histogram(255 - depth, depth > 0)
-    inverted = depth_histogram(depth, depth > 0).inverted()
+    turned = sides.depth_histogram(255 - depth, depth > 0)
+    inverted = sides.depth_histogram(depth, depth > 0).inverted()
     assert (inverted.counts == turned.counts).all()
     assert inverted.expanded == pytest.approx(turned.expanded)
 
@@ -49,14 +42,14 @@ def test_expected_uses_are_those_of_all_crops() -> None:
     places = [(y, x) for y in range(height - crop + 1) for x in range(width - crop + 1)]
     for y, x in places:
         uses[y : y + crop, x : x + crop] += 1
-    assert expected_uses((height, width), crop) == pytest.approx(uses / len(places))
+    assert sides.expected_uses((height, width), crop) == pytest.approx(uses / len(places))
 
 
 def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
     depth = np.full((60, 90), 77, np.uint8)
-    whole = depth_histogram(depth, np.ones(depth.shape, bool))
+    whole = sides.depth_histogram(depth, np.ones(depth.shape, bool))
     assert whole.expanded.sum() == pytest.approx(8 * 32 * 32)
-    small = depth_histogram(depth[:10], np.ones((10, 90), bool))
+    small = sides.depth_histogram(depth[:10], np.ones((10, 90), bool))
     assert small.expanded.sum() == pytest.approx(8 * 10 * 32)
 
 
@@ -68,7 +61,7 @@ def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) 
     scenes = dict.fromkeys(pair.scene for pair in source.available_pairs())
     maps = [source.read(scene) for scene in list(scenes)[:6]]
     histograms = [
-        depth_histogram(manifest.depth.levels_of(scene.depth[view]), scene.valid[view])
+        sides.depth_histogram(manifest.depth.levels_of(scene.depth[view]), scene.valid[view])
         for scene in maps
         for view in (0, 1)
     ]
@@ -78,7 +71,7 @@ def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) 
 
 @given(keys=st.lists(st.sampled_from(["a", "b", None]), max_size=20))
 def test_runs_are_whole_apart_and_of_one_key(keys: list[str | None]) -> None:
-    found = runs(keys)
+    found = sides.runs(keys)
     held = {level for first, last in found for level in range(first, last + 1)}
     assert held == {level for level, key in enumerate(keys) if key is not None}
     for first, last in found:
@@ -90,10 +83,10 @@ def test_runs_are_whole_apart_and_of_one_key(keys: list[str | None]) -> None:
 
 def test_levels_at_both_ends_are_told() -> None:
     marked = np.zeros(256, bool)
-    assert as_ranges(marked) == ""
+    assert sides.as_ranges(marked) == ""
     marked[[0, 1, 255]] = True
-    assert as_ranges(marked) == "0-1, 255"
-    assert as_ranges(np.ones(256, bool)) == "0-255"
+    assert sides.as_ranges(marked) == "0-1, 255"
+    assert sides.as_ranges(np.ones(256, bool)) == "0-255"
 
 
 def build(toml: str, folder: Path, path: Path) -> Dataset:
@@ -103,7 +96,7 @@ def build(toml: str, folder: Path, path: Path) -> Dataset:
 
 
 def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
-    histograms = scene_histograms(tiny_store)
+    histograms = sides.scene_histograms(tiny_store)
     assert {name: h.pairs for name, h in histograms.items()} == {"One": 4, "Two": 4, "Three": 3}
     arrays = tiny_store.to_xarray("Three")
     depth = tiny_store.manifest.depth.levels_of(arrays["depth"].values)
@@ -123,7 +116,7 @@ def test_a_store_with_fewer_lightings_gives_the_same_counts(
         image.unlink()
     fewer = build(TINY_TOML, tiny_folder, tmp_path / "fewer.zarr")
     assert len(fewer.pairs("all")) < len(tiny_store.pairs("all"))
-    whole, part = scene_histograms(tiny_store), scene_histograms(fewer)
+    whole, part = sides.scene_histograms(tiny_store), sides.scene_histograms(fewer)
     assert all((whole[name].counts == part[name].counts).all() for name in whole)
 
 
@@ -131,7 +124,7 @@ def test_a_depth_map_that_is_not_there_is_not_taken_for_unknown_pixels(
     tiny_folder: Path, tmp_path: Path
 ) -> None:
     (tiny_folder / "Two/disp5.png").unlink()
-    found = scene_histograms(build(TINY_TOML, tiny_folder, tmp_path / "s.zarr"))["Two"]
+    found = sides.scene_histograms(build(TINY_TOML, tiny_folder, tmp_path / "s.zarr"))["Two"]
     assert found.pairs == 2
     assert found.known + found.unknown == 2 * 24 * 31
 
@@ -159,34 +152,34 @@ def test_a_damaged_depth_map_is_told_and_never_counted(
 ) -> None:
     damage(Path(str(tiny_store.path)))
     with pytest.raises(StoreError) as caught:
-        scene_histograms(Dataset(tiny_store.path))
+        sides.scene_histograms(Dataset(tiny_store.path))
     assert "Two" in str(caught.value)
     assert "dfdbench verify" in str(caught.value) or "dfdbench build" in str(caught.value)
 
 
 def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
-    train, test = sides_of(tiny_store)
+    train, test = sides.sides_of(tiny_store)
     assert (list(train.scenes), list(test.scenes)) == (["One"], ["Two", "Three"])
-    train, test = sides_of(tiny_store, fold="K1")
+    train, test = sides.sides_of(tiny_store, fold="K1")
     assert (list(train.scenes), list(test.scenes)) == (["Three"], ["One", "Two"])
     assert train.name == "all but K1"
-    train, test = sides_of(tiny_store, fold="Two")
+    train, test = sides.sides_of(tiny_store, fold="Two")
     assert (list(train.scenes), list(test.scenes)) == (["One", "Three"], ["Two"])
     with pytest.raises(InputError, match="a fold says both"):
-        sides_of(tiny_store, test="all", fold="K1")
+        sides.sides_of(tiny_store, test="all", fold="K1")
     with pytest.raises(UnknownNameError):
-        sides_of(tiny_store, fold="K9")
+        sides.sides_of(tiny_store, fold="K9")
     with pytest.raises(UnknownNameError, match="fold or scene"):
-        sides_of(tiny_store, fold="all")
+        sides.sides_of(tiny_store, fold="all")
 
 
 def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) -> None:
     for file in (tiny_folder / "Two").rglob("*.png"):
         file.unlink()
     store = build(TINY_TOML, tiny_folder, tmp_path / "s.zarr")
-    assert sides_of(store)[1].absent == ("Two",)
+    assert sides.sides_of(store)[1].absent == ("Two",)
     with pytest.raises(StoreError, match="no depth of Two"):
-        sides_of(store, test="Two")
+        sides.sides_of(store, test="Two")
 
 
 def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
@@ -198,11 +191,11 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
         tiny_folder,
         tmp_path / "far.zarr",
     )
-    _, test = sides_of(tiny_store, other=far)
+    _, test = sides.sides_of(tiny_store, other=far)
     assert test.inverted
     assert test.name == "all"
-    stored = sum(h.counts for h in scene_histograms(far).values())
+    stored = sum(h.counts for h in sides.scene_histograms(far).values())
     assert (test.histogram.counts == np.asarray(stored)[::-1]).all()
     # Within one data set nothing is turned, whichever way it grows.
-    assert not any(side.inverted for side in sides_of(far))
-    assert not sides_of(far, other=far)[1].inverted
+    assert not any(side.inverted for side in sides.sides_of(far))
+    assert not sides.sides_of(far, other=far)[1].inverted

@@ -63,8 +63,8 @@ def test_a_run_is_held_against_what_is_named_else_against_the_usual(
     train: str,
     training: Training,
 ) -> None:
-    sides = sides_of_run(tiny_store, split, trained_on, **named)
-    assert (sides.train.name, sides.test.name, sides.training) == (train, split, training)
+    side, test, known = sides_of_run(tiny_store, split, trained_on, **named)
+    assert (side.name, test.name, known) == (train, split, training)
 
 
 def test_a_run_on_every_scene_leaves_none_to_compare_with(tiny_store: Dataset) -> None:

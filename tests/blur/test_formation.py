@@ -7,16 +7,7 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import (
-    Images,
-    decode,
-    encode,
-    form_pair,
-    move,
-    normal_numbers,
-    told_law,
-    uniform_numbers,
-)
+from dfdbench.blur import formation
 from dfdbench.blur.law import noise_at
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
@@ -28,7 +19,7 @@ RECIPE = RECIPES["published"]
 NAMES = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
 
 
-def made_scene(shape: tuple[int, int] = (60, 80)) -> Images:
+def made_scene(shape: tuple[int, int] = (60, 80)) -> formation.Images:
     """A smooth texture of middling grey levels on a slanted ground with a board before it."""
     random = np.random.default_rng(5)
     image = scipy.ndimage.gaussian_filter(random.uniform(-1, 1, (*shape, 3)), (1.5, 1.5, 0))
@@ -41,8 +32,8 @@ IMAGE, DEPTH = made_scene()
 CLEAN = synthesize(IMAGE, DEPTH, RECIPE)
 
 
-def formed(label: str, pair: str = "Art/view1") -> Images:
-    return form_pair(IMAGE, DEPTH, RECIPE, find_degradation(label), pair)
+def formed(label: str, pair: str = "Art/view1") -> formation.Images:
+    return formation.form_pair(IMAGE, DEPTH, RECIPE, find_degradation(label), pair)
 
 
 def off(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -103,7 +94,7 @@ def test_a_shift_is_as_long_as_it_says_and_blurs_nothing(severity: int) -> None:
 
 def test_moving_there_and_back_is_staying() -> None:
     smooth = scipy.ndimage.gaussian_filter(IMAGE.astype(float), (1, 1, 0))
-    back = move(move(smooth, 0.3, -0.6), -0.3, 0.6)
+    back = formation.move(formation.move(smooth, 0.3, -0.6), -0.3, 0.6)
     assert np.abs(back - smooth)[9:-9, 9:-9].max() < 0.5
 
 
@@ -119,16 +110,16 @@ def test_a_gain_lies_within_its_bounds_both_ways_and_leaves_the_in_focus_image()
 
 def test_srgb_s_curve_and_its_inverse() -> None:
     grey = np.arange(256.0)
-    assert np.allclose(encode(decode(grey)), grey, atol=1e-9)
+    assert np.allclose(formation.encode(formation.decode(grey)), grey, atol=1e-9)
     # From the standard's tables: a linear 18 % is grey level 118, and the curve is one piece.
-    assert round(float(encode(np.array([0.18]))[0])) == 118
-    assert np.abs(np.diff(encode(np.linspace(0.003, 0.0033, 99)))).max() < 0.02
+    assert round(float(formation.encode(np.array([0.18]))[0])) == 118
+    assert np.abs(np.diff(formation.encode(np.linspace(0.003, 0.0033, 99)))).max() < 0.02
 
 
 def test_a_camera_blurs_light_not_grey_levels() -> None:
     image, depth = np.zeros((60, 60, 3), np.uint8), np.zeros((60, 60), np.uint8)
     image[:, ::2] = 255
-    _, defocus = form_pair(image, depth, RECIPE, find_degradation("camera-1"), "stripes")
+    _, defocus = formation.form_pair(image, depth, RECIPE, find_degradation("camera-1"), "stripes")
     assert synthesize(image, depth, RECIPE).mean() == pytest.approx(127.5, abs=1)
     # Half the light of white is grey level 188.
     assert defocus[20:40, 20:40].mean() == pytest.approx(188, abs=3)
@@ -138,11 +129,13 @@ def test_a_camera_blurs_light_not_grey_levels() -> None:
 def test_a_camera_s_noise_follows_the_light(grey: int) -> None:
     image = np.full((90, 90, 3), grey, np.uint8)
     depth = np.full((90, 90), 200, np.uint8)
-    light = float(decode(np.array([grey]))[0])
+    light = float(formation.decode(np.array([grey]))[0])
     for severity, (read, full) in enumerate(((0.001, 1e4), (0.003, 1e4 / 3), (0.01, 1e3)), 1):
-        pair = form_pair(image, depth, RECIPE, find_degradation(f"camera-{severity}"), "flat")
+        pair = formation.form_pair(
+            image, depth, RECIPE, find_degradation(f"camera-{severity}"), "flat"
+        )
         sigma = np.sqrt(light / full + read**2)
-        above, below = encode(np.array([light + 1e-6, light - 1e-6]))
+        above, below = formation.encode(np.array([light + 1e-6, light - 1e-6]))
         expected = np.hypot(sigma * (above - below) / 2e-6, 1 / np.sqrt(12))
         for photograph in pair:
             assert photograph.std() == pytest.approx(expected, rel=0.08)
@@ -151,7 +144,7 @@ def test_a_camera_s_noise_follows_the_light(grey: int) -> None:
 
 def test_wrong_input_is_named() -> None:
     with pytest.raises(InputError, match="sizes differ"):
-        form_pair(IMAGE, DEPTH[1:], RECIPE, find_degradation("noise-1"), "a")
+        formation.form_pair(IMAGE, DEPTH[1:], RECIPE, find_degradation("noise-1"), "a")
 
 
 # What the released tracks make of a small scene; a line changes only with its track's version.
@@ -183,7 +176,7 @@ PINNED = {
 @pytest.mark.parametrize("label", NAMES)
 def test_what_a_released_track_makes_never_changes(label: str) -> None:
     image, depth = made_scene((24, 32))
-    pair = form_pair(image, depth, RECIPE, find_degradation(label), "Art/view1/exposure0")
+    pair = formation.form_pair(image, depth, RECIPE, find_degradation(label), "Art/view1/exposure0")
     digest = hashlib.sha256(pair[0].tobytes() + pair[1].tobytes()).hexdigest()
     assert digest[:16] == PINNED[label]
 
@@ -210,19 +203,21 @@ def one_by_one(count: int, text: str) -> list[float]:
 
 def test_the_numbers_are_those_of_the_generator_s_paper() -> None:
     expected = one_by_one(21, '["camera", 1, "Art/view1"]')
-    assert uniform_numbers(21, "camera", 1, "Art/view1").tolist() == expected
-    normal = normal_numbers((3, 7), "camera", 1, "Art/view1")
+    assert formation.uniform_numbers(21, "camera", 1, "Art/view1").tolist() == expected
+    normal = formation.normal_numbers((3, 7), "camera", 1, "Art/view1")
     inverse = NormalDist().inv_cdf
     assert np.allclose(normal.ravel(), [inverse(number) for number in expected], atol=1e-9)
 
 
 def test_another_key_gives_others_and_a_longer_array_begins_alike() -> None:
-    assert not np.array_equal(uniform_numbers(9, "a", "b"), uniform_numbers(9, "ab"))
-    assert np.array_equal(uniform_numbers(9, "a")[:4], uniform_numbers(4, "a"))
+    assert not np.array_equal(
+        formation.uniform_numbers(9, "a", "b"), formation.uniform_numbers(9, "ab")
+    )
+    assert np.array_equal(formation.uniform_numbers(9, "a")[:4], formation.uniform_numbers(4, "a"))
 
 
 def test_they_are_normal() -> None:
-    numbers = normal_numbers((300, 300), "many")
+    numbers = formation.normal_numbers((300, 300), "many")
     assert scipy.stats.kstest(numbers.ravel(), "norm").pvalue > 0.01
     beside = np.corrcoef(numbers[:, :-1].ravel(), numbers[:, 1:].ravel())[0, 1]
     assert abs(beside) < 0.01
@@ -240,8 +235,8 @@ def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
     image = random.integers(60, 190, (64, 64, 3)).astype(np.uint8)
     depth = np.full((64, 64), 100, np.uint8)
     degradation = find_degradation(label)
-    infocus, defocus = form_pair(image, depth, RECIPE, degradation, "Art/view1")
-    law = told_law(RECIPE, degradation.formation)
+    infocus, defocus = formation.form_pair(image, depth, RECIPE, degradation, "Art/view1")
+    law = formation.given_law(RECIPE, degradation.formation)
     blurred = blurred_by(law, infocus, defocus, np.array([100]))
     inner = (slice(12, -12), slice(12, -12))
     left = (blurred.of_level(0) - blurred.aim)[inner]
@@ -254,16 +249,16 @@ def test_noise_is_what_a_grey_patch_shows() -> None:
     depth = np.zeros((64, 64), np.uint8)
     for label in ("noise-3", "camera-3"):
         degradation = find_degradation(label)
-        _, defocus = form_pair(grey, depth, RECIPE, degradation, "Art/view1")
-        law = told_law(RECIPE, degradation.formation)
-        told = noise_at(law.noise, np.array(90.0))
-        seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
-        assert float(seen.std()) == pytest.approx(float(told), rel=0.05)
+        _, defocus = formation.form_pair(grey, depth, RECIPE, degradation, "Art/view1")
+        law = formation.given_law(RECIPE, degradation.formation)
+        said = noise_at(law.noise, np.array(90.0))
+        seen = 255 * formation.decode(defocus.astype(float)) if law.linear else defocus
+        assert float(seen.std()) == pytest.approx(float(said), rel=0.05)
 
 
 def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:
     shift, gain = (
-        told_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
+        formation.given_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
     )
     assert (shift.registered, shift.even) == (False, True)
     assert (gain.registered, gain.even) == (True, False)

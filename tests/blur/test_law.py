@@ -25,25 +25,18 @@ def test_a_gaussian_law_has_the_recipes_kernels() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "told"),
+    ("fields", "said"),
     [
         ({}, "sigmas"),
-        ({"sigmas": [1.0]}, "sigmas"),
         ({"sigmas": [1.0, 0.0]}, "sigmas"),
         ({"sigmas": [1.0, "2"]}, "sigmas"),
-        ({"sigmas": 3.0}, "sigmas"),
-        ({"sigmas": [1.0] * 257}, "sigmas"),
-        ({"sigmas": [1.0, 2.0], "exponent": 0.5}, "exponent"),
         ({"sigmas": [1.0, 2.0], "kernel_size": 8}, "kernel_size"),
-        ({"sigmas": [1.0, 2.0], "gain": 0}, "gain"),
         ({"sigmas": [1.0, 2.0], "offset": float("nan")}, "offset"),
-        ({"sigmas": [1.0, 2.0], "noise": 0.3}, "noise"),
         ({"sigmas": [1.0, 2.0], "noise": [0.3, -0.1]}, "noise"),
-        ({"sigmas": [1.0, 2.0], "infocus_noise": -0.1}, "infocus_noise"),
         ({"sigmas": [1.0, 2.0], "linear": 1}, "linear"),
         ({"sigmas": [1.0, 2.0], "sigma_min": 1}, "sigma_min"),
     ],
 )
-def test_a_law_that_is_none_is_refused_by_field(fields: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_law_that_is_none_is_refused_by_field(fields: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
         law_of_fields(fields)

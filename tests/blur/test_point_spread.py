@@ -72,7 +72,7 @@ def test_a_wide_disk_is_flat_and_of_twice_sigma() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sigmas", "size", "exponent", "told"),
+    ("sigmas", "size", "exponent", "said"),
     [
         ([0.0], 27, 2, "sigmas"),
         ([np.nan], 27, 2, "sigmas"),
@@ -81,6 +81,6 @@ def test_a_wide_disk_is_flat_and_of_twice_sigma() -> None:
         ([1.0], 27, math.nan, "exponent"),
     ],
 )
-def test_wrong_input_is_named(sigmas: list[float], size: int, exponent: float, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_wrong_input_is_named(sigmas: list[float], size: int, exponent: float, said: str) -> None:
+    with pytest.raises(InputError, match=said):
         point_spread_functions(np.array(sigmas), size, exponent)

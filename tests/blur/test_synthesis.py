@@ -119,7 +119,7 @@ def test_threads_at_work_at_once_change_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("image", "depth", "told"),
+    ("image", "depth", "said"),
     [
         (np.zeros((4, 4, 3)), np.zeros((4, 4), np.uint8), "float64"),
         (np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4)), "float64"),
@@ -129,8 +129,8 @@ def test_threads_at_work_at_once_change_nothing() -> None:
         ([[1]], np.zeros((1, 1), np.uint8), "list"),
     ],
 )
-def test_wrong_input_is_named(image: Image, depth: Image, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_wrong_input_is_named(image: Image, depth: Image, said: str) -> None:
+    with pytest.raises(InputError, match=said):
         synthesize(image, depth, RECIPES["published"])
 
 
@@ -178,7 +178,7 @@ def test_threads_at_work_at_once_change_no_blur_by_level() -> None:
 
 
 @pytest.mark.parametrize(
-    ("image", "levels", "kernels", "told"),
+    ("image", "levels", "kernels", "said"),
     [
         (IMAGE, LEVELS[:4], np.ones((5, 3, 3)), "sizes differ"),
         (IMAGE, LEVELS, np.ones((5, 4, 4)), "level, odd, odd"),
@@ -187,7 +187,7 @@ def test_threads_at_work_at_once_change_no_blur_by_level() -> None:
     ],
 )
 def test_wrong_levels_and_kernels_are_named(
-    image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64], told: str
+    image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64], said: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         blur_by_level(image, levels, kernels)

@@ -81,4 +81,4 @@ def test_our_own_cards_name_methods_that_can_be_loaded() -> None:
     pytest.importorskip("torch", reason="needs the extra nets")
     for card in load_cards(HERE).values():
         method = load_to_check(card.entry, card.parameters)
-        assert method.takes_stack == (card.takes == "stack")
+        assert method.takes_stack == ("pair" not in card.takes)

@@ -163,12 +163,3 @@ def test_seconds_are_the_median_of_pairs_that_ran_alone(
 ) -> None:
     result = with_seconds(make_demo_result(lambda pair: 0.1), seconds, alone)
     assert Entry.of(result, tmp_path).seconds == median
-
-
-@pytest.mark.slow
-def test_a_hundred_results(tmp_path: Path) -> None:
-    result = make_demo_result(lambda pair: 0.1)
-    for number in range(100):
-        method = result.method.model_copy(update={"name": f"method-{number:02}"})
-        submit(result.model_copy(update={"method": method}), tmp_path)
-    assert ranks(only_board(tmp_path)) == [(1, f"method-{number:02}") for number in range(100)]

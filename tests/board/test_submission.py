@@ -62,7 +62,7 @@ def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> N
     path = submit(mine, tmp_path)
     before = path.read_bytes()
     theirs = changed(make_demo_result(lambda pair: 0.2), **{"source_sha256": "5" * 64, **other})
-    with pytest.raises(ResultError, match=f"another method of this name.*{next(iter(other))}"):
+    with pytest.raises(ResultError, match=f"another method is there.*{next(iter(other))}"):
         submit(theirs, tmp_path)
     assert path.read_bytes() == before
 
@@ -123,5 +123,5 @@ def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
 
 def test_scores_of_depth_maps_made_elsewhere_do_not_replace_a_method(tmp_path: Path) -> None:
     submit(make_demo_result(lambda pair: 0.1), tmp_path)
-    with pytest.raises(ResultError, match="another method of this name is there"):
+    with pytest.raises(ResultError, match="another method is there"):
         submit(scored("mine", 0.01), tmp_path)

@@ -40,7 +40,7 @@ def stores(
 def run_on(
     store: Dataset, folder: Path, entry: str = "local", told: bool = False, **parameters: Any
 ) -> Result:
-    method = load_for(store, entry, parameters, told=told)
+    method = load_for(store, entry, parameters, given_blur=told)
     options = RunOptions(keep_predictions=False)
     return run_method(store, method, "test", folder / store.manifest.stem, options).result
 

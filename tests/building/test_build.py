@@ -1,7 +1,3 @@
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +17,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError, UnknownNameError
+from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
 
@@ -72,19 +68,6 @@ def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     assert seen == [1, 2, 3]
     again = build_store(tiny_manifest, source, place, None, pool)
     assert again.scenes_kept == tiny_store.scenes
-
-
-def test_damaged_files_are_told_from_a_cluster_too(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, cluster: str
-) -> None:
-    for scene in ("One", "Two"):
-        (tiny_folder / scene / "Illum1/Exp0/view1.png").write_bytes(b"<html>")
-    (tiny_folder / "Three/Illum1/Exp0/view1.png").unlink()
-    source = open_source(tiny_manifest, tiny_folder)
-    with pytest.raises(SourceError) as caught:
-        build_store(tiny_manifest, source, tmp_path / "s.zarr", None, Cluster(cluster))
-    told = [problem.what for problem in caught.value.problems]
-    assert told == ["not a PNG file", "not a PNG file", "1 pairs are missing besides"]
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:
@@ -142,38 +125,9 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     with pytest.raises(SourceError) as caught:
         build_store(tiny_manifest, source, tmp_path / "s.zarr")
     text = str(caught.value)
-    for part in ("damaged", "not a PNG file", "GIF89a", "size differs"):
+    for part in ("damaged", "not a PNG file", "GIF89a", "differs from the other"):
         assert part in text
     assert not (tmp_path / "s.zarr").exists()
-
-
-@pytest.mark.slow
-def test_a_killed_build_goes_on(demo_store: Dataset, tmp_path: Path) -> None:
-    path = tmp_path / "killed.zarr"
-    command = [
-        sys.executable,
-        "-m",
-        "dfdbench",
-        "build",
-        "demo",
-        "--store",
-        str(path),
-        "--workers",
-        "1",
-    ]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    partial = path.with_name("killed.zarr.partial")
-    deadline = time.monotonic() + 60
-    while len(list(partial.glob("*/zarr.json"))) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert not path.exists()
-    report = build_store(
-        find_manifest("demo"), open_source(find_manifest("demo")), path, None, Threads(2)
-    )
-    assert report.fingerprint == demo_store.fingerprint
-    assert report.scenes_kept
 
 
 def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
@@ -220,23 +174,15 @@ def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
     with_recipe = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
     manifest = parse_manifest(TINY_TOML.replace('recipe = "published"', "").encode(), "tiny-1.toml")
     for wrong, recipe in ((manifest, "published"), (with_recipe, None)):
-        with pytest.raises(SourceError, match="are captured: no recipe made them"):
+        with pytest.raises(SourceError, match="they are captured"):
             build_store(wrong, Captured(wrong), place, recipe=recipe)
-    with pytest.raises(SourceError, match=r"got +neither"):
+    with pytest.raises(SourceError, match=r"not both or neither"):
         build_store(manifest, Captured(manifest, gives_defocus=False), place)
     assert not place.exists()
     build_store(manifest, Captured(manifest), place)
     store = Dataset(place)
     assert (store.recipe_name, store.recipe) == ("", None)
     assert (store.read(store.pairs("One")[0]).defocus == 45).all()
-
-
-def test_an_unknown_recipe_is_told(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    with pytest.raises(UnknownNameError, match="did you mean text"):
-        build_store(tiny_manifest, source, tmp_path / "s.zarr", recipe="txt")
 
 
 @pytest.mark.slow

@@ -17,9 +17,9 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import StoreError
-from dfdbench.evaluation.loading import load_here
+from dfdbench.evaluation.evaluate import score_predictions
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.evaluation.scored import score_predictions
 from dfdbench.methods.baselines import Local
 from tests.conftest import write_png
 
@@ -108,7 +108,7 @@ def test_images_alone_are_enough_for_the_scores_of_a_run(
         depth.parent.mkdir(parents=True, exist_ok=True)
         np.save(f"{depth}.npy", local(read_image(path), read_image(path.with_name("defocus.png"))))
     scored = score_predictions(tmp_path / "depth", tiny_store, "One", tmp_path / "scored", "local")
-    run = run_method(tiny_store, load_here(tiny_store, local, {}), "One", tmp_path / "run")
+    run = run_method(tiny_store, load_for(tiny_store, local, {}), "One", tmp_path / "run")
     assert [p.scores for p in scored.result.pairs] == [p.scores for p in run.result.pairs]
 
 

@@ -61,8 +61,8 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
         cv2.imwrite(str(folder / scene / "depth.tiff"), metres)
     facts = facts_of(folder)
     assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
-    told = "in desk 64 × 64, not 96 × 72): resample it"
-    assert any(told in text for text in facts.open)
+    said = "in desk 64 × 64, not 96 × 72): resample it"
+    assert any(said in text for text in facts.open)
 
 
 def test_scenes_may_differ_in_size(folder: Path) -> None:

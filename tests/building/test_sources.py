@@ -55,14 +55,14 @@ def test_each_reader_has_its_source(
 def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="simulate realworld"):
         open_source(find_manifest("realworld"))
-    with pytest.raises(SourceError, match="name one"):
+    with pytest.raises(SourceError, match="and none is named"):
         open_source(find_manifest("middlebury"))
     with pytest.raises(SourceError, match="made, not read"):
         open_source(find_manifest("demo"), tmp_path)
     with pytest.raises(SourceError, match="has no voltage steps"):
         open_source(find_manifest("middlebury"), tmp_path, pair=(141, 129))
     unknown = find_manifest("demo").model_copy(update={"reader": "tapes"})
-    with pytest.raises(SourceError, match="it has no reader for its files"):
+    with pytest.raises(SourceError, match="no reader tapes for the files"):
         open_source(unknown)
 
 
@@ -111,9 +111,6 @@ def test_packages_offer_sources(
     assert (report.pairs, report.missing) == (11, ())
     with pytest.raises(SourceError, match="cannot be imported"):
         open_source(tiny_manifest.model_copy(update={"reader": "torn"}))
-    with pytest.raises(SourceError, match="has no reader") as caught:
+    with pytest.raises(SourceError, match="no reader") as caught:
         open_source(tiny_manifest.model_copy(update={"reader": "tapes"}))
-    assert (
-        "folder, middlebury, noise, realworld, realworld-sim, torn"
-        in caught.value.problems[0].expected
-    )
+    assert "folder, middlebury, noise, realworld, realworld-sim, torn" in str(caught.value)

@@ -14,8 +14,8 @@ from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.build import build_store
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.export import export_png
-from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
@@ -49,8 +49,8 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
     assert (store.recipe, store.recipe_name) == (None, f"of track {label}")
     assert store.attributes["recipe"] == {"name": "", "parameters": {}}
     assert (store.attributes["degradation"], store.attributes["track_version"]) == (label, 1)
-    told = str({k: v for k, v in store.attributes.items() if k != "manifest"})
-    assert "published" not in told
+    said = str({k: v for k, v in store.attributes.items() if k != "manifest"})
+    assert "published" not in said
     for pair in store.pairs("all"):
         plain, found = tiny_store.read(pair), store.read(pair)
         recipe, track = RECIPES["published"], find_degradation(label)
@@ -113,10 +113,10 @@ def test_a_method_that_asks_for_the_recipe_is_refused(
         "    def __call__(self, infocus, defocus):\n        return infocus[..., 0]\n"
     )
     solver = f"{tmp_path / 'solver.py'}:Solver"
-    with pytest.raises(MethodError, match="a track does not tell it"):
+    with pytest.raises(MethodError, match="a track does not give it"):
         load_for(store, solver, {})
     assert load_for(store, solver, {"recipe": "published"}).parameters == {"recipe": "published"}
-    # One that can measure the blur is not refused, and not told.
+    # One that can measure the blur is not refused, and not said.
     assert load_for(store, "local", {}).uses == ()
 
 

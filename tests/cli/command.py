@@ -1,8 +1,7 @@
 """The command line, called as a user calls it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 
@@ -12,24 +11,29 @@ class Outcome(NamedTuple):
     err: str
 
 
-Command = Callable[..., Outcome]
+@dataclass(frozen=True)
+class Command:
+    """Calls the command line; the first argument may be several words."""
+
+    call: Callable[..., Outcome]
+
+    def __call__(self, words: str, *arguments: str) -> Outcome:
+        return self.call(*words.split(), *arguments)
+
+    def fine(self, words: str, *arguments: str) -> Outcome:
+        """Call it where nothing may go wrong."""
+        done = self(words, *arguments)
+        assert done.status == 0, done.err
+        return done
+
+    def refused(self, says: str, words: str, *arguments: str) -> Outcome:
+        """Call it where a mistake is to end it with a message."""
+        done = self(words, *arguments)
+        assert (done.status, says in done.err, "Traceback" in done.err) == (2, True, False), done
+        return done
+
 
 #: Options of a training that ends after a few small steps.
-QUICK = [
-    "--set",
-    "narrow=64",
-    "--set",
-    "crop=16",
-    "--set",
-    "crops_per_step=1",
-    "--set",
-    "steps=4",
-    "--set",
-    "evaluate_every=2",
-    "--set",
-    "evaluate_pairs=1",
-    "--device",
-    "cpu",
-    "--threads",
-    "1",
-]
+_CHANGES = ("narrow=64", "crop=16", "crops_per_step=1", "steps=4")
+QUICK = [f"--set={change}" for change in (*_CHANGES, "evaluate_every=2", "evaluate_pairs=1")]
+QUICK += ["--device=cpu", "--threads=1"]

@@ -1,7 +1,5 @@
 """The command line as a fixture, for the tests of each family of verbs."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +47,7 @@ def dfdbench(
         captured = capsys.readouterr()
         return Outcome(status, captured.out, captured.err)
 
-    return command
+    return Command(command)
 
 
 BELOW = "data/scenes/ThirdSize"

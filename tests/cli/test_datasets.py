@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -27,18 +25,17 @@ def test_a_set_of_ones_own_goes_by_its_name_once_built(
 ) -> None:
     # A folder of that name beside it is what the set was made from, as a rule.
     (tmp_path / "work/tiny").mkdir()
-    assert "unknown data set" in dfdbench("info", "tiny").err
-    assert "a folder, and not a data set" in dfdbench("verify", "tiny").err
-    dfdbench("build", "tiny-1.toml")
+    assert "unknown data set" in dfdbench("info tiny").err
+    assert "a folder, and not a data set" in dfdbench("verify tiny").err
+    dfdbench("build tiny-1.toml")
     (line,) = [line for line in dfdbench("list").out.splitlines() if "tiny-1" in line]
     assert line.split()[:5] == ["tiny", "tiny-1", "3", "11", "yes"]
     store = own_stores()["tiny"]
     for name in ("tiny", "tiny-1"):
         assert dfdbench("info", name).out == dfdbench("info", str(store)).out
         assert dfdbench("verify", name).status == 0
-    assert dfdbench("info", "tiny", "--croissant").status == 0
-    ran = dfdbench("run", "--method", "constant", "--dataset", "tiny", "--out", "run")
-    assert ran.status == 0
+    assert dfdbench("info tiny --croissant").status == 0
+    dfdbench.fine("run --method constant --dataset tiny --out run")
     (store / "zarr.json").write_text("{}")
     (line,) = [line for line in dfdbench("list").out.splitlines() if "tiny-1" in line]
     assert "not a data set built by dfdbench" in line
@@ -47,7 +44,7 @@ def test_a_set_of_ones_own_goes_by_its_name_once_built(
 def test_simulated_captures_are_shown_as_such(dfdbench: Command) -> None:
     (line,) = [line for line in dfdbench("list").out.splitlines() if "realworld-sim-1" in line]
     assert "SIMULATED" in line
-    shown = dfdbench("info", "realworld-sim").out
+    shown = dfdbench("info realworld-sim").out
     assert shown.startswith("SIMULATED captures")
     assert "both images are SIMULATED captures" in shown
 
@@ -58,24 +55,22 @@ def test_the_cache_clears_a_track_by_its_name(
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
     for name in ("demo-1.zarr", "demo-1@noise-1.zarr"):
         (tmp_path / "stores" / name).mkdir(parents=True)
-    assert "removed 1 entries" in dfdbench("cache", "clear", "demo@noise-1", "--yes").out
+    assert "removed 1 entries" in dfdbench("cache clear demo@noise-1 --yes").out
     assert [path.name for path in (tmp_path / "stores").iterdir()] == ["demo-1.zarr"]
 
 
 def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
-    dfdbench("build", "tiny-1.toml")
+    dfdbench("build tiny-1.toml")
     listed = dfdbench("cache").out
     assert "tiny-1.zarr" in listed
     assert "downloads" in listed
-    asked = dfdbench("cache", "clear")
-    assert asked.status == 2
-    assert "--yes" in asked.err
-    assert "did you mean stores" in dfdbench("cache", "clear", "store", "--yes").err
-    assert "removed 1 entries" in dfdbench("cache", "clear", "stores", "--yes").out
+    dfdbench.refused("--yes", "cache clear")
+    assert "did you mean stores" in dfdbench("cache clear store --yes").err
+    assert "removed 1 entries" in dfdbench("cache clear stores --yes").out
     assert "tiny-1.zarr" not in dfdbench("cache").out
-    assert dfdbench("build", "tiny-1.toml", "--offline").status == 0
-    assert "removed 2 entries" in dfdbench("cache", "clear", "--yes").out
-    assert "nothing to remove" in dfdbench("cache", "clear", "--yes").out
+    assert dfdbench("build tiny-1.toml --offline").status == 0
+    assert "removed 2 entries" in dfdbench("cache clear --yes").out
+    assert "nothing to remove" in dfdbench("cache clear --yes").out
 
 
 def test_info_on_a_track_tells_what_differs_and_no_recipe(
@@ -85,18 +80,17 @@ def test_info_on_a_track_tells_what_differs_and_no_recipe(
     shown = dfdbench("info", name).out
     assert "shift-2, version 1: the defocus image moved" in shown
     assert "recipe     not given" in shown
-    built = dfdbench("build", name, "--source", str(tiny_folder), "--store", place)
-    assert built.status == 0, built.err
+    dfdbench.fine("build", name, "--source", str(tiny_folder), "--store", place)
     stored = dfdbench("info", place).out
     assert "shift-2, version 1: the defocus image moved" in stored
     assert "published" not in stored
 
 
 def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -> None:
-    shown = dfdbench("info", "middlebury").out
+    shown = dfdbench("info middlebury").out
     for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
         assert part in shown
-    lines = dfdbench("info", "middlebury", "--pairs", "test").out.splitlines()
+    lines = dfdbench("info middlebury --pairs test").out.splitlines()
     assert len(lines) == 54
     assert lines[0] == "Art/view1/illumination1/exposure0"
 
@@ -104,7 +98,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
 def test_info_prints_croissant_of_a_name_and_of_a_store(
     dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
 ) -> None:
-    told = json.loads(dfdbench("info", "demo", "--croissant").out)
+    told = json.loads(dfdbench("info demo --croissant").out)
     assert (told["name"], told["version"]) == ("demo-1", "1.0.0")
     store = str(tmp_path / "tiny.zarr")
     dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
@@ -138,8 +132,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
     (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
-    found = dfdbench("doctor", "--format", "json", "--cache", str(tmp_path))
-    assert found.status == 0, found.err
+    found = dfdbench.fine("doctor --format json --cache", str(tmp_path))
     told = {row["what"]: row["found"] for row in json.loads(found.out)[0]["rows"]}
     assert told["dfdbench"].startswith(package.__version__)
     assert told["built"] == "mine-1"
@@ -151,7 +144,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
 
 
 def test_a_cache_that_is_not_there_yet_is_none_the_worse(dfdbench: Command, tmp_path: Path) -> None:
-    found = dfdbench("doctor", "--cache", str(tmp_path / "a" / "b"))
+    found = dfdbench("doctor --cache", str(tmp_path / "a" / "b"))
     assert (found.status, "nothing" in found.out) == (0, True)
     assert not (tmp_path / "a").exists()
 

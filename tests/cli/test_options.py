@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -45,7 +43,7 @@ def test_broken_json_says_what_is_wrong_with_it(text: str, why: str) -> None:
     with pytest.raises(InputError, match="broken JSON") as caught:
         values_of([f"recipe={text}"], "--param")
     assert caught.value.problems[0].where == "--param recipe"
-    assert why in caught.value.problems[0].got
+    assert why in caught.value.problems[0].what
     with pytest.raises(InputError, match="--values"):
         value_of(text, "--values")
 

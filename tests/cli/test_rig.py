@@ -1,12 +1,11 @@
-from __future__ import annotations
-
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from dfdbench.cli.rig import capture_of, chosen_numbers, chosen_scenes
+from dfdbench.cli.rig import chosen
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.errors import DfdbenchError, InputError
+from dfdbench.errors import DfdbenchError
 from tests.cli.command import Command
 
 
@@ -14,21 +13,21 @@ from tests.cli.command import Command
 def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     few = ["rig", "simulate", "realworld", "--steps", "135", "--exposures", "40"]
     assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0
-    alone = dfdbench("rig", "register", "k03", "--source", "raw")
+    alone = dfdbench("rig register k03 --source raw")
     assert (alone.status, "leave open where the board lies" in alone.out) == (0, True)
     by_hand = Path("raw/k03/registration.toml").read_text() + "# by hand\n"
     Path("raw/k03/registration.toml").write_text(by_hand)
-    assert dfdbench("rig", "register", "k03", "--source", "raw", "--fresh").status == 0
+    assert dfdbench("rig register k03 --source raw --fresh").status == 0
     assert Path("raw/k03/registration.previous.toml").read_text() == by_hand
-    off = dfdbench("rig", "register", "k03", "--source", "raw", "--fresh", "--focal-length", "80mm")
+    off = dfdbench("rig register k03 --source raw --fresh --focal-length 80mm")
     assert (off.status, "kept" in off.out) == (2, False)
     Path("raw/k03/registration.toml").write_text("matrix = [[1,0,99999],[0,1,99999],[0,0,1]]\n")
-    done = dfdbench("rig", "register", "k03", "--source", "raw")
-    assert (done.status, "no LIDAR return falls on the image" in done.err) == (2, True)
+    done = dfdbench.refused("no LIDAR return falls on the image", "rig register k03 --source raw")
     Path("raw/k03/registration.toml").unlink()
     Path("raw/k03/registration.toml").mkdir()
-    done = dfdbench("rig", "register", "k03", "--source", "raw", "--fresh")
-    assert (done.status, "cannot write the registration" in done.err) == (2, True), done.err
+    done = dfdbench.refused(
+        "cannot write the registration", "rig register k03 --source raw --fresh"
+    )
     Path("raw/k03/registration.toml").rmdir()
     head = "beam,altitude_deg,azimuth_deg,azimuth_index\n"
     Path("raw/beams.csv").write_text(head + "".join(f"{n},x,3.1,18\n" for n in range(64)))
@@ -39,95 +38,40 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
         assert "line 2, and 63 more lines" in done.err
 
 
-SIMULATE = ["rig", "simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--out", "raw", "--scenes", "k03-k01"], "no scene in that span"),
-        (["--out", "taken.txt", "--scenes", "k03"], "cannot write the answer"),
-        (["--out", "raw", "--scenes", "k03", "--turn", "1,nan,2"], "10 degrees at most"),
-    ],
-)
-def test_simulate_says_what_it_cannot_do(
-    dfdbench: Command, arguments: list[str], told: str
-) -> None:
-    Path("taken.txt").write_text("keep")
-    done = dfdbench(*SIMULATE, *arguments)
-    assert (done.status, told in done.err, "Traceback" in done.err) == (2, True, False)
-    assert Path("taken.txt").read_text() == "keep"
-
-
 REALWORLD = find_manifest("realworld")
-STEPS = range(127, 144)
+SCENES, STEPS = REALWORLD.scene_names, range(127, 144)
 
 
 @pytest.mark.parametrize(
-    ("text", "chosen"),
+    ("text", "known", "found"),
     [
-        ("k03", ("k03",)),
-        ("k33,k00-k02", ("k00", "k01", "k02", "k33")),
-        ("k01-k01, k01", ("k01",)),
-        ("k62-k63", ("k62", "k63")),
-    ],
-)
-def test_scenes_come_once_in_the_manifests_order(text: str, chosen: tuple[str, ...]) -> None:
-    assert chosen_scenes(text, REALWORLD) == chosen
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("k64", "of k00 to k63"),
-        ("k3", "did you mean"),
-        ("k00-k64", "got k64"),
-        ("k03-k01", "Fix: k01-k03"),
-        ("", "unknown scene"),
-        ("k01,,k02", "unknown scene"),
-    ],
-)
-def test_scenes_that_are_none_are_told(text: str, told: str) -> None:
-    with pytest.raises(DfdbenchError) as caught:
-        chosen_scenes(text, REALWORLD)
-    assert told in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "known", "chosen"),
-    [
+        ("k03", SCENES, ("k03",)),
+        ("k33,k00-k02", SCENES, ("k00", "k01", "k02", "k33")),
+        ("k01-k01, k01", SCENES, ("k01",)),
         ("141, 127-129", STEPS, (127, 128, 129, 141)),
-        ("135", STEPS, (135,)),
         # A span may pass over what is not known; its ends may not.
         ("10-40", (10, 20, 40), (10, 20, 40)),
     ],
 )
-def test_numbers_come_once_and_ascend(
-    text: str, known: range | tuple[int, ...], chosen: tuple[int, ...]
+def test_what_a_list_names_comes_once_and_in_order(
+    text: str, known: Sequence[object], found: tuple[object, ...]
 ) -> None:
-    assert chosen_numbers(text, "--steps", known) == chosen
+    assert chosen(text, "--steps", known) == found
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "known", "said"),
     [
-        ("140-130", "Fix: 130-140"),
-        ("126-130", "unknown value"),
-        ("130-150", "unknown value"),
-        ("x", "not a list of numbers"),
-        ("-130", "not a list of numbers"),
-        ("130-135-140", "not a list of numbers"),
-        ("", "not a list of numbers"),
+        ("k64", SCENES, "not of k00 to k63"),
+        ("k3", SCENES, "did you mean"),
+        ("k00-k64", SCENES, "unknown value 'k64'"),
+        ("k03-k01", SCENES, "Fix: k01-k03"),
+        *((text, STEPS, "unknown value") for text in ("", "x", "-130", "126-130", "127-128-129")),
+        ("k01,,k02", SCENES, "unknown value ''"),
     ],
 )
-def test_numbers_that_are_none_are_told(text: str, told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
-        chosen_numbers(text, "--steps", STEPS)
-    if "fix" not in told:
-        assert caught.value.problems[0].where == "--steps"
-
-
-def test_a_set_that_the_rig_did_not_capture_is_told() -> None:
-    assert capture_of(REALWORLD) == REALWORLD.capture
-    with pytest.raises(InputError, match="not captured by the rig"):
-        capture_of(find_manifest("middlebury"))
+def test_what_a_list_cannot_name_is_said(text: str, known: Sequence[object], said: str) -> None:
+    with pytest.raises(DfdbenchError) as caught:
+        chosen(text, "--steps", known)
+    assert said in str(caught.value)
+    assert caught.value.problems[0].where == "--steps"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -9,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dfdbench.cli import screen
-from dfdbench.cli.screen import Answer, AnswerFormat, give, print_table
+from dfdbench.cli.screen import AnswerFormat, give, print_table
 from dfdbench.errors import ResultError
 from dfdbench.tables.table import Table
 from tests.cli.test_optics import BLUR
@@ -34,29 +32,6 @@ def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     assert done.returncode == 0, done.stderr
     assert r"blur radius (\xb5m)" in done.stdout
     assert len({len(line) for line in done.stdout.splitlines() if line.startswith("|")}) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("verify", "d" * 300),
-        ("list", "--cache", "c" * 300),
-        ("rig", "register", "all", "--source", "s" * 300),
-    ],
-)
-def test_a_name_too_long_for_the_file_system_is_a_mistake(
-    arguments: tuple[str, ...], tmp_path: Path
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "dfdbench", *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-    )
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith("error: "), done.stderr
 
 
 class _Clock:
@@ -122,7 +97,7 @@ def test_a_table_of_somebody_elses_text_steers_no_terminal(
 
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
-ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
+CONTENT = '{"a": 1}\n'
 
 
 @pytest.mark.parametrize(
@@ -136,11 +111,11 @@ ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
 def test_an_answer_is_printed_in_one_form_and_kept_in_all(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], format: AnswerFormat, told: str
 ) -> None:
-    give(ANSWER, format, tmp_path / "new", {"a.json": ANSWER.content, "a.png": Figure()})
+    give([TABLE], format, tmp_path / "new", {"a.json": CONTENT, "a.png": Figure()}, "the verdict")
     out, err = capsys.readouterr()
     assert told in out
     assert ("the verdict" in out) == (format is not AnswerFormat.json)
-    assert (tmp_path / "new/a.json").read_text() == ANSWER.content
+    assert (tmp_path / "new/a.json").read_text() == CONTENT
     assert (tmp_path / "new/a.png").exists()
     assert err == f"written to   {tmp_path / 'new'}\n"
 
@@ -149,7 +124,7 @@ def test_a_table_without_rows_is_told_without_its_heading(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     empty = Table("nothing lacks", ("name",), (), "l", ("a note",))
-    give(Answer("", (empty,)), AnswerFormat.table, tmp_path, {})
+    give([empty], AnswerFormat.table, tmp_path, {})
     assert capsys.readouterr().out == "nothing lacks\na note\n"
 
 
@@ -157,7 +132,7 @@ def test_an_earlier_answer_is_said_to_be_replaced_where_it_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for content, told in (("one", False), ("one", False), ("two", True)):
-        give(ANSWER, AnswerFormat.json, tmp_path, {"a.json": content})
+        give([TABLE], AnswerFormat.json, tmp_path, {"a.json": content})
         assert ("in place of an earlier answer" in capsys.readouterr().err) == told
 
 
@@ -167,20 +142,20 @@ def test_a_place_that_cannot_be_written_is_told_before_anything_is_printed(
     (tmp_path / "file").write_text("x")
     for place in (tmp_path / "file", tmp_path / "file/below"):
         with pytest.raises(ResultError, match="cannot write the answer"):
-            give(ANSWER, AnswerFormat.table, place, {"a.json": "x"})
+            give([TABLE], AnswerFormat.table, place, {"a.json": "x"})
     (tmp_path / "in the way/a.json").mkdir(parents=True)
     with pytest.raises(ResultError, match=r"a\.json"):
-        give(ANSWER, AnswerFormat.table, tmp_path / "in the way", {"a.json": "x"})
+        give([TABLE], AnswerFormat.table, tmp_path / "in the way", {"a.json": "x"})
     assert capsys.readouterr().out == ""
 
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from dfdbench.cli.screen import Answer, AnswerFormat, give
+from dfdbench.cli.screen import AnswerFormat, give
 from dfdbench.tables.table import Table
 rows = tuple(("value",) for _ in range(50_000))
-give(Answer("", (Table("T", ("name",), rows, "l"),)), AnswerFormat(sys.argv[1]), Path("kept"),
+give([Table("T", ("name",), rows, "l")], AnswerFormat(sys.argv[1]), Path("kept"),
      {"a.json": "whole"})
 sys.exit(7)
 """

@@ -1,7 +1,5 @@
 """The command line starts quickly: what only looks imports none of the heavy libraries."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

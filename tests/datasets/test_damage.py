@@ -30,23 +30,6 @@ def _read_one(path: Path) -> None:
     store.read(store.pairs("Two")[0])
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("manifest", 1.5), ("recipe", []), ("options", None), ("missing_pairs", "One")],
-)
-def test_attributes_of_another_kind_are_told(tiny_store: Dataset, name: str, value: object) -> None:
-    path = damaged(tiny_store, "", lambda content: content["attributes"].update({name: value}))
-    with pytest.raises(StoreError, match=r"attributes are damaged"):
-        Dataset(path)
-
-
-@pytest.mark.parametrize("name", ["recipe", "attributes_sha256"])
-def test_an_attribute_that_is_absent_is_told(tiny_store: Dataset, name: str) -> None:
-    path = damaged(tiny_store, "", lambda content: content["attributes"].pop(name))
-    with pytest.raises(StoreError, match="field is missing"):
-        Dataset(path)
-
-
 def _double_the_blur(attributes: dict[str, Any]) -> None:
     attributes["recipe"]["parameters"]["sigma_step"] *= 2
 
@@ -67,13 +50,16 @@ def _shrink_the_crop(attributes: dict[str, Any]) -> None:
         lambda attributes: attributes.update(options={"pair": [141, 129]}),
         lambda attributes: attributes.update(missing_pairs=["One"]),
         lambda attributes: attributes.update(fingerprint="0" * 64),
+        lambda attributes: attributes.update(manifest=1.5),
+        lambda attributes: attributes.pop("recipe"),
+        lambda attributes: attributes.pop("attributes_sha256"),
     ],
 )
 def test_a_store_whose_attributes_were_edited_is_refused(
     tiny_store: Dataset, edit: Callable[[dict[str, Any]], None]
 ) -> None:
     path = damaged(tiny_store, "", lambda content: edit(content["attributes"]))
-    with pytest.raises(StoreError, match="attributes were edited"):
+    with pytest.raises(StoreError, match="were edited after"):
         Dataset(path)
 
 
@@ -125,3 +111,21 @@ def test_a_scene_record_of_another_kind_is_told_by_name(
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
     with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
         scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")
+
+
+@pytest.mark.parametrize("name", ["available", "depth", "images", "f_number"])
+def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name: str) -> None:
+    place = Path(tiny_store.path.path) / "Two" / name / "c"
+    chunk = sorted(path for path in [place, *place.rglob("*")] if path.is_file())[0]
+    chunk.unlink()
+    with pytest.raises(StoreError, match="cannot be read") as caught:
+        tiny_store.read(tiny_store.pairs("Two")[0])
+    problem = caught.value.problems[0]
+    assert problem.where.endswith(f"Two/{name}")
+    assert f"{chunk.relative_to(tiny_store.path.path).as_posix()} is missing" in problem.got
+    if name != "available":
+        with pytest.raises(FileNotFoundError, match="is missing"):
+            _ = tiny_store.to_xarray("Two")[name].values
+    (found,) = verify_store(Dataset(tiny_store.path)).differences
+    assert (found.scene, found.array) == ("Two", name)
+    assert "cannot be decoded" in found.what

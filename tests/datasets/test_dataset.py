@@ -13,9 +13,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.system.location import as_location, remove
 
 
 def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -> None:
@@ -66,7 +64,7 @@ def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
     zarr.open_group(tmp_path / "other.zarr", mode="a").attrs.update(
         {"format": "dfdbench store", "format_version": 99}
     )
-    with pytest.raises(StoreError, match="another version"):
+    with pytest.raises(StoreError, match="version 99, not 1"):
         open_dataset(str(tmp_path / "other.zarr"))
     (tmp_path / "file.zarr").write_text("x")
     with pytest.raises(StoreError):
@@ -78,39 +76,6 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
         open_dataset("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
     assert "dfdbench build demo" in str(caught.value)
-
-
-def test_two_builds_do_not_mix(tiny_manifest: Manifest, tmp_path: Path) -> None:
-    path = tmp_path / "a.zarr"
-    second = StoreWriter(path, tiny_manifest, {})
-    with (
-        StoreWriter(path, tiny_manifest, {}),
-        pytest.raises(StoreError, match="another build"),
-        second,
-    ):
-        pass
-    with StoreWriter(path, tiny_manifest, {}):
-        pass
-
-
-@pytest.mark.parametrize("suffix", ["", ".partial"])
-def test_what_is_no_store_is_never_replaced(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, suffix: str
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    folder = tmp_path / f"photographs{suffix}"
-    folder.mkdir()
-    (folder / "only_copy.png").write_text("precious")
-    with pytest.raises(StoreError, match="no dfdbench store"):
-        build_store(tiny_manifest, source, tmp_path / "photographs")
-    assert (folder / "only_copy.png").read_text() == "precious"
-    (tmp_path / "file").write_text("precious")
-    with pytest.raises(StoreError, match="no dfdbench store"):
-        build_store(tiny_manifest, source, tmp_path / "file")
-    with pytest.raises(StoreError, match="File name too long") as caught:
-        build_store(tiny_manifest, source, tmp_path / ("x" * 300))
-    assert caught.value.problems[0].fix.startswith("choose another place")
-    assert (tmp_path / "file").read_text() == "precious"
 
 
 def test_a_store_of_another_recipe_is_not_replaced(
@@ -131,32 +96,6 @@ def test_a_damaged_scene_is_written_again(
     report = build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tiny_store.path)
     assert report.fingerprint == before
     assert report.scenes_built == ("Two",)
-
-
-def test_a_full_disk_is_told_and_nothing_is_lost(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    original = xarray.Dataset.to_zarr
-    other = tiny_store.path.with_name("other.zarr")
-    written: list[str] = []
-
-    def full(dataset: xarray.Dataset, *args: object, **keywords: object) -> object:
-        if len(written) == 1:
-            raise OSError(28, "No space left on device")
-        written.append(str(keywords["group"]))
-        return original(dataset, *args, **keywords)  # type: ignore[call-overload]
-
-    with monkeypatch.context() as patch:
-        patch.setattr(xarray.Dataset, "to_zarr", full)
-        with pytest.raises(StoreError, match="No space left on device") as caught:
-            build_store(tiny_manifest, source, other)
-    assert caught.value.problems[0].fix.startswith("make room, or choose another place")
-    assert not other.exists()
-    report = build_store(tiny_manifest, source, other)
-    assert report.scenes_kept == tuple(written)
-    assert report.fingerprint == tiny_store.fingerprint
-    remove(as_location(other))
 
 
 def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Dataset) -> None:
@@ -205,19 +144,19 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("region", "told"),
+    ("region", "said"),
     [
-        ((slice(20, 28), slice(0, 8)), "rows.*20 to 28"),
-        ((slice(0, 8), slice(0, 31)), "columns.*0 to 31"),
-        ((slice(-4, 4), slice(0, 8)), "rows.*-4 to 4"),
-        ((slice(8, 8), slice(-99, None)), "rows.*8 to 8.*columns.*-99"),
+        ((slice(20, 28), slice(0, 8)), "20 to 28.*rows"),
+        ((slice(0, 8), slice(0, 31)), "0 to 31.*columns"),
+        ((slice(-4, 4), slice(0, 8)), "-4 to 4.*rows"),
+        ((slice(8, 8), slice(-99, None)), "8 to 8.*rows.*-99"),
     ],
 )
 def test_a_crop_beyond_the_image_is_refused(
-    tiny_store: Dataset, region: tuple[slice, slice], told: str
+    tiny_store: Dataset, region: tuple[slice, slice], said: str
 ) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
-    with pytest.raises(InputError, match=f"(?s){told}"):
+    with pytest.raises(InputError, match=f"(?s){said}"):
         data.crop(0, region)
     assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
 
@@ -227,13 +166,6 @@ def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
     with pytest.raises(InputError, match="two slices"):
         data.crop(0, region)  # type: ignore[arg-type]
-
-
-def test_scenes_are_arrays_with_names(tiny_store: Dataset) -> None:
-    scene = open_dataset("tiny", tiny_store.path).captures().scene("Two")
-    image = scene["images"].sel(view=5, illumination=1, exposure=0)[0]
-    assert image.dims == ("y", "x", "channel")
-    assert image.shape == (24, 31, 3)
 
 
 def test_mistakes(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.unseen import seeded
+from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
 
 # A released manifest never changes; a correction is a new version with a new line here.
@@ -147,3 +148,7 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
     assert set(manifest.pairs("train")) | set(manifest.pairs("test")) == set(pairs)
     assert not set(manifest.pairs("train")) & set(manifest.pairs("test"))
     assert len({pair.id for pair in pairs}) == len(pairs)
+
+
+def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
+    assert training_of(tiny_manifest, "K2") == ("One", "Two")

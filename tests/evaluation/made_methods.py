@@ -1,7 +1,5 @@
 """Methods made for the tests of what calls them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

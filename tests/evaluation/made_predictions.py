@@ -1,7 +1,5 @@
 """Depth maps made elsewhere, for the tests of what scores them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -19,7 +19,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
 
@@ -205,7 +205,7 @@ def test_a_set_without_training_pairs_says_what_to_do(
     manifest = parse_manifest(text.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
     store = Dataset(tmp_path / "s.zarr")
-    with pytest.raises(StoreError, match=r"no training split[\s\S]*learn, test[\s\S]*--split NAME"):
+    with pytest.raises(StoreError, match=r"no split train[\s\S]*--split NAME"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
     assert fit_method(store, load_for(store, mean, {}), "K2", 0) is not None
 
@@ -218,7 +218,7 @@ def test_a_store_without_its_training_scenes_says_what_to_build(
     manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
     store = Dataset(tmp_path / "s.zarr")
-    with pytest.raises(StoreError, match=r"no training pair[\s\S]*split train[\s\S]*build tiny"):
+    with pytest.raises(StoreError, match=r"no pair of tiny-1, split train[\s\S]*build tiny"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
 
 

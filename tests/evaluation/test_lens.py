@@ -11,7 +11,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, MethodError
-from dfdbench.evaluation.lens import lens_law, rig_of, told_by_lens
+from dfdbench.evaluation.lens import given_by_lens, lens_law, rig_of
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
@@ -85,27 +85,27 @@ def test_a_manifests_rig_is_told_and_a_file_says_what_it_lacks(
     tiny_manifest: Manifest, tmp_path: Path
 ) -> None:
     whole = of_manifest(tiny_manifest, Rig(**FACTS), SCALE)
-    taken, recorded = told_by_lens(whole, {"recipe": "rig", "window": 9})
+    taken, recorded = given_by_lens(whole, {"recipe": "rig", "window": 9})
     assert taken == {"recipe": lens_law(LENS), "window": 9}
     assert recorded == {"recipe": "rig"}
     part = of_manifest(tiny_manifest, Rig(focus_distance=9.0, defocus_f_number=2.0), SCALE)
     file = tmp_path / "mine.toml"
     file.write_text("focal_length = 0.05\npixel_pitch = 1e-4\nfocus_distance = 1.05\n")
-    taken, recorded = told_by_lens(part, {"recipe": str(file)})
+    taken, recorded = given_by_lens(part, {"recipe": str(file)})
     assert taken == {"recipe": lens_law(LENS)}
     # Whole, so that it can be run again without the file.
     assert recorded["recipe"] == LENS
-    assert told_by_lens(part, recorded) == (taken, recorded)
+    assert given_by_lens(part, recorded) == (taken, recorded)
     with pytest.raises(MethodError, match="no focal_length, pixel_pitch"):
-        told_by_lens(part, {"recipe": "rig"})
+        given_by_lens(part, {"recipe": "rig"})
     with pytest.raises(MethodError, match="no focal_length, defocus_f_number"):
-        told_by_lens(tiny_manifest, {"recipe": "rig"})
+        given_by_lens(tiny_manifest, {"recipe": "rig"})
 
 
 @pytest.mark.parametrize("recipe", ["published", {"sigma_min": 0.3, "sigma_step": 0.01}, None])
 def test_other_recipes_are_left_as_they_are(tiny_manifest: Manifest, recipe: Any) -> None:
-    assert told_by_lens(tiny_manifest, {"recipe": recipe}) == ({"recipe": recipe}, {})
-    assert told_by_lens(tiny_manifest, {}) == ({}, {})
+    assert given_by_lens(tiny_manifest, {"recipe": recipe}) == ({"recipe": recipe}, {})
+    assert given_by_lens(tiny_manifest, {}) == ({}, {})
 
 
 def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(

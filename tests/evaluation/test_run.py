@@ -1,6 +1,3 @@
-from __future__ import annotations
-
-import json
 import os
 import sys
 from pathlib import Path
@@ -21,7 +18,7 @@ from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS
@@ -262,17 +259,6 @@ def test_two_runs_do_not_mix(tiny_store: Dataset, tmp_path: Path) -> None:
     assert "another run is writing" in seen[0]
 
 
-def test_a_full_disk_says_that_it_goes_on(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("dfdbench.evaluation.run.keep_prediction", full)
-    with pytest.raises(ResultError, match="goes on where it stopped"):
-        run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-
-
 def test_kept_depth_maps_are_found_by_their_coordinates(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
@@ -284,27 +270,6 @@ def test_kept_depth_maps_are_found_by_their_coordinates(
     assert np.array_equal(found, images.infocus[..., 0])
     with pytest.raises(KeyError):
         kept["depth"].sel(view=2)
-
-
-def test_a_result_is_read_from_the_folder_of_its_run(tiny_store: Dataset, tmp_path: Path) -> None:
-    run = run_method(tiny_store, method(grey), "One", tmp_path / "out")
-    assert load_result(tmp_path / "out") == run.result
-    with pytest.raises(ResultError, match=r"result\.json"):
-        load_result(tmp_path)
-
-
-def test_a_seeded_method_repeats_itself(tiny_store: Dataset, tmp_path: Path) -> None:
-    def drawing(infocus: Any, defocus: Any) -> Any:
-        return np.random.uniform(0, 255, infocus.shape[:2])
-
-    first, again, other = (
-        run_method(
-            tiny_store, method(drawing), "test", tmp_path / name, RunOptions(seed=seed)
-        ).result
-        for name, seed in (("a", 1), ("b", 1), ("c", 2))
-    )
-    hashes = [[p.prediction_sha256 for p in result.pairs] for result in (first, again, other)]
-    assert hashes[0] == hashes[1] != hashes[2]
 
 
 @pytest.mark.slow
@@ -373,16 +338,6 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
     assert load_result(tmp_path / "out" / RESULT) == result
     after = np.random.get_state(legacy=False)
     assert np.array_equal(after["state"]["key"], state["state"]["key"])
-
-
-def test_a_result_says_nothing_of_where_files_lay(tiny_store: Dataset, tmp_path: Path) -> None:
-    file = tmp_path / "mine.py"
-    file.write_text("def predict(infocus, defocus):\n    return infocus[..., 0]\n")
-    loaded = load_for(tiny_store, f"{file}:predict", {})
-    run_method(tiny_store, loaded, "test", tmp_path / "out")
-    content = json.loads((tmp_path / "out" / RESULT).read_text())
-    assert content["method"]["entry"] == "mine.py:predict"
-    assert str(tmp_path) not in json.dumps(content["method"]["entry"])
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -11,17 +11,12 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.figures.audits import (
-    coverage_figure,
-    depth_error_figure,
-    level_error_figure,
-    mask_figure,
-)
+from dfdbench.figures import audits
 
 
 def test_offending_ranges_are_marked(tiny_store: Dataset) -> None:
     record = compare_depths(*sides_of(tiny_store))
-    figure = coverage_figure(record)
+    figure = audits.coverage_figure(record)
     top, middle, _ = figure.axes
     assert len(top.patches) == len(middle.patches) == len(record.ranges)
     assert middle.get_yscale() == "log"
@@ -33,10 +28,10 @@ def test_masks_lie_over_the_errors_of_the_worst_pair_of_each_scene(
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
     record = compare_depths(*sides_of(tiny_store))
     join = join_errors(tiny_store, run.result, run.folder, record)
-    figure = mask_figure(tiny_store, run.result, run.folder, join)
+    figure = audits.mask_figure(tiny_store, run.result, run.folder, join)
     rows = [axis.get_ylabel() for axis in figure.axes if axis.get_ylabel().startswith("T")]
     assert sorted(row.split("\n")[0] for row in rows) == ["Three", "Two"]
-    bars = level_error_figure(join, "title").axes[0].containers
+    bars = audits.level_error_figure(join, "title").axes[0].containers
     present = join.total.pixels > 0
     kinds = [kind for kind in Verdict if (join.levels[kind] & present).any()]
     assert len(bars) == len(kinds)
@@ -54,7 +49,7 @@ def errors_of(name: str, told: int) -> DepthErrors:
 
 def test_each_run_has_a_curve_and_a_panel_of_its_answers() -> None:
     found = [errors_of("near", 70), errors_of("$far$", 41)]
-    figure = depth_error_figure("title", found, DepthScale(near=0.5, far=5.0))
+    figure = audits.depth_error_figure("title", found, DepthScale(near=0.5, far=5.0))
     top, *panels = figure.axes
     assert [line.get_label() for line in top.lines] == ["near", r"\$far\$"]
     levels, means = top.lines[0].get_data()

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.figures.camera import (
-    blur_figure,
-    law_figure,
-    overlay_figure,
-    pair_figure,
-    temperature_figure,
-    voltage_figure,
-)
+from dfdbench.figures import camera
 from dfdbench.figures.style import write_figure
 from dfdbench.methods.calibration import Calibration
 from dfdbench.optics.lens_table import rank_pairs, read_lens_table
@@ -24,7 +17,7 @@ def test_the_law_sets_the_scale_and_levels_without_pixels_have_no_dot() -> None:
     measured[10:20] = 90.0  # levels that showed no blur
     pixels = np.where(np.isnan(measured), 0, 50)
     law = BlurLaw(tuple(np.linspace(3, 1, 256).tolist()), exponent=8.0, linear=True)
-    figure = law_figure(Calibration(law, measured, pixels, measured))
+    figure = camera.law_figure(Calibration(law, measured, pixels, measured))
     widths, left = figure.axes
     assert widths.get_ylim() == (0, 1.3 * 3)
     assert "p = 8; linear light" in widths.get_title()
@@ -39,7 +32,9 @@ def test_depth_maps_lie_over_one_image_on_one_scale(tmp_path: Path) -> None:
     image = np.full((20, 30, 3), 90, np.uint8)
     levels = np.linspace(50, 200, 600).reshape(20, 30).astype(np.uint8)
     valid = levels > 80
-    figure = overlay_figure(image, {"parallel": (levels, valid), "turned": (levels, valid)}, "k33")
+    figure = camera.overlay_figure(
+        image, {"parallel": (levels, valid), "turned": (levels, valid)}, "k33"
+    )
     panels = figure.axes[:2]
     assert [axis.get_title() for axis in panels] == ["parallel", "turned"]
     scales = {axis.images[1].get_clim() for axis in panels}
@@ -58,11 +53,11 @@ def test_depth_maps_lie_over_one_image_on_one_scale(tmp_path: Path) -> None:
 def test_a_depth_map_without_a_known_pixel_is_drawn_too(tmp_path: Path) -> None:
     image = np.zeros((8, 9, 3), np.uint8)
     nothing = (np.zeros((8, 9), np.uint8), np.zeros((8, 9), bool))
-    write_figure(overlay_figure(image, {"none": nothing}, "k33"), tmp_path / "overlay.png")
+    write_figure(camera.overlay_figure(image, {"none": nothing}, "k33"), tmp_path / "overlay.png")
 
 
 def test_sharpness_is_drawn_over_temperature_with_its_background() -> None:
-    figure = temperature_figure([measured(135, 0.2, 30), measured(135, 0.4, 50)])
+    figure = camera.temperature_figure([measured(135, 0.2, 30), measured(135, 0.4, 50)])
     sharpness, background = figure.axes[0].lines
     assert np.array_equal(sharpness.get_xydata(), [[30, 0.2], [50, 0.4]])
     assert np.array_equal(background.get_ydata(), [0.1, 0.2])
@@ -72,14 +67,14 @@ def test_sharpness_is_drawn_over_temperature_with_its_background() -> None:
 def test_each_way_through_the_steps_is_a_line_that_says_where_it_goes() -> None:
     up = [measured(127, 0.1), measured(143, 0.3)]
     down = [measured(127, 0.2), measured(143, 0.4)]
-    labels = [line.get_label() for line in voltage_figure(up, down).axes[0].lines]
+    labels = [line.get_label() for line in camera.voltage_figure(up, down).axes[0].lines]
     assert labels == ["127 → 143", "143 → 127"]
-    assert len(voltage_figure([], down).axes[0].lines) == 1
+    assert len(camera.voltage_figure([], down).axes[0].lines) == 1
 
 
 def test_blur_touches_nothing_at_the_focus_and_its_limit_far_off() -> None:
     lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)
-    axis = blur_figure(lens, 0.4, 4.0).axes[0]
+    axis = camera.blur_figure(lens, 0.4, 4.0).axes[0]
     blur, quantised, limit, focus = axis.lines
     distance, pixels = np.asarray(blur.get_xdata()), np.asarray(blur.get_ydata())
     (highest, _) = np.asarray(limit.get_ydata())
@@ -95,7 +90,7 @@ def test_blur_touches_nothing_at_the_focus_and_its_limit_far_off() -> None:
 def test_each_pair_has_its_steps_their_difference_and_the_range() -> None:
     table = read_lens_table()
     pairs = rank_pairs(table, 1.5, 2.2)[:3]
-    figure = pair_figure(table, pairs)
+    figure = camera.pair_figure(table, pairs)
     assert [axis.get_title() for axis in figure.axes] == [pair.name for pair in pairs]
     for axis, pair in zip(figure.axes, pairs, strict=True):
         first, second, difference = (np.asarray(line.get_ydata()) for line in axis.lines)

@@ -4,12 +4,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dfdbench.figures.comparisons import (
-    accuracy_figure,
-    lighting_figures,
-    time_figure,
-    tracks_figure,
-)
+from dfdbench.figures import comparisons
 from dfdbench.figures.style import plain_text
 from dfdbench.results.saved_run import SavedRun
 from tests.made_results import limited, make_result
@@ -28,7 +23,7 @@ def means(**tracks: list[float]) -> pd.DataFrame:
 
 
 def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> None:
-    figures = lighting_figures([run("one"), run("two")], "thesis")
+    figures = comparisons.lighting_figures([run("one"), run("two")], "thesis")
     assert list(figures) == ["illumination 1", "illumination 2"]
     axes = figures["illumination 1"].axes
     assert len(axes) == 6
@@ -41,7 +36,7 @@ def test_one_exposure_alone_shows_every_method_in_a_legend_that_is_whole() -> No
     one = {("a", 1, 1, 2): 0.1, ("b", 1, 1, 2): 0.2}
     names = ["constant", "graph-cuts, the recipe of the text and its offset", "x" * 150, r"\$" * 90]
     runs = [SavedRun(Path("r.json"), make_result(one, name), None, "") for name in names]
-    figure = lighting_figures(runs, "thesis")["illumination 1"]
+    figure = comparisons.lighting_figures(runs, "thesis")["illumination 1"]
     figure.draw_without_rendering()
     legend = figure.legends[0]
     shown = ["".join(text.get_text().split()) for text in legend.get_texts()]
@@ -55,24 +50,24 @@ def test_names_that_matplotlib_would_take_for_more_are_shown_as_they_are() -> No
     runs = [run("_hidden"), run(r"$\frac$")]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figure = lighting_figures(runs, "thesis")["illumination 1"]
+        figure = comparisons.lighting_figures(runs, "thesis")["illumination 1"]
         figure.canvas.draw()
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == [" _hidden", r"\$\frac\$"]
 
 
 def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
-    figure = time_figure([run("one"), run("two")])
+    figure = comparisons.time_figure([run("one"), run("two")])
     assert figure is not None
     assert figure.axes[0].get_xscale() == "log"
     nothing = limited(make_result(VALUES), 0)
     saved = SavedRun(Path("r.json"), nothing, None, "")
-    assert time_figure([saved]) is None
-    assert lighting_figures([saved], "thesis") == {}
+    assert comparisons.time_figure([saved]) is None
+    assert comparisons.lighting_figures([saved], "thesis") == {}
 
 
 def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
-    figure = accuracy_figure([run("one"), run("two")], "thesis")
+    figure = comparisons.accuracy_figure([run("one"), run("two")], "thesis")
     assert figure is not None
     (axis,) = figure.axes
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
@@ -81,7 +76,7 @@ def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
     assert np.asarray(axis.lines[0].get_xydata()).tolist() == [[0.25, averages["thesis"]["nrmse"]]]
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
     nothing = SavedRun(Path("r.json"), limited(make_result(VALUES), 0), None, "")
-    assert accuracy_figure([nothing], "thesis") is None
+    assert comparisons.accuracy_figure([nothing], "thesis") is None
 
 
 def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
@@ -89,7 +84,7 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
         "mine": means(gain=[0.1, 0.2, 0.3, 0.4], noise=[0.1, 0.1, np.nan, 0.3]),
         "yours": means(gain=[0.2, 0.2, 0.2, 0.2]),
     }
-    figure = tracks_figure(scores, "nrmse", "on demo")
+    figure = comparisons.tracks_figure(scores, "nrmse", "on demo")
     panels = [axis for axis in figure.axes if axis.axison]
     assert [axis.get_title() for axis in panels] == ["gain", "noise"]
     first, second = panels[0].lines[:2]
@@ -101,23 +96,16 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
 
 
-def test_seven_tracks_stand_in_two_rows() -> None:
-    scores = {"mine": means(**{f"track {number}": [0.1, 0.2] for number in range(7)})}
-    figure = tracks_figure(scores, "nrmse", "on demo")
-    assert sum(axis.axison for axis in figure.axes) == 7
-    assert not figure.legends
-
-
 def test_no_two_of_fifteen_methods_look_alike() -> None:
     scores = {f"method {number}": means(gain=[0.1, 0.2]) for number in range(15)}
-    lines = tracks_figure(scores, "nrmse", "on demo").axes[0].lines
+    lines = comparisons.tracks_figure(scores, "nrmse", "on demo").axes[0].lines
     looks = {(line.get_color(), line.get_marker(), line.get_linestyle()) for line in lines}
     assert len(looks) == 15
 
 
 def test_no_score_lies_outside_its_panel() -> None:
     scores = {"mine": means(gain=[0.1, 0.2], camera=[0.1, 0.9])}
-    figure = tracks_figure(scores, "nrmse", "on demo")
+    figure = comparisons.tracks_figure(scores, "nrmse", "on demo")
     for axis in figure.axes[:2]:
         low, high = axis.get_ylim()
         assert (low, high > 0.9) == (0, True)

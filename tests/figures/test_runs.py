@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -158,7 +156,7 @@ def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
         (None, "NoneType"),
         (open_dataset(str(tiny_store.path)).captures(), "Captures"),
     ):
-        with pytest.raises(TypeError, match=f"draws one capture.* got {kind}"):
+        with pytest.raises(TypeError, match=f"draws a capture.*, not {kind}"):
             show(wrong)  # type: ignore[arg-type]
 
 

@@ -8,21 +8,13 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figures.style import (
-    brightening,
-    depth_span,
-    legend_below,
-    legend_beside,
-    plain_text,
-    wrapped,
-    write_figure,
-)
+from dfdbench.figures import style
 
 
 @given(levels=st.lists(st.floats(0, 255), min_size=1, max_size=20))
 @settings(max_examples=30)
 def test_all_depths_are_within_the_span_and_it_is_never_narrow(levels: list[float]) -> None:
-    low, high = depth_span(np.array([np.nan, *levels]))
+    low, high = style.depth_span(np.array([np.nan, *levels]))
     assert low <= min(levels) <= max(levels) <= high
     assert high - low >= 20 - 1e-9
     if max(levels) - min(levels) >= 20:
@@ -31,7 +23,7 @@ def test_all_depths_are_within_the_span_and_it_is_never_narrow(levels: list[floa
 
 @pytest.mark.parametrize("text", ["$x$", "_hidden", "a$", "100 % _ $\\frac$", "two\nlines"])
 def test_no_text_is_taken_for_a_formula_or_left_out_of_a_legend(tmp_path: Path, text: str) -> None:
-    shown = plain_text(text)
+    shown = style.plain_text(text)
     # Matplotlib hides what begins so, and sets what stands between dollars.
     assert not shown.startswith("_")
     assert "\n" not in shown
@@ -39,16 +31,16 @@ def test_no_text_is_taken_for_a_formula_or_left_out_of_a_legend(tmp_path: Path, 
     figure = Figure(figsize=(1, 1))
     figure.text(0, 0, shown)
     # What is no right formula cannot be drawn.
-    write_figure(figure, tmp_path / "a.png")
+    style.write_figure(figure, tmp_path / "a.png")
 
 
 @given(text=st.text("ab $_=", max_size=80), width=st.integers(8, 30))
 @settings(max_examples=30)
 def test_lines_are_no_longer_than_asked_but_for_a_dollars_backslash(text: str, width: int) -> None:
-    plain = plain_text(text)
-    for line in wrapped(plain, width).split("\n"):
+    plain = style.plain_text(text)
+    for line in style.wrapped(plain, width).split("\n"):
         assert len(line.replace(r"\$", "$")) <= max(width, 1) or not line.strip()
-    assert wrapped(plain, width).replace("\n", "").replace(" ", "") == plain.replace(" ", "")
+    assert style.wrapped(plain, width).replace("\n", "").replace(" ", "") == plain.replace(" ", "")
 
 
 def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_path: Path) -> None:
@@ -56,8 +48,8 @@ def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_
     axis = figure.subplots()
     for number in range(7):
         axis.plot([0, 1], [number, 0], label=f"graph-cuts (window={number}, recipe=mine.toml)")
-    legend_below(figure, axis)
-    write_figure(figure, tmp_path / "legend.png")
+    style.legend_below(figure, axis)
+    style.write_figure(figure, tmp_path / "legend.png")
     (legend,) = figure.legends
     box = legend.get_window_extent()
     assert figure.get_figwidth() > 4 or figure.get_figheight() > 3
@@ -73,7 +65,7 @@ def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> N
         figure = Figure()
         figure.subplots().plot([1, 2], [3, 1], label="line")
         (tmp_path / folder).mkdir()
-        write_figure(figure, tmp_path / folder / f"x{suffix}")
+        style.write_figure(figure, tmp_path / folder / f"x{suffix}")
         written.append((tmp_path / folder / f"x{suffix}").read_bytes())
     assert written[0] == written[1]
 
@@ -82,7 +74,7 @@ def test_a_legend_beside_axes_lies_on_none_of_their_data() -> None:
     figure = Figure(layout="constrained")
     axis = figure.subplots()
     axis.plot([1, 2], [3, 1], label="a line whose name is long")
-    legend_beside(axis)
+    style.legend_beside(axis)
     figure.draw_without_rendering()
     legend = axis.get_legend()
     assert legend is not None
@@ -92,7 +84,7 @@ def test_a_legend_beside_axes_lies_on_none_of_their_data() -> None:
 
 @given(arrays(np.uint8, (3, 4), elements=st.integers(0, 255)))
 def test_brightening_leaves_the_brightest_below_white(image: NDArray[np.uint8]) -> None:
-    times = brightening(image)
+    times = style.brightening(image)
     assert times >= 1
     if times > 1:
         assert np.percentile(image, 99) * times <= 235 or np.percentile(image, 99) < 1

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -8,18 +6,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.figures.trainings import (
-    convergence_figure,
-    experiment_figure,
-    levels_figure,
-    objective_figure,
-    patches_figure,
-    training_figure,
-    widths_figure,
-)
+from dfdbench.figures import trainings
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.crops import Selections
-from dfdbench.training.search.run import Iteration
+from dfdbench.training.search.swarm_search import Iteration
 from dfdbench.training.trainer import Log
 from tests.methods.made_weights import card
 
@@ -31,7 +21,7 @@ def heights(line: Line2D) -> list[float]:
 def test_losses_rates_and_scores_are_drawn_by_step() -> None:
     losses = [{"step": step, "learning_rate": 0.1, "loss": 5 / step} for step in range(1, 900)]
     scores = [{"step": step, "train_nmae": 0.1, "test_nmae": 0.2} for step in (300, 600)]
-    axes = training_figure(Log(losses, scores), "title").axes
+    axes = trainings.training_figure(Log(losses, scores), "title").axes
     loss = heights(axes[0].lines[0])
     assert len(loss) == 449
     assert loss[0] == pytest.approx((5 + 2.5) / 2)
@@ -41,7 +31,7 @@ def test_losses_rates_and_scores_are_drawn_by_step() -> None:
 
 
 def test_a_training_without_scores_can_be_drawn() -> None:
-    training_figure(Log([{"step": 1, "learning_rate": 0.1, "loss": 2.0}], []), "title")
+    trainings.training_figure(Log([{"step": 1, "learning_rate": 0.1, "loss": 2.0}], []), "title")
 
 
 def test_levels_are_shares_of_their_pixels() -> None:
@@ -49,7 +39,7 @@ def test_levels_are_shares_of_their_pixels() -> None:
         {"level": str(level), "trained": "30" if level == 7 else "0", "present": "1"}
         for level in range(256)
     ]
-    present, trained = levels_figure(rows, "title").axes[0].patches
+    present, trained = trainings.levels_figure(rows, "title").axes[0].patches
     assert max(trained.get_data().values) == 100  # type: ignore[attr-defined]
     assert max(present.get_data().values) == pytest.approx(100 / 256)  # type: ignore[attr-defined]
 
@@ -57,14 +47,14 @@ def test_levels_are_shares_of_their_pixels() -> None:
 def test_patches_are_drawn_by_pair_and_by_pixel_of_the_least_and_the_most() -> None:
     places = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 1], [2, 1, 1], [1, 0, 0], [1, 1, 0]], np.int32)
     drawn = Selections(("a", "b", "c"), ((4, 5),) * 3, 2, places)
-    figure = patches_figure(drawn, "title")
+    figure = trainings.patches_figure(drawn, "title")
     assert "6 patches of 2 x 2" in figure.get_suptitle()
     bars, *maps = [axis for axis in figure.axes if axis.get_title()]
     assert bars.patches[0].get_data().values.tolist() == [1, 2, 3]  # type: ignore[attr-defined]
     assert [axis.get_title().split(":")[0] for axis in maps] == ["least", "median", "most"]
     assert np.asarray(maps[2].images[0].get_array())[1, 1] == 3
     alone = Selections(("a",), ((4, 5),), 2, places[:1])
-    assert len(patches_figure(alone, "title").axes) == 3
+    assert len(trainings.patches_figure(alone, "title").axes) == 3
 
 
 def test_an_experiment_shows_the_spread_of_values_and_the_baselines_as_a_band() -> None:
@@ -72,7 +62,7 @@ def test_an_experiment_shows_the_spread_of_values_and_the_baselines_as_a_band() 
         (value, card(seed=seed, scores={"nrmse": score, "nmae": score, "ssim": score}))
         for value, seed, score in (("0", 0, 0.1), ("0", 1, 0.3), ("3", 0, 0.5))
     ]
-    axis = experiment_figure("title", cards, "0").axes[0]
+    axis = trainings.experiment_figure("title", cards, "0").axes[0]
     drawn = {str(line.get_label()): heights(line) for line in axis.lines}
     assert drawn["mean of 0"] == pytest.approx([0.2, 0.2])
     assert drawn["minimum, maximum"] == [0.1, 0.3]
@@ -82,7 +72,7 @@ def test_an_experiment_shows_the_spread_of_values_and_the_baselines_as_a_band() 
     low, high = band.get_extents().transformed(axis.transData.inverted()).intervaly
     assert (low, high) == pytest.approx((0.2 - deviation, 0.2 + deviation))
     assert [label.get_text() for label in axis.get_xticklabels()] == ["0", "3"]
-    assert not experiment_figure("title", cards, "3").axes[0].patches
+    assert not trainings.experiment_figure("title", cards, "3").axes[0].patches
 
 
 def test_seeds_alone_are_drawn_one_by_one() -> None:
@@ -90,13 +80,13 @@ def test_seeds_alone_are_drawn_one_by_one() -> None:
         ("", card(seed=seed, scores={"nrmse": score, "nmae": score, "ssim": score}))
         for seed, score in enumerate((0.1, 0.2, 0.3))
     ]
-    axis = experiment_figure("title", cards).axes[0]
+    axis = trainings.experiment_figure("title", cards).axes[0]
     assert heights(axis.lines[-1]) == [0.1, 0.2, 0.3]
     assert len(axis.patches) == 1
 
 
 def test_a_metric_that_no_pair_defines_leaves_its_panel_empty() -> None:
-    figure = experiment_figure("title", [("", card(scores={"ssim": 0.5}))])
+    figure = trainings.experiment_figure("title", [("", card(scores={"ssim": 0.5}))])
     assert [len(heights(axis.lines[0])) for axis in figure.axes] == [0, 0, 1]
 
 
@@ -108,21 +98,21 @@ COURSE = [
 
 
 def test_the_objective_is_drawn_with_its_best_and_mean() -> None:
-    figure = objective_figure(COURSE, "a $ swarm")
+    figure = trainings.objective_figure(COURSE, "a $ swarm")
     lines = {line.get_label(): line for line in figure.axes[0].lines}
     assert heights(lines["best so far"]) == [0.9, 0.9, 0.7]
     assert [y for y in heights(lines["mean"]) if y == y] == [1.2, 0.8]
 
 
 def test_convergence_has_the_author_s_marks() -> None:
-    axis = convergence_figure(COURSE, "swarm").axes[0]
+    axis = trainings.convergence_figure(COURSE, "swarm").axes[0]
     assert heights(axis.lines[0]) == pytest.approx([20, 50, 93])
     assert [heights(line)[0] for line in axis.lines[1:]] == pytest.approx([90, 95, 99])
     assert [text.get_text() for text in axis.texts] == ["90 %", "95 %", "99 %"]
 
 
 def test_widths_stand_beside_the_baseline_s() -> None:
-    axis = widths_figure(FILTERS["pso"], "swarm").axes[0]
+    axis = trainings.widths_figure(FILTERS["pso"], "swarm").axes[0]
     heights = [patch.get_bbox().height for patch in axis.patches if isinstance(patch, Rectangle)]
     assert heights[: len(LAYERS)] == list(FILTERS["original"])
     assert heights[len(LAYERS) :] == list(FILTERS["pso"])

@@ -232,17 +232,6 @@ def changed_png(random: Random, content: bytes) -> bytes:
     return b"".join(parts)
 
 
-def changed_jpeg(random: Random, content: bytes) -> bytes:
-    """Change a JPEG file's sizes and markers, or its bytes."""
-    frame = content.find(b"\xff\xc0")
-    if frame < 0 or random.random() < 0.5:
-        return changed_bytes(random, content)
-    data = bytearray(content)
-    place = frame + random.choice((1, 2, 4, 5, 7, 9, 11))
-    data[place : place + 2] = struct.pack(">H", random.choice((0, 1, 255, 65535, 65500)))
-    return bytes(data)
-
-
 def changed_npy(random: Random, content: bytes) -> bytes:
     """Change what a ``.npy`` file says of its array, or its bytes."""
     if random.random() < 0.3:
@@ -263,30 +252,6 @@ def sound_zip(names: list[str]) -> bytes:
         for name in names:
             archive.writestr(name, b"some bytes" * 9)
     return file.getvalue()
-
-
-def strange_zip(random: Random, names: list[str]) -> bytes:
-    """Return an archive of some files, mostly with what an archive should not have."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", random.choice((0, 8, 12, 14))) as archive:
-        for name in names:
-            info = zipfile.ZipInfo(random.choice((name, name, name, *STRANGE_TEXTS)))
-            info.compress_type = random.choice((0, 8, 8, 8, 12, 14))
-            if random.random() < 0.1:
-                info.external_attr = 0o120777 << 16
-            if "\ud800" in info.filename or len(info.filename) > 60000:
-                info.filename = name
-            body = random.choice((b"", b"some bytes" * 9, bytes(2**20), random.randbytes(300)))
-            archive.writestr(info, body)
-    content = bytearray(file.getvalue())
-    entry = content.find(b"PK\x01\x02")
-    if entry >= 0 and random.random() < 0.6:
-        # Flags, method, times, checksum, sizes, lengths of names, the place of the file.
-        place = entry + random.choice((6, 8, 10, 16, 20, 24, 28, 30, 32, 38, 42))
-        strange = random.choice((0, 1, 9, 99, 2**16 - 1, 2**31, 2**32 - 1))
-        width = 4 if place - entry in (16, 20, 24, 38, 42) else 2
-        content[place : place + width] = (strange % 256**width).to_bytes(width, "little")
-    return changed_bytes(random, bytes(content)) if random.random() < 0.3 else bytes(content)
 
 
 def changed_safetensors(random: Random, content: bytes) -> bytes:

@@ -7,12 +7,7 @@ from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.sources.image_files import (
-    decode_image,
-    decode_levels,
-    read_depth_file,
-    read_photograph,
-)
+from dfdbench.building.sources import image_files
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.evaluation.prediction_files import find_predictions
@@ -59,10 +54,10 @@ READERS: dict[str, Callable[[Path], object]] = {
     "archive": _archive,
     "python": _python,
     "checksums": _checksums,
-    "png-photograph": lambda path: decode_image(path.read_bytes(), str(path)),
-    "png-depth": lambda path: decode_levels(path.read_bytes(), str(path), 0),
-    "photograph": lambda path: read_photograph(path.read_bytes(), str(path)),
-    "depth": lambda path: read_depth_file(path.read_bytes(), str(path), "apply"),
+    "png-photograph": lambda path: image_files.decode_image(path.read_bytes(), str(path)),
+    "png-depth": lambda path: image_files.decode_levels(path.read_bytes(), str(path), 0),
+    "photograph": lambda path: image_files.read_photograph(path.read_bytes(), str(path)),
+    "depth": lambda path: image_files.read_depth_file(path.read_bytes(), str(path), "apply"),
     "recipe": lambda path: read_parameters({"recipe": str(path)}),
     "lens": lambda path: rank_pairs(read_lens_table(path), 1.5, 2.2),
     "beams": lambda path: read_beams(path),

@@ -1,4 +1,4 @@
-"""A disk that is full at any write of a build or a run: told, and gone on with where there is room.
+"""A disk that is full at any write of a build or a run: said, and gone on with where there is room.
 
 The disk is a small tmpfs, which only root may make: elsewhere these tests are skipped.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from tests.fuzz.bench import Bench
 from tests.fuzz.worker import call
 
@@ -43,10 +43,10 @@ class Disk:
 
     def used(self) -> int:
         """Return how many bytes of it are taken."""
-        told = subprocess.run(
+        said = subprocess.run(
             ["df", "-B1", "--output=used", str(self.place)], capture_output=True, check=True
         )
-        return int(told.stdout.split()[-1])
+        return int(said.stdout.split()[-1])
 
 
 def _told(command: list[str]) -> None:

@@ -1,7 +1,6 @@
 """Each verb killed at random moments; the same command then ends as if nothing had happened.
 
-Six kills a verb, `make kills COUNT=100` more. Builds on disk and searches are killed in
-tests/building/test_kill.py and tests/training/search/test_run.py.
+Six kills a verb, `make kills COUNT=100` more.
 """
 
 from __future__ import annotations
@@ -27,9 +26,12 @@ from dfdbench.cli import main
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.results.record_file import load_result
-from tests.fuzz.bench import TRAIN, Bench
+from dfdbench.results.record import load_result
+from tests.conftest import ON_SERVERS, TINY_TOML
+from tests.fuzz.bench import SEARCH, TRAIN, Bench
 from tests.fuzz.worker import call
+from tests.site import served
+from tests.training.search.made_searches import losses
 
 KILLS = int(os.environ.get("DFDBENCH_KILLS", "6"))
 #: Kills of one piece of work, before it is let end: the later ones hit what is left to do.
@@ -55,6 +57,10 @@ def _trained(folder: Path) -> object:
     return losses, weights, card.scores, card.steps
 
 
+def _searched(folder: Path) -> object:
+    return losses(folder / "search"), len(list((folder / "search/particles").iterdir()))
+
+
 def _page(folder: Path) -> object:
     files = sorted(path for path in (folder / "page").rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): _sha256(path) for path in files}
@@ -73,7 +79,7 @@ class Work:
     outcome: Callable[[Path], object]
 
     def words(self, folder: Path) -> str:
-        """Return the command as what lies in the folder asks for it: a training is told."""
+        """Return the command as what lies in the folder asks for it: a training is said."""
         training = folder / "training"
         if (training / "checkpoint.pt").exists():
             return f"{self.command} --resume"
@@ -91,6 +97,11 @@ WORKS = {
     ),
     "train": Work(
         f"{TRAIN} --set steps=24 --set evaluate_every=6", ("tiny.zarr", "quick.toml"), _trained
+    ),
+    "search": Work(
+        SEARCH.replace("--particles 1 --iterations 0", "--particles 2 --iterations 1"),
+        ("tiny.zarr", "quick.toml"),
+        _searched,
     ),
     "score": Work(
         "score --predictions maps --dataset tiny.zarr --method mine --out out",
@@ -156,6 +167,27 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(tmp_path_factory.mktemp("sound") / "bench", call)
 
 
+def kill_and_compare(
+    killer: Killer,
+    laid_out: Callable[[str], Path],
+    words: Callable[[Path], str],
+    outcome: Callable[[Path], object],
+) -> None:
+    """Kill a command in several places, let it end there, and compare what it came to."""
+    whole = laid_out("whole")
+    takes = killer.seconds(words(whole), whole)
+    expected = outcome(whole)
+    killed = 0
+    for number in range(0, KILLS, _IN_A_ROW):
+        folder = laid_out(f"killed-{number}")
+        for _ in range(_IN_A_ROW):
+            killed += killer.kill(words(folder), folder, takes)
+        killer.seconds(words(folder), folder)
+        assert outcome(folder) == expected
+        shutil.rmtree(folder)
+    assert killed >= KILLS // 3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WORKS)
 def test_killed_at_random_moments_it_ends_the_same(name: str, bench: Bench, tmp_path: Path) -> None:
@@ -169,63 +201,54 @@ def test_killed_at_random_moments_it_ends_the_same(name: str, bench: Bench, tmp_
         return folder
 
     killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
-    whole = laid_out("whole")
-    takes = killer.seconds(work.command, whole)
-    expected = work.outcome(whole)
-    killed = 0
-    for number in range(0, KILLS, _IN_A_ROW):
-        folder = laid_out(f"killed-{number}")
-        for _ in range(_IN_A_ROW):
-            killed += killer.kill(work.words(folder), folder, takes)
-        killer.seconds(work.words(folder), folder)
-        assert work.outcome(folder) == expected
-        shutil.rmtree(folder)
-    assert killed >= KILLS // 3
+    kill_and_compare(killer, laid_out, work.words, work.outcome)
+
+
+def _stored(place: str | Path) -> str:
+    store = Dataset(place)
+    assert verify_store(store).sound
+    return store.fingerprint
 
 
 @pytest.mark.slow
-def test_a_build_in_an_object_store_ends_the_same(
-    object_store: str, bench: Bench, tmp_path: Path
+@pytest.mark.parametrize("where", ["disk", pytest.param("object store", marks=ON_SERVERS)])
+def test_a_build_ends_the_same(
+    where: str, bench: Bench, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    for item in ("site", "tiny-1.toml"):
-        bench.copy(item, tmp_path)
+    base = ""
+    if where == "object store":
+        base = f"{request.getfixturevalue('object_store')}/{uuid.uuid4().hex}/"
     aws = {name: value for name, value in os.environ.items() if name.startswith("AWS_")}
-    killer = Killer({**aws, "DFDBENCH_CACHE": str(tmp_path / "cache")})
-    expected = Dataset(bench.item("tiny.zarr")).fingerprint
-    base = f"{object_store}/{uuid.uuid4().hex}"
-    command = "build tiny-1.toml --source site --workers 1 --store"
-    takes = killer.seconds(f"{command} {base}/whole.zarr", tmp_path)
-    killed = 0
-    for number in range(0, KILLS, _IN_A_ROW):
-        place = f"{base}/{number}.zarr"
-        for _ in range(_IN_A_ROW):
-            killed += killer.kill(f"{command} {place}", tmp_path, takes)
-        killer.seconds(f"{command} {place}", tmp_path)
-        store = Dataset(place)
-        assert store.fingerprint == expected
-        assert verify_store(store).sound
-    assert killed >= KILLS // 3
+    killer = Killer(aws)
+    bench.copy("site", tmp_path / "server/data/scenes")
+    (tmp_path / "server/data/scenes/site").rename(tmp_path / "server/data/scenes/ThirdSize")
+    with served(tmp_path / "server") as site:
+        address = f"{site.address}/data/scenes/ThirdSize"
+        manifest = TINY_TOML.replace("https://example.org/tiny", address)
+
+        def laid_out(place: str) -> Path:
+            (tmp_path / place).mkdir()
+            (tmp_path / place / "tiny-1.toml").write_text(manifest)
+            return tmp_path / place
+
+        def store(folder: Path) -> str:
+            return f"{base}{folder.name}.zarr" if base else str(folder / "s.zarr")
+
+        def words(folder: Path) -> str:
+            return f"build tiny-1.toml --cache cache --workers 2 --store {store(folder)}"
+
+        kill_and_compare(killer, laid_out, words, lambda folder: _stored(store(folder)))
 
 
 @pytest.mark.slow
 def test_a_registration_ends_the_same(captures: Path, tmp_path: Path) -> None:
-    killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
-    command = "rig register k03 --source raw --fresh"
-
     def laid_out(place: str) -> Path:
-        folder = tmp_path / place
-        shutil.copytree(captures / "k03", folder / "raw/k03")
-        return folder
+        shutil.copytree(captures / "k03", tmp_path / place / "raw/k03")
+        return tmp_path / place
 
-    whole = laid_out("whole")
-    takes = killer.seconds(command, whole)
-    expected = (whole / "raw/k03/registration.toml").read_text()
-    killed = 0
-    for number in range(0, KILLS, _IN_A_ROW):
-        folder = laid_out(f"killed-{number}")
-        for _ in range(_IN_A_ROW):
-            killed += killer.kill(command, folder, takes)
-        killer.seconds(command, folder)
-        assert (folder / "raw/k03/registration.toml").read_text() == expected
-        shutil.rmtree(folder)
-    assert killed >= KILLS // 3
+    kill_and_compare(
+        Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")}),
+        laid_out,
+        lambda folder: "rig register k03 --source raw --fresh",
+        lambda folder: (folder / "raw/k03/registration.toml").read_text(),
+    )

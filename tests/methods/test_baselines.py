@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import MethodError
-from dfdbench.methods.baselines import Constant, Local
+from dfdbench.methods.baselines import Constant, Local, PositionalPrior
+from dfdbench.methods.check import MadePair
 from dfdbench.metrics.scores import nmae
 
 Image = NDArray[np.uint8]
@@ -49,6 +50,26 @@ def test_local_on_a_real_pair(shared_data: Path, read_image: Callable[[Path], Im
 def test_constant_is_constant() -> None:
     image = np.zeros((3, 4, 3), np.uint8)
     assert Constant(33.5)(image, image).tolist() == [[33.5] * 4] * 3
+
+
+def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() -> None:
+    image = np.zeros((48, 64, 3), np.uint8)
+    near, far = np.full((48, 64), 200, np.uint8), np.full((48, 64), 40, np.uint8)
+    known = np.ones((48, 64), bool)
+    known[:, 32:] = False
+    prior = PositionalPrior()
+    with pytest.raises(MethodError, match="no training captures yet"):
+        prior(image, image)
+    prior.restore(
+        prior.fit([MadePair(image, image, near, known), MadePair(image, image, far, ~known)])
+    )
+    found = prior(np.zeros((24, 100, 3), np.uint8), np.zeros((24, 100, 3), np.uint8))
+    assert found.shape == (24, 100)
+    assert found[:, [0, -1]].tolist() == [[200, 40]] * 24
+    prior.restore(prior.fit([MadePair(image, image, near, known)]))
+    assert (prior(image, image) == 200).all()
+    with pytest.raises(MethodError, match="nothing to fit"):
+        prior.fit([MadePair(image, image, near, np.zeros_like(known))])
 
 
 @pytest.mark.parametrize("window", [0, 4, -3, 2.5])

@@ -13,14 +13,9 @@ import pytest
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.baselines import Local
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.fitted import (
-    Calibrated,
-    depth_table,
-    evenly_spread,
-    learned_array,
-    least_label,
-)
+from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array, least_label
 from dfdbench.methods.guided import Guided
 from dfdbench.methods.method import Predict, restore, teach
 from dfdbench.methods.rational_filters import RationalFilters
@@ -202,14 +197,14 @@ def test_equal_costs_give_the_first() -> None:
 def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
     few = BlurRecipe(0.3, 0.1, levels=16)
     for told in (RECIPES["published"], few, BlurLaw(tuple(few.sigmas.tolist()))):
-        method = Calibrated(told)
+        method = Local(told)
         assert method.fit is None
         assert method.blur == told
         assert method.levels == told.levels
 
 
 def test_who_is_neither_told_nor_fitted_says_so() -> None:
-    method = Calibrated(None)
+    method = Local(None)
     assert method.fit is not None
     assert method.levels == LEVELS
     with pytest.raises(MethodError, match="the method knows no blur yet"):
@@ -218,7 +213,7 @@ def test_who_is_neither_told_nor_fitted_says_so() -> None:
 
 @pytest.mark.slow
 def test_what_a_fit_returned_is_taken_back_by_another() -> None:
-    first, second = Calibrated(None), Calibrated(None)
+    first, second = Local(None), Local(None)
     first.restore(dict(learned_law()))
     second.restore({name: np.asarray(value) for name, value in learned_law().items()})
     assert first.blur == second.blur

@@ -73,9 +73,9 @@ def test_the_radius_between_measured_distances_is_interpolated() -> None:
 
 def test_a_broken_table_is_told_with_every_problem(tmp_path: Path) -> None:
     text = "step,1,2,3\n10,1,2\n12,1,x,3\n11,1,2.5,3\n"
-    with pytest.raises(SourceError) as told:
+    with pytest.raises(SourceError) as said:
         parse_lens_table(text, "mine.csv")
-    kinds = [problem.what for problem in told.value.problems]
+    kinds = [problem.what for problem in said.value.problems]
     assert kinds == [
         "3 cells under a heading of 4",
         "not numbers of 0 to 1000000",

@@ -8,14 +8,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import fft, ndimage
 
 from dfdbench.errors import SourceError
-from dfdbench.optics.sharpness import (
-    dct_sharpness,
-    laplacian_energy,
-    read_lens_captures,
-    sharpest,
-    spectrum_sum,
-    without_dot,
-)
+from dfdbench.optics import sharpness
 from dfdbench.simulation.capture_files import write_lens_test
 from tests.conftest import write_png
 
@@ -29,11 +22,11 @@ def blurred(sigma: float) -> np.ndarray:
 
 def test_both_measures_fall_as_blur_grows() -> None:
     stack = [blurred(sigma) for sigma in (0.3, 0.7, 1.5, 3.0)]
-    for measure in (spectrum_sum, dct_sharpness, laplacian_energy):
+    for measure in (sharpness.spectrum_sum, sharpness.dct_sharpness, sharpness.laplacian_energy):
         values = [measure(image) for image in stack]
         assert values == sorted(values, reverse=True)
         assert values[0] > 1.5 * values[-1]
-    assert sharpest(stack[::-1]) == 3
+    assert sharpness.sharpest(stack[::-1]) == 3
 
 
 @given(images)
@@ -42,19 +35,21 @@ def test_the_cosine_measure_counts_coefficients(image: np.ndarray) -> None:
     first = fft.dct(image.astype(float), axis=0, norm="ortho")
     both = fft.dct(first, axis=1, norm="ortho")
     clear = np.abs(np.abs(both) - 1) > 1e-9
-    share = dct_sharpness(image)
+    share = sharpness.dct_sharpness(image)
     assert share == pytest.approx((np.abs(both) >= 1).mean(), abs=(~clear).mean() + 1e-12)
     assert 0 <= share <= 1
 
 
 def test_colour_is_measured_by_its_luma() -> None:
     grey = blurred(1.0)
-    assert dct_sharpness(np.repeat(grey[..., None], 3, axis=2)) == dct_sharpness(grey)
+    assert sharpness.dct_sharpness(
+        np.repeat(grey[..., None], 3, axis=2)
+    ) == sharpness.dct_sharpness(grey)
 
 
 def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:
     assert write_lens_test(tmp_path) == 12 + 2 * 17
-    found = read_lens_captures(tmp_path)
+    found = sharpness.read_lens_captures(tmp_path)
     warm = found["temperature"]
     assert [m.temperature for m in warm] == sorted(m.temperature for m in warm)
     assert warm[-1].sharpness > 1.5 * warm[0].sharpness
@@ -73,7 +68,7 @@ def test_only_the_dot_is_replaced() -> None:
     image = np.random.default_rng(0).integers(10, 14, (64, 64)).astype(np.uint8)
     dotted = image.copy()
     dotted[30:34, 30:34] = 240
-    cleaned = without_dot(dotted)
+    cleaned = sharpness.without_dot(dotted)
     far = np.ones(image.shape, bool)
     far[25:39, 25:39] = False
     assert (cleaned[far] == image[far]).all()
@@ -87,13 +82,13 @@ def test_files_that_cannot_be_used_are_all_told(tmp_path: Path) -> None:
     write_png(tmp_path / "up/dot.png", dot)
     write_png(tmp_path / "up/image_127_30.00.png", np.zeros((32, 32, 3), np.uint8))
     (tmp_path / "up/image_128_30.00.png").write_bytes(b"no image")
-    with pytest.raises(SourceError) as told:
-        read_lens_captures(tmp_path)
-    assert [problem.what for problem in told.value.problems] == [
+    with pytest.raises(SourceError) as said:
+        sharpness.read_lens_captures(tmp_path)
+    assert [problem.what for problem in said.value.problems] == [
         "the name is not image_STEP_EXPOSURE_TEMPERATURE.png",
         "the name is not image_STEP_EXPOSURE.png",
         "no white dot on black in the image",
         "not a PNG image",
     ]
     with pytest.raises(SourceError, match="simulate lens"):
-        read_lens_captures(tmp_path / "none")
+        sharpness.read_lens_captures(tmp_path / "none")

@@ -62,9 +62,9 @@ def test_the_depth_resolution_is_one_pixel_of_blur(lens: ThinLens, times: float)
 
 
 def test_impossible_lenses_are_refused_with_every_reason() -> None:
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as said:
         ThinLens(-1, 9.6e-3, 0.5, 0)
-    assert [problem.where for problem in told.value.problems] == ["f_number", "pixel_size"]
+    assert [problem.where for problem in said.value.problems] == ["f_number", "pixel_size"]
     with pytest.raises(InputError, match="no real image"):
         ThinLens(3.7, 0.5, 0.4, 4.8e-6)
     with pytest.raises(InputError, match="not positive"):

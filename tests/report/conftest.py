@@ -1,7 +1,5 @@
 """Two runs on the demo set, one of them with a name that would like to be markup."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
-from dfdbench.results.record_file import RESULT
+from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun, open_saved_run
 from tests.once import made_once
 

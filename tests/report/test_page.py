@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -14,17 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.report.page import (
-    Content,
-    Section,
-    depth_picture,
-    gather,
-    inline_svg,
-    photo,
-    write_html,
-    write_markdown,
-    write_plots,
-)
+from dfdbench.report import page
 from dfdbench.results.record import Result
 from dfdbench.results.saved_run import SavedRun
 from tests.made_results import limited, make_result
@@ -33,14 +21,14 @@ from tests.report.conftest import HOSTILE
 PAIRS = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1}
 
 
-def gathered(folder: Path, *results: Result, protocol: str = "thesis") -> Content:
+def gathered(folder: Path, *results: Result, protocol: str = "thesis") -> page.Content:
     runs = []
     for number, result in enumerate(results):
         path = folder / f"{number}.json"
         # Only its age is read.
         path.touch()
         runs.append(SavedRun(path, result, None, "no depth maps"))
-    return gather(runs, protocol)
+    return page.gather(runs, protocol)
 
 
 def test_runs_of_one_data_set_are_one_section_best_first(tmp_path: Path) -> None:
@@ -75,14 +63,14 @@ def test_a_run_that_was_not_scored_so_is_refused(tmp_path: Path) -> None:
         gathered(tmp_path, make_result(PAIRS), protocol="valid")
 
 
-def content() -> Content:
+def content() -> page.Content:
     plots = {"seconds per pair": Figure(), "by scene": Figure()}
-    section = Section("demo-1", "0" * 64, (), (), plots)
-    return Content("title", "thesis", (), (), (section, section), (), ())
+    section = page.Section("demo-1", "0" * 64, (), (), plots)
+    return page.Content("title", "thesis", (), (), (section, section), (), ())
 
 
 def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path) -> None:
-    written = write_plots(content(), tmp_path, ("png", "svg"))
+    written = page.write_plots(content(), tmp_path, ("png", "svg"))
     assert written == [
         [("seconds per pair", f"{n}-seconds-per-pair.png"), ("by scene", f"{n}-by-scene.png")]
         for n in (1, 2)
@@ -91,7 +79,7 @@ def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path
 
 
 def test_no_form_no_file(tmp_path: Path) -> None:
-    assert write_plots(content(), tmp_path, ()) == [[], []]
+    assert page.write_plots(content(), tmp_path, ()) == [[], []]
     assert not list(tmp_path.iterdir())
 
 
@@ -148,21 +136,21 @@ def test_the_same_runs_give_the_same_page(
     html_page: Path, saved_runs: list[SavedRun], tmp_path: Path
 ) -> None:
     before = html_page.read_bytes()
-    again = write_html(saved_runs, "thesis", tmp_path)
+    again = page.write_html(saved_runs, "thesis", tmp_path)
     assert again.read_bytes() == before
 
 
 @pytest.mark.slow
 def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
-    text = write_html([bare], "thesis", tmp_path).read_text("utf-8")
+    text = page.write_html([bare], "thesis", tmp_path).read_text("utf-8")
     assert "No pictures of constant: no depth maps lie beside the result." in text
     assert "<article" not in text
 
 
 def test_a_protocol_that_was_not_scored(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError):
-        write_html(saved_runs, "theses", tmp_path)
+        page.write_html(saved_runs, "theses", tmp_path)
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
@@ -176,17 +164,17 @@ def decoded(address: str) -> NDArray[np.uint8]:
 def test_a_photo_keeps_its_colours() -> None:
     image = np.zeros((32, 40, 3), np.uint8)
     image[..., 0] = 200
-    assert np.abs(decoded(photo(image)).astype(int) - image).max() < 12
+    assert np.abs(decoded(page.photo(image)).astype(int) - image).max() < 12
 
 
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
+    assert decoded(page.depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
         16, 4
     ] == pytest.approx(191, abs=8)
     assert (
-        decoded(depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
+        decoded(page.depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
             16, 16
         ]
         > 235
@@ -196,7 +184,7 @@ def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
 def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
     figure = Figure()
     figure.subplots().set_title("a < b")
-    text = inline_svg(figure, 'n "q" <x>')
+    text = page.inline_svg(figure, 'n "q" <x>')
     assert text.startswith("<svg")
     assert 'aria-label="n &quot;q&quot; &lt;x&gt;"' in text
     assert "a &lt; b" in text
@@ -206,7 +194,7 @@ def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
 def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> None:
     figure = Figure()
     figure.subplots().set_title(f"a{strange}b")
-    text = inline_svg(figure, f"c{strange}d")
+    text = page.inline_svg(figure, f"c{strange}d")
     assert "a\ufffdb" in text
     assert 'aria-label="c\ufffdd"' in text
 
@@ -215,7 +203,7 @@ def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> 
 def test_it_says_the_same_with_pictures_beside_it(
     saved_runs: list[SavedRun], tmp_path: Path
 ) -> None:
-    text = write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
+    text = page.write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
     pictures = re.findall(r"^!\[.*\]\((.*?)\)$", text, re.M)
     # An illumination each, the times, accuracy against them, and each method's worst pairs.
     assert len(pictures) == 7

@@ -45,8 +45,8 @@ def test_depth_maps_that_are_something_else_are_told(
     shape = tiny_store.shape_of(pair.scene)
     keep_prediction(tmp_path, tiny_store.manifest, pair, np.full(shape, 9, np.float32))
     assert read_prediction(tmp_path, pair, shape) is not None
-    with pytest.raises(ResultError, match="no depth maps of a run"):
+    with pytest.raises(ResultError, match="not a run's depth maps"):
         read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
     spoil(tmp_path / PREDICTIONS / pair.scene)
-    with pytest.raises(ResultError, match="no depth maps of a run"):
+    with pytest.raises(ResultError, match="not a run's depth maps"):
         read_prediction(tmp_path, pair, shape)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -9,10 +7,9 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import save_result
+from dfdbench.results.record import Result, save_result
 from dfdbench.results.run_folder import open_run_folder
-from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
 from tests.made_results import make_demo_result, make_result
 
 
@@ -41,7 +38,7 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert found.store is not None
     assert found.without == ""
     assert found.images(found.result.pairs[0]) is not None
-    with pytest.raises(TypeError, match=r"by its id or its record.* got 0"):
+    with pytest.raises(TypeError, match="by its id or its record, not 0"):
         found.images(0)  # type: ignore[arg-type]
     # Elsewhere, or overwritten by another build: told, not shown.
     (tmp_path / "tiny.zarr").rename(tmp_path / "moved.zarr")
@@ -87,7 +84,7 @@ def test_runs_of_one_label_are_told_apart_by_their_places(
     paths: list[str], labels: list[str]
 ) -> None:
     same = make_demo_result(lambda _: 0.1)
-    assert [each.label for each in told_apart(run(path, same) for path in paths)] == labels
+    assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels
 
 
 def test_a_label_that_no_other_has_stays_as_it_is() -> None:
@@ -96,7 +93,7 @@ def test_a_label_that_no_other_has_stays_as_it_is() -> None:
         run("v2/result.json", make_demo_result(lambda _: 0.1, parameters={"window": 9})),
         run("v3/result.json", make_demo_result(lambda _: 0.1, fingerprint="5" * 64)),
     ]
-    assert told_apart(runs) == runs
+    assert distinguished(runs) == runs
 
 
 def test_a_run_set_aside_is_left_out_beside_the_newer_one_only() -> None:

@@ -6,14 +6,8 @@ import pytest
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics import intervals
 from dfdbench.metrics.intervals import bootstrap_interval
+from dfdbench.results import run_tables
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.run_tables import (
-    run_as_csv,
-    run_as_json,
-    run_tables,
-    scene_tables,
-    spread_table,
-)
 from dfdbench.results.summary import median_seconds, ranked, scene_labels, summarise
 from tests.made_results import make_result
 
@@ -108,11 +102,11 @@ def test_what_is_shown_of_a_run_is_bootstrapped_once(monkeypatch: pytest.MonkeyP
     # Three metrics and the seconds, of each exposure and of all pairs.
     assert sorted(drawn) == [6] * 8 + [12] * 4
     scenes = [Scene(name=name, source="thesis", geometry="flat", texture=0) for name in "abcdef"]
-    run_tables(summary)
-    spread_table(summary)
-    scene_tables(summary, scenes)
-    run_as_csv(summary, scene_labels(scenes))
-    run_as_json(summary, scene_labels(scenes))
+    run_tables.run_tables(summary)
+    run_tables.spread_table(summary)
+    run_tables.scene_tables(summary, scenes)
+    run_tables.run_as_csv(summary, scene_labels(scenes))
+    run_tables.run_as_json(summary, scene_labels(scenes))
     assert len(drawn) == 12
 
 

@@ -10,37 +10,21 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from dfdbench.errors import InputError, SourceError
-from dfdbench.rig.lidar import (
-    Beams,
-    align_columns,
-    average_scans,
-    crop_columns,
-    depth_image,
-    fill_missing,
-    in_range,
-    median_cross,
-    read_beams,
-    read_ranges,
-    to_cartesian,
-    to_levels,
-    upsample,
-    warp,
-    write_ranges,
-)
+from dfdbench.rig import lidar
 
 images = hnp.arrays(np.float64, (20, 24), elements=st.integers(0, 255).map(float))
 
 
 def test_missing_returns_do_not_pull_an_average_down() -> None:
     scans = [np.array([[1500, 0, 0, 7]]), np.array([[1502, 900, 0, 9]])]
-    assert average_scans(scans).tolist() == [[1501, 900, 0, 8]]
+    assert lidar.average_scans(scans).tolist() == [[1501, 900, 0, 8]]
     with pytest.raises(InputError, match="differ in shape"):
-        average_scans([np.zeros((2, 3), np.int32), np.zeros((2, 4), np.int32)])
+        lidar.average_scans([np.zeros((2, 3), np.int32), np.zeros((2, 4), np.int32)])
 
 
 def test_equations_3_5_to_3_9_by_hand() -> None:
-    beams = read_beams()
-    x, y, z = to_cartesian(np.full((64, 2048), 2000.0), beams)
+    beams = lidar.read_beams()
+    x, y, z = lidar.to_cartesian(np.full((64, 2048), 2000.0), beams)
     # Beam 0: altitude 16.4486 degrees, azimuth index 17; measurement 1000 is column 1017.
     theta, phi = 2 * np.pi * (1017 - 1023.5) / 2048, np.deg2rad(16.4486)
     assert x[0, 1000] == pytest.approx(2000 * np.cos(theta) * np.cos(phi))
@@ -55,13 +39,15 @@ def test_equations_3_5_to_3_9_by_hand() -> None:
 
 def test_a_calibration_of_63_beams_is_refused() -> None:
     with pytest.raises(InputError, match="64 rows"):
-        to_cartesian(np.zeros((64, 2048)), Beams(np.zeros(63), np.zeros(63), np.zeros(63, int)))
+        lidar.to_cartesian(
+            np.zeros((64, 2048)), lidar.Beams(np.zeros(63), np.zeros(63), np.zeros(63, int))
+        )
 
 
 def test_aligned_columns_look_in_one_direction() -> None:
-    beams = read_beams()
-    x, y, _ = to_cartesian(np.ones((64, 2048)), beams)
-    direction = align_columns(np.arctan2(y, x), beams)
+    beams = lidar.read_beams()
+    x, y, _ = lidar.to_cartesian(np.ones((64, 2048)), beams)
+    direction = lidar.align_columns(np.arctan2(y, x), beams)
     assert np.abs(np.diff(direction, axis=0)).max() < 1e-12
 
 
@@ -70,7 +56,7 @@ def test_aligned_columns_look_in_one_direction() -> None:
 def test_the_median_is_that_of_a_plain_filter(image: np.ndarray, length: int) -> None:
     down = ndimage.median_filter(image, size=(length, 1), mode="reflect")
     both = ndimage.median_filter(down, size=(1, length), mode="reflect")
-    assert (median_cross(image, length) == both).all()
+    assert (lidar.median_cross(image, length) == both).all()
 
 
 def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
@@ -78,32 +64,32 @@ def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
     image[:, 12:] = 150.0
     expected = image.copy()
     image[10, 20] = 0.0
-    assert (median_cross(image) == expected).all()
+    assert (lidar.median_cross(image) == expected).all()
 
 
 def test_filling_takes_the_nearest_value_and_needs_one() -> None:
     values = np.array([[1.0, 0, 0, 0, 5.0]])
-    assert fill_missing(values, values > 0).tolist() in ([[1, 1, 1, 5, 5]], [[1, 1, 5, 5, 5]])
+    assert lidar.fill_missing(values, values > 0).tolist() in ([[1, 1, 1, 5, 5]], [[1, 1, 5, 5, 5]])
     with pytest.raises(InputError, match="saw nothing"):
-        fill_missing(values, np.zeros(values.shape, bool))
+        lidar.fill_missing(values, np.zeros(values.shape, bool))
 
 
 def flat_wall(distance: float) -> np.ndarray:
     """Ranges of a wall straight ahead, at X = distance in mm; nothing behind the LIDAR."""
-    beams = read_beams()
-    ahead, _, _ = to_cartesian(np.ones((64, 2048)), beams)
+    beams = lidar.read_beams()
+    ahead, _, _ = lidar.to_cartesian(np.ones((64, 2048)), beams)
     return np.where(ahead > 0.2, distance / np.maximum(ahead, 0.2), 0.0)
 
 
 def test_levels_are_centimetres_rounded_down() -> None:
     distance = np.array([1499.999, 1500, 1509.99, 2549.9, 2550, 9000])
-    assert to_levels(distance).tolist() == [149, 150, 150, 254, 255, 255]
-    assert in_range(distance).tolist() == [True] * 4 + [False] * 2
+    assert lidar.to_levels(distance).tolist() == [149, 150, 150, 254, 255, 255]
+    assert lidar.in_range(distance).tolist() == [True] * 4 + [False] * 2
 
 
 def test_six_steps_of_upsampling_keep_a_plane_within_a_level() -> None:
     plane = np.floor(np.linspace(150, 220, 60))[np.newaxis, :].repeat(20, axis=0)
-    levels, valid = upsample(plane, np.ones(plane.shape, bool))
+    levels, valid = lidar.upsample(plane, np.ones(plane.shape, bool))
     assert levels.shape == (360, 360)
     assert valid.all()
     expected = plane[0].repeat(6)
@@ -111,19 +97,19 @@ def test_six_steps_of_upsampling_keep_a_plane_within_a_level() -> None:
 
 
 def test_a_missing_return_stays_missing_and_smears_nowhere() -> None:
-    ranges, beams = flat_wall(1500.0), read_beams()
+    ranges, beams = flat_wall(1500.0), lidar.read_beams()
     hole = np.zeros((64, 2048), bool)
     hole[30:34, 1020:1030] = True
-    levels, valid = depth_image(np.where(hole, 0, ranges), beams)
-    aligned = crop_columns(align_columns(hole.astype(float), beams)) > 0
+    levels, valid = lidar.depth_image(np.where(hole, 0, ranges), beams)
+    aligned = lidar.crop_columns(lidar.align_columns(hole.astype(float), beams)) > 0
     assert (valid != aligned.repeat(18, axis=0).repeat(6, axis=1)).all()
     assert np.isin(levels, [149, 150]).all()
 
 
 def test_what_lies_beyond_the_levels_is_not_valid() -> None:
-    _, valid = depth_image(flat_wall(2600.0), read_beams())
+    _, valid = lidar.depth_image(flat_wall(2600.0), lidar.read_beams())
     assert not valid.any()
-    _, valid = depth_image(flat_wall(2500.0), read_beams())
+    _, valid = lidar.depth_image(flat_wall(2500.0), lidar.read_beams())
     assert valid.all()
 
 
@@ -132,7 +118,7 @@ def test_warping_moves_levels_and_validity_together() -> None:
     valid = np.ones((5, 6), bool)
     valid[2, 3] = False
     shift = np.array([[1.0, 0, 1], [0, 1, 2], [0, 0, 1]])
-    moved, seen = warp(levels, valid, shift, (5, 6))
+    moved, seen = lidar.warp(levels, valid, shift, (5, 6))
     assert (moved[2:, 1:] == np.where(valid, levels, 0)[:3, :5]).all()
     assert not seen[:2].any()
     assert not seen[:, 0].any()
@@ -148,20 +134,20 @@ def test_what_is_written_is_read(
     tmp_path_factory: pytest.TempPathFactory, ranges: np.ndarray
 ) -> None:
     path = tmp_path_factory.mktemp("scan") / "lidar_rng_00000.bin"
-    write_ranges(path, ranges)
-    assert (read_ranges(path) == ranges).all()
+    lidar.write_ranges(path, ranges)
+    assert (lidar.read_ranges(path) == ranges).all()
     np.save(path.with_suffix(".npy"), ranges)
-    assert (read_ranges(path.with_suffix(".npy")) == ranges).all()
+    assert (lidar.read_ranges(path.with_suffix(".npy")) == ranges).all()
 
 
 def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(bytes([1, 0, 0, 0, 2, 0, 0, 0, 0xDC, 5, 0, 0, 1, 0, 0, 0]))
-    assert read_ranges(path).tolist() == [[1500, 1]]
+    assert lidar.read_ranges(path).tolist() == [[1500, 1]]
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "said"),
     [
         (b"", "no header"),
         (np.array([64, 2048], "<u4").tobytes() + b"\0" * 400, "disagrees with the file"),
@@ -171,27 +157,27 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
         (np.array([0, 0], "<u4").tobytes(), "not ranges"),
     ],
 )
-def test_a_damaged_scan_is_told(tmp_path: Path, content: bytes, told: str) -> None:
+def test_a_damaged_scan_is_told(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "lidar_rng_00000.bin"
     path.write_bytes(content)
-    with pytest.raises(SourceError, match=told) as error:
-        read_ranges(path)
+    with pytest.raises(SourceError, match=said) as error:
+        lidar.read_ranges(path)
     assert str(path) in str(error.value)
 
 
 def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((2, 2)))
     with pytest.raises(SourceError, match="whole numbers"):
-        read_ranges(tmp_path / "a.npy")
+        lidar.read_ranges(tmp_path / "a.npy")
     (tmp_path / "b.npy").write_bytes(b"no array")
     with pytest.raises(SourceError, match="not a NumPy array"):
-        read_ranges(tmp_path / "b.npy")
+        lidar.read_ranges(tmp_path / "b.npy")
     with pytest.raises(SourceError, match="cannot read"):
-        read_ranges(tmp_path / "none.bin")
+        lidar.read_ranges(tmp_path / "none.bin")
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "said"),
     [
         ("beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
         ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
@@ -204,19 +190,19 @@ def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, told: str) -> None:
+def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "beams.csv"
     path.write_text(text)
-    with pytest.raises(SourceError, match=told):
-        read_beams(path)
+    with pytest.raises(SourceError, match=said):
+        lidar.read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
-        read_beams(tmp_path / "none.csv")
+        lidar.read_beams(tmp_path / "none.csv")
 
 
 def test_a_range_too_large_for_its_type_turns_into_no_other(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((2, 2), 2**32 + 1500))
     with pytest.raises(SourceError, match="not ranges"):
-        read_ranges(tmp_path / "a.npy")
+        lidar.read_ranges(tmp_path / "a.npy")
 
 
 @pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9", "(2, -9)"])
@@ -226,4 +212,4 @@ def test_a_head_that_claims_what_the_file_does_not_hold(tmp_path: Path, shape: s
     head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
     (tmp_path / "a.npy").write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
     with pytest.raises(SourceError, match="not a NumPy array"):
-        read_ranges(tmp_path / "a.npy")
+        lidar.read_ranges(tmp_path / "a.npy")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.datasets.unseen import FAR, NEAR
+from dfdbench.datasets.rendered import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import depth

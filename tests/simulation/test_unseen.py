@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
+from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation import unseen
 from dfdbench.simulation.lens import Camera, depth

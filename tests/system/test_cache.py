@@ -25,9 +25,9 @@ def test_an_address_is_no_cache(monkeypatch: pytest.MonkeyPatch, address: str) -
     with pytest.raises(InputError, match="--cache"):
         cache_folder(Path(address))
     monkeypatch.setenv("DFDBENCH_CACHE", address)
-    with pytest.raises(InputError, match="DFDBENCH_CACHE") as told:
+    with pytest.raises(InputError, match="DFDBENCH_CACHE") as said:
         cache_folder()
-    assert told.value.problems[0].got == address
+    assert address in said.value.problems[0].what
 
 
 def test_what_is_in_it_and_removal(tmp_path: Path) -> None:

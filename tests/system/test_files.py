@@ -9,28 +9,21 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import ResultError, StoreError
-from dfdbench.system.files import (
-    LARGEST_ARRAY,
-    hold,
-    read_text,
-    read_whole,
-    write_whole,
-    writing_folder,
-)
+from dfdbench.system import files
 
 
 def test_a_failed_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "old")
+    files.write_whole(path, "old")
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OSError, match="No space"):
-        write_whole(path, "new")
+        files.write_whole(path, "new")
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
@@ -44,12 +37,12 @@ def test_a_file_that_cannot_be_written_is_told_by_its_own_name(
     path = tmp_path / "t.tex"
     (tmp_path / "folder.tex").mkdir()
     with pytest.raises(IsADirectoryError) as replaced:
-        write_whole(tmp_path / "folder.tex", "text")
+        files.write_whole(tmp_path / "folder.tex", "text")
     assert replaced.value.filename == str(tmp_path / "folder.tex")
     monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(PermissionError) as told:
-        write_whole(path, "text")
-    assert told.value.filename == str(path)
+    with pytest.raises(PermissionError) as said:
+        files.write_whole(path, "text")
+    assert said.value.filename == str(path)
 
 
 def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
@@ -57,20 +50,20 @@ def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
     (tmp_path / "device").symlink_to("/dev/zero")
     for name in ("pipe", "device"):
         with pytest.raises(OSError, match="not a regular file"):
-            read_whole(tmp_path / name)
+            files.read_whole(tmp_path / name)
     with pytest.raises(IsADirectoryError):
-        read_whole(tmp_path)
+        files.read_whole(tmp_path)
     with pytest.raises(FileNotFoundError):
-        read_whole(tmp_path / "lacking")
+        files.read_whole(tmp_path / "lacking")
 
 
 def test_a_file_is_read_up_to_a_bound(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(b"ab\r\ncd")
-    assert read_whole(path, 6) == b"ab\r\ncd"
-    assert read_text(path) == "ab\ncd"
+    assert files.read_whole(path, 6) == b"ab\r\ncd"
+    assert files.read_text(path) == "ab\ncd"
     with pytest.raises(OSError, match="larger than"):
-        read_whole(path, 5)
+        files.read_whole(path, 5)
 
 
 def test_a_small_file_takes_little_memory_whatever_its_bound(tmp_path: Path) -> None:
@@ -78,7 +71,7 @@ def test_a_small_file_takes_little_memory_whatever_its_bound(tmp_path: Path) -> 
     path.write_bytes(b"ab")
     tracemalloc.start()
     try:
-        assert read_whole(path, LARGEST_ARRAY) == b"ab"
+        assert files.read_whole(path, files.LARGEST_ARRAY) == b"ab"
         assert tracemalloc.get_traced_memory()[1] < 2**20
     finally:
         tracemalloc.stop()
@@ -89,23 +82,23 @@ TAKEN = StoreError("taken")
 
 def test_only_one_holds_a_place_and_no_lock_file_stays(tmp_path: Path) -> None:
     lock = tmp_path / ".a.lock"
-    with hold(lock, TAKEN):
+    with files.hold(lock, TAKEN):
         for _ in range(2):
-            with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+            with pytest.raises(StoreError, match="taken"), files.hold(lock, TAKEN):
                 pass
         assert lock.exists()
     assert not lock.exists()
-    with pytest.raises(ValueError, match="mine"), hold(lock, TAKEN):
+    with pytest.raises(ValueError, match="mine"), files.hold(lock, TAKEN):
         raise ValueError("mine")
     # A killed process leaves its file.
     lock.touch()
-    with hold(lock, TAKEN):
+    with files.hold(lock, TAKEN):
         pass
     assert not lock.exists()
 
 
 def test_a_disk_that_refuses_the_lock_is_not_reported_as_another_writer(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="name too long"), hold(tmp_path / ("a" * 300), TAKEN):
+    with pytest.raises(OSError, match="name too long"), files.hold(tmp_path / ("a" * 300), TAKEN):
         pass
 
 
@@ -115,7 +108,7 @@ def take_turns(folder: str, turns: int) -> None:
     done = 0
     while done < turns:
         try:
-            with hold(Path(folder, ".a.lock"), TAKEN):
+            with files.hold(Path(folder, ".a.lock"), TAKEN):
                 os.close(os.open(inside, os.O_CREAT | os.O_EXCL))
                 inside.unlink()
                 done += 1
@@ -136,14 +129,14 @@ def test_processes_that_come_and_go_are_never_in_one_place_together(tmp_path: Pa
 
 def test_a_second_writer_is_told_and_the_first_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "run"
-    with writing_folder(folder, "search"):
+    with files.writing_folder(folder, "search"):
         with (
             pytest.raises(ResultError, match="another search is writing this folder"),
-            writing_folder(folder, "search"),
+            files.writing_folder(folder, "search"),
         ):
             pass
         folder.mkdir()
-    with writing_folder(folder, "search"):
+    with files.writing_folder(folder, "search"):
         pass
     assert [path.name for path in folder.parent.iterdir()] == ["run"]
 
@@ -151,6 +144,6 @@ def test_a_second_writer_is_told_and_the_first_goes_on(tmp_path: Path) -> None:
 def test_what_the_disk_does_not_take_is_told_with_what_to_do(tmp_path: Path) -> None:
     with (
         pytest.raises(ResultError, match=r"cannot write the run(.|\n)*goes on where it stopped"),
-        writing_folder(tmp_path / "run", "run"),
+        files.writing_folder(tmp_path / "run", "run"),
     ):
         raise OSError(errno.ENOSPC, "No space left on device")

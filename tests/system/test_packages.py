@@ -46,6 +46,6 @@ def test_the_package_whose_list_cannot_be_read_is_named(
     monkeypatch.syspath_prepend(tmp_path)
     assert offered_as("dfdbench.methods")["fine"].value == "mine:predict"
     (folder / "entry_points.txt").write_bytes(content)
-    with pytest.raises(InputError, match="cannot be read") as told:
+    with pytest.raises(InputError, match="cannot be read") as said:
         offered_as("dfdbench.methods")
-    assert told.value.problems[0].where == "broken: entry_points.txt"
+    assert said.value.problems[0].where == "broken: entry_points.txt"

@@ -17,16 +17,8 @@ class Shelf(Record):
         return self
 
 
-def test_a_record_is_frozen_and_refuses_what_it_does_not_know() -> None:
-    shelf = Shelf(books=3, names=["a"])
-    with pytest.raises(ValidationError, match="frozen"):
-        shelf.books = 4
-    with pytest.raises(ValidationError, match="Extra inputs"):
-        Shelf.model_validate({"books": 3, "names": ["a"], "boks": 3})
-
-
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "said"),
     [
         ({"names": ["a"]}, [("field is missing", "f.json: books", "", "")]),
         (
@@ -42,13 +34,13 @@ def test_a_record_is_frozen_and_refuses_what_it_does_not_know() -> None:
     ],
 )
 def test_every_refused_field_is_a_problem(
-    content: dict[str, object], told: list[tuple[str, str, str, str]]
+    content: dict[str, object], said: list[tuple[str, str, str, str]]
 ) -> None:
     with pytest.raises(ValidationError) as caught:
         Shelf.model_validate(content)
     problems = problems_of(caught.value, "off", file="f.json", fix="mend it")
-    assert len(problems) == len(told)
-    for problem, (what, where, expected, got) in zip(problems, told, strict=True):
+    assert len(problems) == len(said)
+    for problem, (what, where, expected, got) in zip(problems, said, strict=True):
         assert (problem.what, problem.where, problem.got) == (what, where, got)
         assert problem.expected.startswith(expected)
         assert problem.fix == "mend it"

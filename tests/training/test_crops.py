@@ -13,27 +13,18 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
+from dfdbench.training import crops
 from dfdbench.training.configuration import Expansion
-from dfdbench.training.crops import (
-    IGNORED,
-    Cropper,
-    RandomTracks,
-    Redraw,
-    TrainingImages,
-    count_levels,
-    oriented,
-    selections_of,
-)
 
 SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
 
 @pytest.fixture
-def images(tiny_store: Dataset) -> TrainingImages:
-    return TrainingImages.read(tiny_store, tiny_store.pairs("test"), ignore_unknown=False)
+def images(tiny_store: Dataset) -> crops.TrainingImages:
+    return crops.TrainingImages.read(tiny_store, tiny_store.pairs("test"), ignore_unknown=False)
 
 
-def test_images_are_those_of_the_store(tiny_store: Dataset, images: TrainingImages) -> None:
+def test_images_are_those_of_the_store(tiny_store: Dataset, images: crops.TrainingImages) -> None:
     pairs = tiny_store.pairs("test")
     pair = tiny_store.read(pairs[2])
     assert len(images.pixels) == len(pairs) == 7
@@ -46,12 +37,14 @@ def test_images_are_those_of_the_store(tiny_store: Dataset, images: TrainingImag
 def test_unknown_pixels_may_be_left_out(tiny_store: Dataset) -> None:
     pairs = tiny_store.pairs("train")
     depth = tiny_store.read(pairs[0])
-    found = TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[0].numpy()
-    assert (found[~depth.valid] == IGNORED).all()
+    found = crops.TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[0].numpy()
+    assert (found[~depth.valid] == crops.IGNORED).all()
     assert (found[depth.valid] == depth.levels[depth.valid]).all()
 
 
-def test_channel_means_are_those_of_all_pixels(tiny_store: Dataset, images: TrainingImages) -> None:
+def test_channel_means_are_those_of_all_pixels(
+    tiny_store: Dataset, images: crops.TrainingImages
+) -> None:
     pixels = [
         np.concatenate([pair.infocus, pair.defocus], axis=2).reshape(-1, 6)
         for pair in map(tiny_store.read, tiny_store.pairs("test"))
@@ -59,11 +52,13 @@ def test_channel_means_are_those_of_all_pixels(tiny_store: Dataset, images: Trai
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
 
 
-def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(images: TrainingImages) -> None:
-    pixels, levels = Cropper(images, 16, 2, "eight", 0.0, 5).draw(3)
+def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(
+    images: crops.TrainingImages,
+) -> None:
+    pixels, levels = crops.Cropper(images, 16, 2, "eight", 0.0, 5).draw(3)
     assert pixels.shape == (16, 6, 16, 16)
     assert levels.shape == (16, 16, 16)
-    turned = {oriented(levels[0], orientation).numpy().tobytes() for orientation in range(8)}
+    turned = {crops.oriented(levels[0], orientation).numpy().tobytes() for orientation in range(8)}
     assert {level.numpy().tobytes() for level in levels[:8]} == turned
     assert len(turned) == 8
     # Each depth patch belongs to the pixels it comes with: both lie at one place of one image.
@@ -78,7 +73,7 @@ def found_at(
     whole: torch.Tensor, patch: torch.Tensor, depth: torch.Tensor, level: torch.Tensor
 ) -> bool:
     for orientation in range(8):
-        image, levels = oriented(whole, orientation), oriented(depth, orientation)
+        image, levels = crops.oriented(whole, orientation), crops.oriented(depth, orientation)
         places = (image[0].unfold(0, 16, 1).unfold(1, 16, 1) == patch[0]).all(-1).all(-1)
         for top, left in torch.nonzero(places).tolist():
             here = slice(top, top + 16), slice(left, left + 16)
@@ -89,32 +84,32 @@ def found_at(
     return False
 
 
-def test_the_basic_expansion_mirrors_by_two_fair_coins(images: TrainingImages) -> None:
+def test_the_basic_expansion_mirrors_by_two_fair_coins(images: crops.TrainingImages) -> None:
     # 5.2.1: left-right, then up-down, each with a probability of 50 %; nothing is turned.
-    cropper = Cropper(images, 16, 4000, "basic", 0.0, 1)
+    cropper = crops.Cropper(images, 16, 4000, "basic", 0.0, 1)
     place = cropper.places(0)[0]
     whole = images.levels[place.index][place.top : place.top + 16, place.left : place.left + 16]
     mirrored = [whole, whole.flip(1), whole.flip(0), whole.flip(0, 1)]
     expected = {level.numpy().tobytes() for level in mirrored}
-    assert {oriented(whole, number).numpy().tobytes() for number in (0, 2, 4, 6)} == expected
-    assert oriented(whole, place.orientation).numpy().tobytes() in expected
+    assert {crops.oriented(whole, number).numpy().tobytes() for number in (0, 2, 4, 6)} == expected
+    assert crops.oriented(whole, place.orientation).numpy().tobytes() in expected
     counts = np.bincount([place.orientation for place in cropper.places(0)], minlength=8)
     assert (counts[1::2] == 0).all()
     assert counts[::2] == pytest.approx([1000] * 4, abs=120)
 
 
-def test_a_step_follows_from_seed_and_number_alone(images: TrainingImages) -> None:
+def test_a_step_follows_from_seed_and_number_alone(images: crops.TrainingImages) -> None:
     def drawn(seed: int, step: int) -> bytes:
-        pixels, levels = Cropper(images, 16, 3, "one", 1.0, seed).draw(step)
+        pixels, levels = crops.Cropper(images, 16, 3, "one", 1.0, seed).draw(step)
         return bytes(pixels.numpy().tobytes() + levels.numpy().tobytes())
 
     assert drawn(1, 7) == drawn(1, 7)
     assert len({drawn(1, 7), drawn(1, 8), drawn(2, 7)}) == 3
 
 
-def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> None:
-    clean, _ = Cropper(images, 16, 64, "one", 0.0, 1).draw(0)
-    noisy, _ = Cropper(images, 16, 64, "one", 3.0, 1).draw(0)
+def test_noise_has_its_deviation_and_stays_in_range(images: crops.TrainingImages) -> None:
+    clean, _ = crops.Cropper(images, 16, 64, "one", 0.0, 1).draw(0)
+    noisy, _ = crops.Cropper(images, 16, 64, "one", 3.0, 1).draw(0)
     inside = (clean > 15) & (clean < 240)
     difference = (noisy - clean)[inside]
     assert float(difference.std()) == pytest.approx(3, rel=0.03)
@@ -122,12 +117,12 @@ def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> N
     assert 0 <= float(noisy.min()) <= float(noisy.max()) <= 255
 
 
-def test_patches_larger_than_an_image_are_refused(images: TrainingImages) -> None:
+def test_patches_larger_than_an_image_are_refused(images: crops.TrainingImages) -> None:
     with pytest.raises(InputError, match="at most 24 do"):
-        Cropper(images, 28, 1, "eight", 0.0, 0)
-    redraw = Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
+        crops.Cropper(images, 28, 1, "eight", 0.0, 0)
+    redraw = crops.Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
     with pytest.raises(InputError, match="at most 18 do"):
-        Cropper(images, 20, 1, "eight", 0.0, 0, redraw)
+        crops.Cropper(images, 20, 1, "eight", 0.0, 0, redraw)
 
 
 def test_redrawn_depth_is_the_blur_of_the_patch() -> None:
@@ -137,7 +132,7 @@ def test_redrawn_depth_is_the_blur_of_the_patch() -> None:
     depth[:5] = 0
     means = []
     for _ in range(200):
-        redraw = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
+        redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
         redrawn, defocus = redraw(infocus, depth, redraw.choose(random))
         assert np.array_equal(redrawn == 0, depth == 0)
         means.append(redrawn[depth > 0].mean())
@@ -153,15 +148,15 @@ def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
     depth = np.full((40, 40), 100, np.uint8)
     both = np.concatenate([infocus, synthesize(infocus, depth, SMALL_BLUR)], axis=2)
     whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
-    images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
-    redraw = Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
-    pixels, levels = Cropper(images, 16, 6, "one", 0.0, 1, redraw).draw(0)
+    images = crops.TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
+    redraw = crops.Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
+    pixels, levels = crops.Cropper(images, 16, 6, "one", 0.0, 1, redraw).draw(0)
     for patch, level in zip(pixels, levels, strict=True):
         assert found_at(whole.float(), patch, images.levels[0], level)
 
 
 def test_levels_are_counted_without_those_left_out() -> None:
-    counts = count_levels(torch.tensor([[3, 3], [IGNORED, 255]]))
+    counts = crops.count_levels(torch.tensor([[3, 3], [crops.IGNORED, 255]]))
     assert counts[3] == 2
     assert counts[255] == 1
     assert counts.sum() == 3
@@ -173,9 +168,12 @@ def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tenso
     depth = np.full((64, 64), 100, np.uint8)
     both = np.concatenate([infocus, infocus], axis=2)
     whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
-    images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
-    redraw, tracks = Redraw(SMALL_BLUR, 60, 160, 0.5, 0), RandomTracks(SMALL_BLUR, names)
-    return Cropper(images, 16, 40, "one", 0.0, seed, redraw, tracks).draw(step)
+    images = crops.TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
+    redraw, tracks = (
+        crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0),
+        crops.RandomTracks(SMALL_BLUR, names),
+    )
+    return crops.Cropper(images, 16, 40, "one", 0.0, seed, redraw, tracks).draw(step)
 
 
 def test_patches_on_random_tracks_follow_from_seed_and_step_alone() -> None:
@@ -198,18 +196,18 @@ def test_each_patch_has_the_gain_that_its_track_draws() -> None:
 
 def test_without_tracks_patches_are_drawn_as_before() -> None:
     random = np.random.default_rng(3)
-    images = TrainingImages(
+    images = crops.TrainingImages(
         [torch.from_numpy(random.integers(0, 256, (6, 40, 40)).astype(np.uint8))],
         [torch.from_numpy(random.integers(1, 256, (40, 40)).astype(np.int16))],
     )
-    redraw = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
-    pixels, levels = Cropper(images, 16, 4, "one", 0.0, 9, redraw).draw(5)
+    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
+    pixels, levels = crops.Cropper(images, 16, 4, "one", 0.0, 9, redraw).draw(5)
     digest = hashlib.sha256(pixels.numpy().tobytes() + levels.numpy().tobytes()).hexdigest()
     assert digest.startswith("72a110f0ed1abf12")
 
 
 def test_tracks_and_severities_are_drawn_alike() -> None:
-    tracks = RandomTracks(RECIPES["published"], list(TRACKS))
+    tracks = crops.RandomTracks(RECIPES["published"], list(TRACKS))
     random = np.random.default_rng(0)
     drawn = [tracks.choose(random) for _ in range(2800)]
     counts = Counter((one.track.name, one.severity) for one in drawn)
@@ -223,7 +221,7 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
     random = np.random.default_rng(2)
     image = random.integers(60, 190, (120, 120, 3)).astype(np.uint8)
     depth = np.tile(np.repeat(np.array([80, 140], np.uint8), 60), (120, 1))
-    tracks = RandomTracks(RECIPES["published"], [name])
+    tracks = crops.RandomTracks(RECIPES["published"], [name])
     one = next(d for d in iter(lambda: tracks.choose(random), None) if d.severity == 3)
     margin = tracks.margin_of(one)
     assert margin <= tracks.margin
@@ -241,23 +239,23 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
 STEPS = 5
 
 
-def numbered_images() -> TrainingImages:
+def numbered_images() -> crops.TrainingImages:
     """Images whose first channel is the image's number, levels that number their pixels."""
     shapes = [(14, 17), (15, 16), (13, 13)]
     pixels = [
         torch.full((6, *shape), number, dtype=torch.uint8) for number, shape in enumerate(shapes)
     ]
     levels = [torch.arange(rows * columns).reshape(rows, columns) for rows, columns in shapes]
-    return TrainingImages(pixels, [level.short() for level in levels])
+    return crops.TrainingImages(pixels, [level.short() for level in levels])
 
 
 @pytest.mark.parametrize("expansion", ["one", "basic", "eight"])
 def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansion) -> None:
     images = numbered_images()
-    cropper = Cropper(images, 6, 3, expansion, 1.0, 9)
-    drawn = selections_of(cropper, ("a", "b", "c"), STEPS)
+    cropper = crops.Cropper(images, 6, 3, expansion, 1.0, 9)
+    drawn = crops.selections_of(cropper, ("a", "b", "c"), STEPS)
     by_hand = [np.zeros(levels.numel(), int) for levels in images.levels]
-    quiet = Cropper(images, 6, 3, expansion, 0.0, 9)
+    quiet = crops.Cropper(images, 6, 3, expansion, 0.0, 9)
     for step in range(STEPS):
         pixels, levels = quiet.draw(step)
         for patch, places in zip(pixels, levels, strict=True):
@@ -273,13 +271,13 @@ def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansi
 
 
 def test_with_other_depths_the_patch_counts_and_not_what_its_blur_depends_on() -> None:
-    images = TrainingImages(
+    images = crops.TrainingImages(
         [torch.randint(0, 256, (6, 20, 24), dtype=torch.uint8)],
         [torch.full((20, 24), 90, dtype=torch.int16)],
     )
-    redraw = Redraw(BlurRecipe(0.3, 0.005, kernel_size=7), 60, 160, 0.5, 0)
-    cropper = Cropper(images, 6, 40, "one", 0.0, 2, redraw)
-    drawn = selections_of(cropper, ("a",), STEPS)
+    redraw = crops.Redraw(BlurRecipe(0.3, 0.005, kernel_size=7), 60, 160, 0.5, 0)
+    cropper = crops.Cropper(images, 6, 40, "one", 0.0, 2, redraw)
+    drawn = crops.selections_of(cropper, ("a",), STEPS)
     infocus = images.pixels[0][:3].float()
     for step in range(STEPS):
         for place, patch in zip(cropper.places(step), cropper.draw(step)[0], strict=True):

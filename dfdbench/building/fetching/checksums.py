@@ -65,12 +65,8 @@ def read_checksums(path: Path) -> dict[str, str]:
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
-        raise SourceError(
-            "cannot read the lock file",
-            where=str(path),
-            got=reason_of(error),
-            fix="delete the lock file",
-        ) from error
+        what = f"cannot read the lock file: {reason_of(error)}"
+        raise SourceError(what, where=str(path), fix="delete it") from error
     return parse_checksums(text, str(path))
 
 
@@ -92,17 +88,11 @@ def parse_checksums(text: str, where: str) -> dict[str, str]:
         if match := _LINE.fullmatch(line):
             known[match[2]] = match[1]
         else:
+            what = f"not SHA-256, two blanks and a name: {line[:80]}"
             problems.append(
-                Problem(
-                    "not a line of checksums",
-                    where=f"{where}, line {number}",
-                    expected="SHA-256, two blanks, a name",
-                    got=line[:80],
-                    fix="delete the lock file",
-                )
+                Problem(what, where=f"{where}, line {number}", fix="delete the lock file")
             )
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return known
 
 
@@ -122,10 +112,6 @@ def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: s
     """
     expected = known.get(name)
     if expected is not None and sha256(content) != expected:
-        raise SourceError(
-            "the file is not the one of this data set",
-            where=where,
-            expected=f"SHA-256 {expected}",
-            got=f"{sha256(content)}, {len(content)} bytes",
-            fix="fetch the site's own file again; the same pixels encoded anew do not count",
-        )
+        got = f"SHA-256 {sha256(content)}, not {expected}"
+        fix = "fetch the site's own file again; pixels encoded anew do not count"
+        raise SourceError("not the file of this data set", where=where, got=got, fix=fix)

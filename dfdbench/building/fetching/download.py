@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,7 +19,6 @@ from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.text import parse_json
 from dfdbench.tables.table import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
@@ -31,7 +29,7 @@ _TRY_AGAIN = (408, 425, 429, *range(500, 600))
 _NOT_THERE = (403, 404, 410)
 _FAILURES_TO_GIVE_UP = 3
 _CONNECTION = re.compile(r"^<?\w*Connection\w*[(]?[^:]*: ")
-_LATER = "try again later: what has come is kept; or name a --mirror URL"
+_LATER = "try again later: files that are whole are kept; or name a --mirror URL"
 
 #: Told of (files done, files in all, bytes received).
 Progress = Callable[[int, int, int], None]
@@ -81,157 +79,6 @@ class Fate:
     lacking: tuple[str, ...] = ()
 
 
-def fetch(
-    wanted: Sequence[WantedFile],
-    folder: Path,
-    on_progress: Progress | None = None,
-    patience: Patience | None = None,
-    offline: bool = False,
-) -> tuple[Fate, ...]:
-    """Bring files into a folder, each whole and checked or not at all.
-
-    A file that is there and passes its check is kept. One that fails it, there or when it came,
-    is moved to the folder ``set-aside`` and fetched once more.
-
-    Parameters
-    ----------
-    wanted : sequence of WantedFile
-        What to bring.
-    folder : Path
-        Where to.
-    on_progress : callable, optional
-        Told of files and bytes, by one thread at a time.
-    patience : Patience, optional
-        With slow and failing servers.
-    offline : bool
-        Ask nobody: only look at what is there.
-
-    Returns
-    -------
-    tuple of Fate
-        What became of each file, in the order wanted.
-
-    Raises
-    ------
-    SourceError
-        Where the disk does not take them.
-    """
-    counter = _Counter(len(wanted), on_progress)
-    stopped = threading.Event()
-    transfer = Transfer(patience or Patience(), stopped, counter.add_bytes)
-
-    def bring(file: WantedFile) -> Fate:
-        fate = _bring(file, folder, None if offline else transfer)
-        counter.add_file()
-        return fate
-
-    pool = ThreadPoolExecutor(CONNECTIONS)
-    try:
-        futures = [pool.submit(bring, file) for file in wanted]
-        for future in as_completed(futures):
-            future.result()
-        return tuple(future.result() for future in futures)
-    finally:
-        # After Ctrl-C or a full disk what runs is broken off: its part is gone on with next time.
-        stopped.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
-    """Return a problem for each mirror that was asked for files that it does not have."""
-    answers = [answer for fate in fates for answer in fate.lacking]
-    by_mirror = {m: [a for a in answers if f" {m.rstrip('/')}/" in a] for m in mirrors}
-    return tuple(
-        Problem(
-            f"the mirror lacks {counted(len(found), 'file')}",
-            where=mirror,
-            expected="the address that takes the place of the site's .../stereo/data",
-            got=found[0],
-        )
-        for mirror, found in by_mirror.items()
-        if found
-    )
-
-
-class _Counter:
-    def __init__(self, files: int, on_progress: Progress | None) -> None:
-        self._lock = threading.Lock()
-        self._files = files
-        self._on_progress = on_progress
-        self._done = 0
-        self._received = 0
-
-    def add_file(self) -> None:
-        with self._lock:
-            self._done += 1
-            self._tell()
-
-    def add_bytes(self, count: int) -> None:
-        with self._lock:
-            self._received += count
-            self._tell()
-
-    def _tell(self) -> None:
-        if self._on_progress:
-            self._on_progress(self._done, self._files, self._received)
-
-
-def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
-    path = folder / file.name
-    refused: tuple[Problem, ...] = ()
-    chances = 2
-    if path.exists():
-        refused = _refusal(file, path, str(path))
-        if not refused:
-            return Fate(file.name, "kept")
-        _set_aside(path, folder, file.name)
-        chances = 1
-    part = path.with_name(path.name + ".part")
-    unreachable: list[Problem] = []
-    lacking: list[str] = []
-    to_ask = list(file.addresses) if transfer else []
-    for address in to_ask:
-        assert transfer is not None
-        try:
-            transfer.receive(address, part)
-        except NotThereError as error:
-            lacking.append(f"{error} {address}")
-            continue
-        except UnreachableError as error:
-            unreachable.append(error.problem)
-            continue
-        refused = _refusal(file, part, address)
-        if not refused:
-            part.replace(path)
-            return Fate(file.name, "new", (), tuple(lacking))
-        _set_aside(part, folder, file.name)
-        chances -= 1
-        if not chances:
-            break
-        # The others first: a server that sent a bad file may well send it again.
-        to_ask.append(address)
-    if refused:
-        return Fate(file.name, "damaged", refused, tuple(lacking))
-    if unreachable:
-        return Fate(file.name, "unreachable", tuple(unreachable[:1]), tuple(lacking))
-    return Fate(file.name, "missing", (), tuple(lacking))
-
-
-def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:
-    try:
-        file.check(path, where)
-    except SourceError as error:
-        return error.problems
-    return ()
-
-
-def _set_aside(path: Path, folder: Path, name: str) -> None:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-    place = folder / SET_ASIDE / f"{name}.{digest}"
-    place.parent.mkdir(parents=True, exist_ok=True)
-    path.replace(place)
-
-
 @dataclass(frozen=True)
 class Patience:
     """How long to wait for a server, and how often to ask again.
@@ -239,8 +86,7 @@ class Patience:
     Parameters
     ----------
     tries : int
-        Requests for one file at one address before it is given up, and how often one that breaks
-        off is resumed.
+        Requests for one file at one address before it is given up.
     pause : float
         Seconds before the third request; doubled before each further one.
     silence : float
@@ -252,51 +98,43 @@ class Patience:
     silence: float = 30.0
 
 
-class NotThereError(Exception):
-    """The server has no such file; the text is the status that it answers with."""
+class Fetcher:
+    """Bring files into a folder, each whole and checked or not at all.
 
-
-class UnreachableError(Exception):
-    """The file may be there but could not be fetched; `problem` says why."""
-
-    def __init__(self, what: str, where: str, got: str, fix: str = _LATER) -> None:
-        self.problem = Problem(what, where=where, got=got, fix=fix)
-        super().__init__(str(self.problem))
-
-
-class _BrokenOffError(Exception):
-    """The file came in part; the next request asks for the rest."""
-
-
-class Transfer:
-    """Download single files; several threads share one object.
-
-    Proxies and certificate bundles are taken from the environment: ``HTTPS_PROXY``,
-    ``NO_PROXY``, ``REQUESTS_CA_BUNDLE``.
+    A file that is there and passes its check is kept. One that fails it, there or when it came,
+    is moved to the folder ``set-aside`` and fetched once more. Proxies and certificate bundles are
+    taken from the environment: ``HTTPS_PROXY``, ``NO_PROXY``, ``REQUESTS_CA_BUNDLE``.
 
     Parameters
     ----------
-    patience : Patience
+    folder : Path
+        Where to.
+    on_progress : callable, optional
+        Called with files and bytes of all calls, by one thread at a time.
+    patience : Patience, optional
         With slow and failing servers.
-    stopped : threading.Event
-        Once set, transfers end where they are.
-    on_bytes : callable
-        Called with the number of bytes just received, from several threads.
+    offline : bool
+        Ask nobody: only look at what is there.
     """
 
     def __init__(
-        self, patience: Patience, stopped: threading.Event, on_bytes: Callable[[int], None]
+        self,
+        folder: Path,
+        on_progress: Progress | None = None,
+        patience: Patience | None = None,
+        offline: bool = False,
     ) -> None:
-        self._patience = patience
-        self._stopped = stopped
-        self._on_bytes = on_bytes
+        self._folder, self._on_progress, self._offline = folder, on_progress, offline
+        self._patience = patience or Patience()
+        self._lock, self._stopped = threading.Lock(), threading.Event()
+        self._done = self._files = self._received = 0
         self._failures: Counter[str] = Counter()
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
-            patience.tries - 1,
+            self._patience.tries - 1,
             other=0,
             status_forcelist=_TRY_AGAIN,
-            backoff_factor=patience.pause,
+            backoff_factor=self._patience.pause,
             # A server may ask for hours.
             respect_retry_after_header=False,
         )
@@ -307,107 +145,163 @@ class Transfer:
         # Sizes are compared with what the server states: nothing may come compressed.
         self._session.headers["Accept-Encoding"] = "identity"
 
-    def receive(self, address: str, part: Path) -> None:
-        """Download what an address holds into a partial file.
-
-        Parameters
-        ----------
-        address : str
-            The file's URL.
-        part : Path
-            Where its bytes go. What is there from the same version of the file at the same
-            address is kept, and only the rest asked for.
+    def bring(self, wanted: Sequence[WantedFile], to_follow: int = 0) -> list[Fate]:
+        """Fetch some files, after which so many others will follow; return each one's fate.
 
         Raises
         ------
-        NotThereError
-            If the server has no such file.
-        UnreachableError
-            If it could not be fetched in as many tries as there is patience for, or if that
-            happened with several files of the same server already.
         SourceError
-            If the disk does not take it.
+            If the disk does not take them.
         """
+        self._files = self._done + len(wanted) + to_follow
+        pool = ThreadPoolExecutor(CONNECTIONS)
+        try:
+            return list(pool.map(self._bring, wanted))
+        except BaseException:
+            # After Ctrl-C or a full disk what runs is broken off.
+            self._stopped.set()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _count(self, files: int = 0, received: int = 0) -> None:
+        with self._lock:
+            self._done, self._received = self._done + files, self._received + received
+            if self._on_progress:
+                self._on_progress(self._done, self._files, self._received)
+
+    def _bring(self, file: WantedFile) -> Fate:
+        fate = self._fate_of(file)
+        self._count(files=1)
+        return fate
+
+    def _fate_of(self, file: WantedFile) -> Fate:
+        path = self._folder / file.name
+        refused: tuple[Problem, ...] = ()
+        chances = 2
+        if path.exists():
+            refused = _refusal(file, path, str(path))
+            if not refused:
+                return Fate(file.name, "kept")
+            self._set_aside(path, file.name)
+            chances = 1
+        part = path.with_name(path.name + ".part")
+        unreachable: list[Problem] = []
+        lacking: list[str] = []
+        to_ask = [] if self._offline else list(file.addresses)
+        for address in to_ask:
+            try:
+                self._download(address, part)
+            except _NotThereError as error:
+                lacking.append(f"{error} {address}")
+                continue
+            except _UnreachableError as error:
+                unreachable.append(error.problem)
+                continue
+            refused = _refusal(file, part, address)
+            if not refused:
+                part.replace(path)
+                return Fate(file.name, "new", (), tuple(lacking))
+            self._set_aside(part, file.name)
+            chances -= 1
+            if not chances:
+                break
+            # The others first: a server that sent a bad file may well send it again.
+            to_ask.append(address)
+        if refused:
+            return Fate(file.name, "damaged", refused, tuple(lacking))
+        if unreachable:
+            return Fate(file.name, "unreachable", tuple(unreachable[:1]), tuple(lacking))
+        return Fate(file.name, "missing", (), tuple(lacking))
+
+    def _set_aside(self, path: Path, name: str) -> None:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+        place = self._folder / SET_ASIDE / f"{name}.{digest}"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(place)
+
+    def _download(self, address: str, part: Path) -> None:
         try:
             host = urlsplit(address).netloc
         except ValueError as error:
             raise _unreachable(address, requests.exceptions.InvalidURL(error)) from error
         if self._failures[host] >= _FAILURES_TO_GIVE_UP:
             got = f"{self._failures[host]} files in a row could not be fetched from it"
-            raise UnreachableError("the server was given up", address, got)
+            raise _UnreachableError("the server was given up", address, got)
         try:
+            part.parent.mkdir(parents=True, exist_ok=True)
             self._receive(address, part)
-        except UnreachableError:
+        except _UnreachableError:
             self._failures[host] += 1
             raise
         except OSError as error:
+            what = f"cannot keep the download: {reason_of(error)}"
             fix = room_or("choose another place with --cache DIR", error)
-            got = reason_of(error)
-            raise SourceError(
-                "cannot keep the download", where=str(part), got=got, fix=fix
-            ) from error
+            raise SourceError(what, where=str(part), fix=fix) from error
         self._failures[host] = 0
 
     def _receive(self, address: str, part: Path) -> None:
-        part.parent.mkdir(parents=True, exist_ok=True)
-        reason = "stopped"
+        reason = ""
         for _ in range(self._patience.tries):
-            if self._stopped.is_set():
-                break
+            silence = self._patience.silence
             try:
-                return self._request(address, part)
-            except _BrokenOffError as error:
-                reason = str(error)
-        raise UnreachableError("the server does not send the file", address, reason)
-
-    def _request(self, address: str, part: Path) -> None:
-        mark = part.with_name(part.name + ".json")
-        have = part.stat().st_size if part.exists() else 0
-        headers = _range_of(address, have, mark)
-        silence = self._patience.silence
-        try:
-            answer = self._session.get(address, headers=headers, stream=True, timeout=silence)
-        except requests.exceptions.RequestException as error:
-            raise _unreachable(address, error) from error
-        with answer:
-            status = f"{answer.status_code} {answer.reason}"
-            if answer.status_code == 416:
-                mark.unlink(missing_ok=True)
-                raise _BrokenOffError(status)
-            if answer.status_code in _NOT_THERE:
-                raise NotThereError(str(answer.status_code))
-            if answer.status_code >= 400:
-                raise UnreachableError("the server refuses", address, status, fix="")
-            mark.write_text(json.dumps({"address": address, "validator": _validator(answer)}))
-            with part.open("ab" if answer.status_code == 206 else "wb") as out:
+                answer = self._session.get(address, stream=True, timeout=silence)
+            except requests.exceptions.RequestException as error:
+                raise _unreachable(address, error) from error
+            with answer:
+                if answer.status_code in _NOT_THERE:
+                    raise _NotThereError(str(answer.status_code))
+                if answer.status_code >= 400:
+                    status = f"{answer.status_code} {answer.reason}"
+                    raise _UnreachableError("the server refuses", address, status, fix="")
                 try:
-                    for block in answer.iter_content(_BLOCK):
-                        if self._stopped.is_set():
-                            raise _BrokenOffError("stopped")
-                        out.write(block)
-                        self._on_bytes(len(block))
+                    return self._write(answer, part)
                 except requests.exceptions.RequestException as error:
-                    raise _BrokenOffError(_short(error)) from error
-        mark.unlink()
+                    reason = _short(error)
+        raise _UnreachableError("the server does not send the file", address, reason)
+
+    def _write(self, answer: requests.Response, part: Path) -> None:
+        with part.open("wb") as out:
+            for block in answer.iter_content(_BLOCK):
+                if self._stopped.is_set():
+                    raise _UnreachableError("the download was stopped", answer.url, "")
+                out.write(block)
+                self._count(received=len(block))
 
 
-def _range_of(address: str, have: int, mark: Path) -> dict[str, str]:
+def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:
     try:
-        known = parse_json(mark.read_bytes()) if have else {}
-    except (OSError, ValueError):
-        known = {}
-    if known.get("address") != address or not known.get("validator"):
-        return {}
-    return {"Range": f"bytes={have}-", "If-Range": known["validator"]}
+        file.check(path, where)
+    except SourceError as error:
+        return error.problems
+    return ()
 
 
-def _validator(answer: requests.Response) -> str:
-    tag = answer.headers.get("ETag", "")
-    # A weak tag does not promise the same bytes.
-    return tag if tag and not tag.startswith("W/") else answer.headers.get("Last-Modified", "")
+class _NotThereError(Exception):
+    """The server has no such file; the text is the status that it answers with."""
 
 
-def _unreachable(address: str, error: requests.exceptions.RequestException) -> UnreachableError:
+class _UnreachableError(Exception):
+    """The file may be there but could not be fetched; `problem` says why."""
+
+    def __init__(self, what: str, where: str, got: str, fix: str = _LATER) -> None:
+        self.problem = Problem(what, where=where, got=got, fix=fix)
+        super().__init__(str(self.problem))
+
+
+def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
+    """Return a problem for each mirror that was asked for files that it does not have."""
+    answers = [answer for fate in fates for answer in fate.lacking]
+    problems = []
+    for mirror in mirrors:
+        if found := [answer for answer in answers if f" {mirror.rstrip('/')}/" in answer]:
+            what = f"the mirror lacks {counted(len(found), 'file')}, such as {found[0]}"
+            fix = "name the address that takes the place of the site's .../stereo/data"
+            problems.append(Problem(what, where=mirror, fix=fix))
+    return tuple(problems)
+
+
+def _unreachable(address: str, error: requests.exceptions.RequestException) -> _UnreachableError:
     what, fix = "the server does not send the file", _LATER
     if isinstance(error, requests.exceptions.SSLError):
         what = f"the certificate of {urlsplit(address).hostname} cannot be verified"
@@ -421,7 +315,7 @@ def _unreachable(address: str, error: requests.exceptions.RequestException) -> U
     # InvalidURL, InvalidSchema and MissingSchema.
     elif isinstance(error, ValueError):
         what, fix = "not an address", "write it as https://HOST/FOLDER"
-    return UnreachableError(what, address, _short(error), fix)
+    return _UnreachableError(what, address, _short(error), fix)
 
 
 def _short(error: Any) -> str:

@@ -11,12 +11,12 @@ from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.building.sources.rooms import Rooms
+from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.building.sources.simulated_rig import SimulatedRig
-from dfdbench.datasets.captured_checks import FOLDER
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.packages import offered_as
+from dfdbench.tables.table import listed
 
 __all__ = [
     "ENTRY_POINT_GROUP",
@@ -36,7 +36,13 @@ _MADE: Mapping[str, Callable[[Manifest], Source]] = {
     "realworld-sim": SimulatedRig,
     "unseen": Rooms,
 }
-_BUILT_IN = (*_MADE, FOLDER, "middlebury", "realworld")
+#: What the folder of a reader's files looks like.
+_LAYOUTS = {
+    FOLDER: "the files of its manifest",
+    "middlebury": "Aloe/Illum1/Exp0/view1.png, or Aloe-2views.zip",
+    "realworld": "k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw captures as "
+    "dfdbench rig simulate realworld writes them: docs/realworld.md",
+}
 
 
 def is_made(manifest: Manifest) -> bool:
@@ -73,51 +79,36 @@ def open_source(
     """
     if pair and manifest.reader != "realworld":
         raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
-    if manifest.reader == "realworld":
-        if folder is None:
-            raise SourceError(
-                f"{manifest.short} is read from a folder, and none is named",
-                expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
-                "captures: docs/realworld.md",
-                fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
-                "dfdbench rig simulate realworld --out DIR --scenes k00-k07",
-            )
-        return RealworldFolder(manifest, folder, pair)
-    if manifest.reader == FOLDER:
-        if folder is None:
-            raise SourceError(
-                f"{manifest.short} is read from a folder, and none is named",
-                expected=", ".join(manifest.files.patterns.values()) if manifest.files else "",
-                fix="name the folder: --source DIR",
-            )
-        return FolderScenes(manifest, folder, checksums)
     if is_made(manifest):
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
         return _MADE[manifest.reader](manifest)
-    if manifest.reader == "middlebury":
-        if folder is None:
-            raise SourceError(f"{manifest.short} is read from a folder: name one")
-        return MiddleburyScenes(manifest, folder, checksums)
-    return _offered(manifest, folder)
+    if manifest.reader not in _LAYOUTS:
+        return _offered(manifest, folder)
+    if folder is None:
+        layout = manifest.files.patterns.values() if manifest.files else [_LAYOUTS[manifest.reader]]
+        what = f"{manifest.short} is read from a folder, and none is named"
+        command = "" if manifest.files else f"dfdbench build {manifest.short} "
+        fix = f"name the folder: {command}--source DIR"
+        raise SourceError(what, expected=listed(layout), fix=fix)
+    if manifest.reader == "realworld":
+        return RealworldFolder(manifest, folder, pair)
+    kind = FolderScenes if manifest.reader == FOLDER else MiddleburyScenes
+    return kind(manifest, folder, checksums)
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
     offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
-        raise SourceError(
-            f"this version cannot build {manifest.stem}: it has no reader for its files",
-            expected=f"a data set read by: {', '.join(sorted({*_BUILT_IN, *offered}))}",
-            got=manifest.reader,
-        )
+        known = ", ".join(sorted({*_MADE, *_LAYOUTS, *offered}))
+        what = f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
+        raise SourceError(what)
     point = offered[manifest.reader]
     try:
         reader = point.load()
     except (Exception, SystemExit) as error:
-        raise SourceError(
-            "the reader cannot be imported",
-            where=f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}",
-            got=str(error) or type(error).__name__,
-        ) from error
+        where = f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}"
+        got = str(error) or type(error).__name__
+        raise SourceError("the reader cannot be imported", where=where, got=got) from error
     source: Source = reader(manifest, folder)
     return source

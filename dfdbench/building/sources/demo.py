@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.demo_scenes import SCENES
-from dfdbench.building.sources.interface import SceneImages
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.building.sources.interface import Made, SceneImages
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, look
@@ -41,7 +40,7 @@ _READ_NOISE = 12.0  # electrons
 _CONVERTER_STEPS = 1023  # 10 bit
 
 
-class DemoScenes:
+class DemoScenes(Made):
     """The demo set's generator; the same manifest gives the same images everywhere.
 
     Parameters
@@ -55,18 +54,11 @@ class DemoScenes:
         With every scene, axis and value that there is none of here.
     """
 
-    options: Mapping[str, Any] = {}
     captures_defocus = False
 
     def __init__(self, manifest: Manifest) -> None:
-        problems = tuple(_problems_of(manifest))
-        if problems:
-            raise SourceError.of(problems)
-        self._manifest = manifest
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every pair: nothing has to be fetched."""
-        return self._manifest.pairs()
+        SourceError.raise_if(_problems_of(manifest))
+        super().__init__(manifest)
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 of the photographs, the scene and this generator's numbers."""
@@ -76,10 +68,6 @@ class DemoScenes:
         for name in names:
             digest.update(photograph(name).tobytes())
         return digest.hexdigest()
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return an empty text: nothing can be missing."""
-        return ""
 
     def read(self, scene: str) -> SceneImages:
         """Render one scene from both views under every light and exposure."""
@@ -116,30 +104,17 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
     )
     for field, named, needed in fields:
         if named != needed:
-            yield Problem(
-                what="the demo scenes have other axes",
-                where=f"{manifest.stem}: {field}",
-                expected=", ".join(needed),
-                got=", ".join(named) or "none",
+            what = (
+                f"the demo scenes have other axes: {listed(needed)}, not {listed(named) or 'none'}"
             )
+            yield Problem(what, where=f"{manifest.stem}: {field}")
     for axis, values in made.items():
-        strange = [value for value in manifest.axes.get(axis, ()) if value not in values]
-        if strange:
-            yield Problem(
-                what=f"the demo scenes have no such {axis}",
-                where=f"{manifest.stem}: axes.{axis}",
-                expected=f"of {listed(values)}",
-                got=listed(strange),
-                fix="leave it out",
-            )
-    for scene in manifest.scene_names:
-        if scene not in SCENES:
-            yield Problem(
-                what="no such demo scene",
-                where=f"{manifest.stem}: scenes",
-                expected=f"of {listed(SCENES)}",
-                got=scene,
-            )
+        if strange := [value for value in manifest.axes.get(axis, ()) if value not in values]:
+            what = f"the demo scenes have no {axis} {listed(strange)}, only {listed(values)}"
+            yield Problem(what, where=f"{manifest.stem}: axes.{axis}")
+    if others := [scene for scene in manifest.scene_names if scene not in SCENES]:
+        what = f"no such demo scene: {listed(others)}, not of {listed(SCENES)}"
+        yield Problem(what, where=f"{manifest.stem}: scenes")
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -51,31 +51,26 @@ def depth_of(
         in another unit, or values are no levels.
     """
     numbers = values.astype(np.float64)
-    told = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
+    known = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
     metres = depth.kind == "metres" or files.depth_unit is not None
     if metres:
-        told &= numbers > 0
-    if not told.any():
-        raise SourceError(
-            "the depth map tells no depths",
-            where=where,
-            expected=f"values that are finite{' and above 0' * metres}, and not among "
-            "depth_missing",
-            got=f"none of {values.size}",
-        )
+        known &= numbers > 0
+    if not known.any():
+        kind = f"finite{' and above 0' * metres}, and not missing"
+        raise SourceError(f"none of {values.size} depths is {kind}", where=where)
     if metres and depth.scale is not None:
         whole = values.dtype.kind != "f"
-        _refuse_another_unit(float(np.median(numbers[told])), whole, files, depth.scale, where)
+        _refuse_another_unit(float(np.median(numbers[known])), whole, files, depth.scale, where)
     elif files.depth_ends is None:
-        _refuse_no_levels(numbers[told], where)
-        told &= numbers != depth.unknown
+        _refuse_no_levels(numbers[known], where)
+        known &= numbers != depth.unknown
     ends = files.depth_ends
     if ends is not None:
-        told &= (numbers >= min(ends)) & (numbers <= max(ends))
+        known &= (numbers >= min(ends)) & (numbers <= max(ends))
     if metres and depth.scale is not None:
         distance = numbers * (files.depth_unit or 1.0)
-        told &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
-    found = in_unit_of(np.where(told, numbers, np.nan), files, depth)
+        known &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
+    found = in_unit_of(np.where(known, numbers, np.nan), files, depth)
     if depth.kind == "levels" and values.dtype.kind != "f":
         found = np.rint(found)
     return found.astype(np.float32)
@@ -105,14 +100,9 @@ def in_unit_of(
 def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
     whole = (found == np.rint(found)).all()
     if not whole or found.min() < 0 or found.max() > LAST_LEVEL:
-        raise SourceError(
-            "values that are no depth levels",
-            where=where,
-            expected=f"whole numbers from 0 to {LAST_LEVEL}",
-            got=f"{_short(found.min())} to {_short(found.max())}",
-            fix="state depth_unit under [files], and [depth.scale] with near and far in metres; or "
-            "depth_ends",
-        )
+        what = f"{_short(found.min())} to {_short(found.max())} are no depth levels, 0 to 255"
+        fix = "state depth_unit and [depth.scale] with near and far in metres, or depth_ends"
+        raise SourceError(what, where=where, fix=fix)
 
 
 def _refuse_another_unit(
@@ -122,26 +112,17 @@ def _refuse_another_unit(
     fitting = _units_that_fit(median, scale)
     would = f"depth_unit = {' or '.join(fitting)} would fit"
     if whole and files.depth_unit is None:
-        raise SourceError(
-            "whole numbers where metres belong",
-            where=where,
-            expected="numbers with fractions, or depth_unit under [files]",
-            got=f"a median of {_short(median)}",
-            fix=would if fitting else "no usual unit fits near and far under [depth.scale]",
-        )
+        what = f"whole numbers, and not metres, with a median of {_short(median)}"
+        fix = would if fitting else "no usual unit fits near and far under [depth.scale]"
+        raise SourceError(what, where=where, fix=fix)
     if scale.near <= median * unit <= scale.far:
         return
     if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:
         fix = "widen near and far under [depth.scale]"
     else:
         fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
-    raise SourceError(
-        "depth in another unit, or other bounds",
-        where=where,
-        expected=f"a median from {scale.near:g} to {scale.far:g} m",
-        got=f"{_short(median * unit)} m with depth_unit = {_short(unit)}",
-        fix=fix,
-    )
+    what = f"a median of {_short(median * unit)} m, not {scale.near:g} to {scale.far:g} m"
+    raise SourceError(f"{what}: another unit, or other bounds", where=where, fix=fix)
 
 
 def _units_that_fit(median: float, scale: DepthScale) -> list[str]:

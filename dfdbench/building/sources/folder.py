@@ -13,7 +13,7 @@ from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
-from dfdbench.building.sources.interface import SceneError, SceneImages
+from dfdbench.building.sources.interface import SceneError, SceneImages, gathered
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, CapturedFiles, fill
 from dfdbench.datasets.captures import ImageFacts
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -59,12 +59,10 @@ class FolderScenes:
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
-        problems = tuple(self._patterns_that_match_nothing())
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(self._patterns_that_match_nothing())
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every pair: scenes whose files are missing are told when they are read."""
+        """Return every pair: scenes whose files are missing are reported when they are read."""
         return self._manifest.pairs()
 
     def signature(self, scene: str) -> str:
@@ -73,18 +71,14 @@ class FolderScenes:
         problems: list[Problem] = []
         named: dict[str, None] = {}
         for pair in self._manifest.pairs_of_scene(scene):
-            try:
+            with gathered(problems):
                 named |= dict.fromkeys(self._files_of(pair))
-            except SourceError as error:
-                problems += error.problems
         for name in named:
-            try:
+            with gathered(problems):
                 path = self._path(name)
                 content = self._content(path)
                 check_checksum(f"{scene}/{path}", content, self._checksums, self._where(path))
                 digest.update(f"{path}\n{sha256(content)}\n".encode())
-            except SourceError as error:
-                problems += error.problems
         if problems:
             raise SceneError.of(_missing_together(dict.fromkeys(problems)))
         return digest.hexdigest()
@@ -95,7 +89,7 @@ class FolderScenes:
         taken: dict[Pair, list[TakenImage]] = {}
         problems: list[Problem] = []
         for pair in self._manifest.pairs_of_scene(scene):
-            try:
+            with gathered(problems):
                 taken[pair] = self._taken(pair)
                 photographs = [self._file(image.path) for image in taken[pair]]
                 depth = self._named("depth", pair)
@@ -105,8 +99,6 @@ class FolderScenes:
                     self._files,
                     self._manifest.depth,
                 )
-            except SourceError as error:
-                problems += error.problems
         kinds = {
             pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
             for pair, found in captured.items()
@@ -134,7 +126,7 @@ class FolderScenes:
         facts = {name: np.full((*extent, len(first.images)), np.nan) for name in BY_IMAGE}
         known = np.full((*(len(axes[axis]) for axis in depth.axes), *first.depth.shape), np.nan)
         seen = np.zeros(known.shape[:-2], bool)
-        told: dict[str, Any] = {}
+        notes: dict[str, Any] = {}
         for pair, found in captured.items():
             at = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
             images[at], available[at] = found.images, True
@@ -146,11 +138,11 @@ class FolderScenes:
             seen[at] = True
             for number, how in enumerate(found.found, 1):
                 if how:
-                    told[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
+                    notes[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
         warnings = tuple(text for found in captured.values() for text in found.warnings)
         roles = tuple(image.role for image in next(iter(taken.values())))
         return SceneImages(
-            images, known.astype(np.float32), available, ImageFacts(roles, **facts), told, warnings
+            images, known.astype(np.float32), available, ImageFacts(roles, **facts), notes, warnings
         )
 
     def _taken(self, pair: Pair) -> list[TakenImage]:
@@ -183,12 +175,9 @@ class FolderScenes:
     def _path(self, named: str) -> str:
         found = self._fitting(named)
         if len(found) > 1:
-            raise SourceError(
-                "several files fit the pattern",
-                where=self._where(named),
-                got=listed(found, _NAMED),
-                fix="remove all but one, or write the ending into the manifest's pattern",
-            )
+            what = f"several files fit the pattern: {listed(found, _NAMED)}"
+            fix = "remove all but one, or write the ending into the manifest's pattern"
+            raise SourceError(what, where=self._where(named), fix=fix)
         return found[0] if found else named
 
     def _fitting(self, named: str) -> list[str]:
@@ -210,35 +199,26 @@ class FolderScenes:
             return read_whole(self._folder / path, LARGEST_ARRAY)
         except OSError as error:
             lacking = isinstance(error, FileNotFoundError)
-            raise SourceError(
-                _MISSING if lacking else "cannot read the file",
-                where=self._where(path),
-                got="" if lacking else reason_of(error),
-            ) from error
+            what = _MISSING if lacking else f"cannot read the file: {reason_of(error)}"
+            raise SourceError(what, where=self._where(path)) from error
 
     def _patterns_that_match_nothing(self) -> Iterator[Problem]:
         if not self._folder.is_dir():
-            yield Problem(
-                "a file, and not a folder" if self._folder.exists() else "no such folder",
-                where=str(self._folder),
-                fix="name the folder that holds the scenes: --source DIR",
-            )
+            what = "a file, and not a folder" if self._folder.exists() else "no such folder"
+            fix = "name the folder that holds the scenes: --source DIR"
+            yield Problem(what, where=str(self._folder), fix=fix)
             return
         for what, pattern in self._files.patterns.items():
-            # Of a stack the images are told with its table, scene by scene.
+            # Of a stack the images are checked with its table, scene by scene.
             paths = (
                 []
                 if what == "images"
                 else [self._named(what, p) or "" for p in self._manifest.pairs()]
             )
             if paths and not any(self._fitting(path) for path in paths):
-                yield Problem(
-                    f"the pattern of files.{what} matches no file",
-                    where=str(self._folder),
-                    expected=f"{pattern}, as {paths[0]}",
-                    got=_what_is_in(self._folder),
-                    fix=f"mend files.{what} in the manifest, or name another folder",
-                )
+                what = f"no file matches files.{what}, {pattern}, as {paths[0]}"
+                fix = "mend the pattern in the manifest, or name another folder"
+                yield Problem(what, where=str(self._folder), got=_what_is_in(self._folder), fix=fix)
 
 
 def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
 
@@ -92,12 +92,8 @@ def read_photograph(
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
     if image.shape[2] == 4 and not (image[..., 3] == 255).all():
-        raise SourceError(
-            "the photograph has transparent pixels",
-            where=where,
-            expected="RGB or grey",
-            fix="write it without its alpha channel",
-        )
+        what = "the photograph has transparent pixels"
+        raise SourceError(what, where=where, fix="write it without alpha channel")
     return np.ascontiguousarray(image[..., 2::-1])
 
 
@@ -117,9 +113,8 @@ def read_depth_file(
     if values.ndim == 3:
         colours, grey = values[..., :3], values[..., :1]
         if not ((colours == grey) | (np.isnan(colours) & np.isnan(grey))).all():
-            raise SourceError(
-                "a depth map in colour", where=where, expected="one value a pixel", got="channels"
-            )
+            what = "a depth map in colour"
+            raise SourceError(what, where=where, expected="one value a pixel", got="channels")
         values = values[..., 0]
     return values
 
@@ -142,28 +137,17 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
         if kind == "npz":
             names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
             if len(names) != 1:
-                raise SourceError(
-                    "several arrays, and none is called depth",
-                    where=where,
-                    got=", ".join(names) or "no array",
-                )
+                got = ", ".join(names) or "no array"
+                raise SourceError("several arrays, and none is called depth", where=where, got=got)
             if values.zip.getinfo(f"{names[0]}.npy").file_size > LARGEST_ARRAY:
                 raise ValueError("unpacked it is larger than any depth map")
             values = values[names[0]]
     except UNREADABLE as error:
-        raise SourceError(
-            f"the {kind} file is damaged",
-            where=where,
-            got=str(error),
-            fix="copy it again from where it came from",
-        ) from error
+        what = f"the {kind} file is damaged: {error}"
+        raise SourceError(what, where=where, fix="copy it again") from error
     if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
-        raise SourceError(
-            "the array is not a depth map",
-            where=where,
-            expected="numbers of shape (y, x)",
-            got=f"{values.dtype} of shape {values.shape}",
-        )
+        what = f"{values.dtype} of shape {values.shape} is not a depth map: numbers of shape (y, x)"
+        raise SourceError(what, where=where)
     return np.asarray(values)
 
 
@@ -285,7 +269,7 @@ def decode_levels(content: bytes, where: str, unknown: int) -> Image:
 
 def read_rgb(path: Path) -> Image:
     """Return a file's image as `decode_rgb` does."""
-    return decode_rgb(_read(path), str(path))
+    return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path))
 
 
 def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
@@ -293,7 +277,7 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
     problems: list[Problem] = []
     for path in files:
         try:
-            content = _read(path)
+            content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
             damage = _damage(content)
             if damage:
                 raise SourceError("the image file is damaged", where=str(path), got=damage)
@@ -305,13 +289,6 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
         except SourceError as error:
             problems += error.problems
     return problems
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return read_whole(path, LARGEST_ARRAY)
-    except OSError as error:
-        raise SourceError("cannot read the file", where=str(path), got=reason_of(error)) from error
 
 
 def _sides(shape: tuple[int, ...]) -> str:
@@ -345,13 +322,9 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
     if orientation not in _UPRIGHT or rotation == "ignore":
         return image
     if rotation is None:
-        raise SourceError(
-            "the image's EXIF data say that it is to be turned",
-            where=where,
-            expected="an upright image, or a word on it in the manifest",
-            got=f"orientation {orientation}",
-            fix='exif_rotation = "apply" or "ignore" under [files]: look which lies as the depth',
-        )
+        what = f"the image's EXIF data say that it is to be turned, orientation {orientation}"
+        fix = 'exif_rotation = "apply" or "ignore" under [files]: compare with the depth map'
+        raise SourceError(what, where=where, fix=fix)
     return _UPRIGHT[orientation](image)
 
 
@@ -370,28 +343,17 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     if image.dtype == np.uint8:
         return np.asarray(image)
     if image.dtype != np.uint16:
-        raise SourceError(
-            "wrong kind of pixels", where=where, expected="8 or 16 bit", got=str(image.dtype)
-        )
+        what = "wrong kind of pixels"
+        raise SourceError(what, where=where, expected="8 or 16 bit", got=str(image.dtype))
     greatest = int(image.max())
     likely = likely_bits(greatest)
     if bits is None and likely:
-        raise SourceError(
-            f"a 16-bit image that seems to hold {likely} bits",
-            where=where,
-            expected="values up to 65535",
-            got=f"{greatest} at most",
-            fix=f"image_bits = {likely} under [files]; image_bits = 16 where it is only dark"
-            if likely > 8
-            else "image_bits = 16 under [files] where it is only dark; else write it as 8 bit",
-        )
+        what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
+        other = f"image_bits = {likely}" if likely > 8 else "else write it as 8 bit"
+        fix = f"image_bits = 16 under [files] if it is only dark; {other}"
+        raise SourceError(what, where=where, fix=fix)
     if greatest >= 2 ** (bits or _FULL):
-        raise SourceError(
-            f"the image holds more than {bits} bits",
-            where=where,
-            expected=f"values below {2 ** (bits or _FULL)}",
-            got=f"{greatest}",
-            fix="mend image_bits under [files]",
-        )
+        what = f"the image holds {greatest}, more than {bits} bits"
+        raise SourceError(what, where=where, fix="mend image_bits under [files]")
     full = np.iinfo(np.uint16 if deep else np.uint8)
     return np.asarray(np.rint(image * (full.max / (2 ** (bits or _FULL) - 1))), full.dtype)

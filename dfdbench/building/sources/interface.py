@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -11,12 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import PAIR, ImageFacts
-from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import SourceError
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.errors import Problem, SourceError
+
+
+@contextmanager
+def gathered(problems: list[Problem]) -> Iterator[None]:
+    """Add what a SourceError in the block carries to a list, and go on."""
+    try:
+        yield
+    except SourceError as error:
+        problems.extend(error.problems)
 
 
 class SceneError(SourceError):
-    """A scene that cannot be made of its files, told when the others are built."""
+    """A scene that cannot be made of its files, reported once the others are built."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +91,23 @@ class SceneImages:
         depth = np.where(valid, levels, np.nan).astype(np.float32)
         facts = ImageFacts(PAIR[: len(images)])
         return cls(np.stack(images, axis=-4), depth, available, facts, found, warnings)
+
+
+class Made:
+    """What the sources of sets that the package makes itself have in common."""
+
+    options: Mapping[str, Any] = {}
+
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return every pair: nothing has to be fetched."""
+        return self._manifest.pairs()
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return an empty text: nothing can be missing."""
+        return ""
 
 
 class Source(Protocol):

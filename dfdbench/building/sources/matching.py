@@ -206,13 +206,9 @@ def _smooth_grey(image: Image) -> NDArray[np.float32]:
 
 
 def _not_aligned(got: str) -> InputError:
-    return InputError(
-        "the images of the pair do not match: no alignment was found",
-        expected=f"a correlation of {_LEAST_CORRELATION} and a move below "
-        f"{_FARTHEST:.0%} of the image's side",
-        got=got,
-        fix='leave the scene out, or set align = "none" for a set that is aligned already',
-    )
+    what = f"no alignment of the pair's images was found: {got}, not a correlation of "
+    what += f"{_LEAST_CORRELATION} and a move below {_FARTHEST:.0%} of the image's side"
+    return InputError(what, fix='leave the scene out, or set align = "none" for an aligned set')
 
 
 def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64], Mask]:
@@ -278,10 +274,9 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
     sums = [float(image[seen].sum()) for image in (infocus, defocus)]
     gain = round(sums[0] / sums[1], 4) if sums[1] else 0.0
     if not 1 / _LARGEST_GAIN <= gain <= _LARGEST_GAIN:
-        raise InputError(
-            "the images of the pair differ too much in brightness",
-            expected=f"one at most {_LARGEST_GAIN:g} times as bright as the other",
-            got=f"{gain:g} times" if seen.any() else "no pixel that is neither black nor white",
-            fix="leave the scene out, or set match_gain = false",
+        got = (
+            f"{gain:g} times, not at most {_LARGEST_GAIN:g}" if seen.any() else "all black or white"
         )
+        what = f"the images of the pair differ too much in brightness: {got}"
+        raise InputError(what, fix="leave the scene out, or set match_gain = false")
     return gain

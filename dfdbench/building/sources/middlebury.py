@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.image_files import decode_image, decode_levels
-from dfdbench.building.sources.interface import SceneImages
-from dfdbench.building.sources.scene_files import find_scene
+from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Levels = NDArray[np.uint8]
 
@@ -56,13 +59,8 @@ class MiddleburyScenes:
             if (files := find_scene(scene.name, scene.source, folder))
         }
         if not self._scenes:
-            raise SourceError(
-                "no scene found",
-                where=str(folder),
-                expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
-                "as Aloe-2views.zip",
-                got=_kind_of(folder),
-            )
+            what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
+            raise SourceError(what, where=str(folder), got=_kind_of(folder))
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -74,16 +72,13 @@ class MiddleburyScenes:
         problems: list[Problem] = []
         available = []
         for scene in self._scenes:
-            try:
+            with gathered(problems):
                 available += [
                     pair
                     for pair in self._manifest.pairs_of_scene(scene)
                     if self._has_image(pair) and self._scenes[scene].has(depth_name(pair.at))
                 ]
-            except SourceError as error:
-                problems += error.problems
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(problems)
         return tuple(available)
 
     def signature(self, scene: str) -> str:
@@ -95,35 +90,32 @@ class MiddleburyScenes:
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
-        """Read one scene; every file that is damaged or does not fit is told at once."""
+        """Read one scene; every file that is damaged or does not fit is named at once."""
         problems: list[Problem] = []
-        depths = {
-            view: self._depth(scene, depth_name({"view": view}), problems)
-            for view in self._manifest.axes["view"]
-            if self._scenes[scene].has(depth_name({"view": view}))
-        }
-        read = {view: depth for view, depth in depths.items() if depth is not None}
-        shape = next(iter(read.values())).shape if read else (0, 0)
-        problems += [
-            Problem(
-                "size differs from the other view's",
-                where=self._scenes[scene].where(depth_name({"view": view})),
-                expected=f"{shape}",
-                got=f"{depth.shape}",
-            )
-            for view, depth in read.items()
-            if depth.shape != shape
-        ]
+        files, unknown = self._scenes[scene], self._manifest.depth.unknown
+        read: dict[int, Levels] = {}
+        for view in self._manifest.axes["view"]:
+            name = depth_name({"view": view})
+            if files.has(name):
+                with gathered(problems):
+                    read[view] = decode_levels(
+                        self._content(scene, name), files.where(name), unknown
+                    )
+        shape = next(iter(read.values())).shape if read else None
+        for view, depth in read.items():
+            if depth.shape != shape:
+                what = f"size {depth.shape} differs from the other view's, {shape}"
+                problems.append(Problem(what, where=files.where(depth_name({"view": view}))))
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs_of_scene(scene):
-            if self._has_image(pair) and pair.at["view"] in depths:
-                size = (shape[0], shape[1]) if read else None
-                image = self._image(scene, image_name(pair.at), size, problems)
-                if image is not None:
-                    images[pair] = image
-        if problems:
-            raise SourceError.of(problems)
-        return self._assemble(read, images, shape)
+            name = image_name(pair.at)
+            if files.has(name) and files.has(depth_name(pair.at)):
+                with gathered(problems):
+                    images[pair] = decode_image(
+                        self._content(scene, name), files.where(name), shape
+                    )
+        SourceError.raise_if(problems)
+        return self._assemble(read, images, shape or (0, 0))
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return where the files that are missing can be had, and what they are called."""
@@ -155,25 +147,6 @@ class MiddleburyScenes:
         content = files.read(name)
         check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
         return content
-
-    def _depth(self, scene: str, name: str, problems: list[Problem]) -> Levels | None:
-        unknown = self._manifest.depth.unknown
-        try:
-            where = self._scenes[scene].where(name)
-            return decode_levels(self._content(scene, name), where, unknown)
-        except SourceError as error:
-            problems += error.problems
-            return None
-
-    def _image(
-        self, scene: str, name: str, size: tuple[int, int] | None, problems: list[Problem]
-    ) -> Levels | None:
-        try:
-            where = self._scenes[scene].where(name)
-            return decode_image(self._content(scene, name), where, size)
-        except SourceError as error:
-            problems += error.problems
-            return None
 
     def _assemble(
         self, depths: Mapping[int, Levels], images: Mapping[Pair, Levels], shape: tuple[int, ...]
@@ -217,3 +190,93 @@ def _kind_of(folder: Path) -> str:
     if folder.is_dir():
         return "none"
     return "a file" if folder.exists() else "no such folder"
+
+
+@dataclass(frozen=True)
+class SceneFiles:
+    """The files of one scene; a folder's come before an archive's.
+
+    Parameters
+    ----------
+    scene : str
+        The scene's name.
+    folder : Path, optional
+        The folder that holds ``view1.png``, ``Illum1/Exp0/view1.png`` and so on.
+    archive : Path, optional
+        A zip archive that holds the same below ``SCENE/``.
+    """
+
+    scene: str
+    folder: Path | None
+    archive: Path | None
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a file of this name.
+
+        Raises
+        ------
+        SourceError
+            If the archive has to be looked into and is none.
+        """
+        if self.folder and (self.folder / name).is_file():
+            return True
+        return name in self._members
+
+    def where(self, name: str) -> str:
+        """Return where a file lies, for messages."""
+        if self.folder and ((self.folder / name).exists() or not self.archive):
+            return str(self.folder / name)
+        return f"{self.archive}, {name}"
+
+    def read(self, name: str) -> bytes:
+        """Return a file's bytes.
+
+        Raises
+        ------
+        SourceError
+            Where it cannot be read.
+        """
+        if self.folder and (self.folder / name).is_file():
+            return read_as(SourceError, self.folder / name, "the file", LARGEST_ARRAY)
+        if self.archive is None or name not in self._members:
+            raise SourceError("no such file", where=self.where(name))
+        return read_member(self.archive, self._members[name])
+
+    @cached_property
+    def _members(self) -> Mapping[str, str]:
+        # The archive may hold the scene's folder at its top, or below one of its own name.
+        if self.archive is None:
+            return {}
+        return {
+            member.rpartition(f"{self.scene}/")[2]: member
+            for member in archive_members(self.archive)
+            if f"/{self.scene}/" in f"/{member}"
+        }
+
+
+def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
+    """Return a scene's files below a place, or None where it has none.
+
+    Parameters
+    ----------
+    name : str
+        The scene.
+    source : str
+        The site's folder that it is served from, such as ``scenes2005``.
+    place : Path
+        A folder of scenes or of archives, or one above: ``ThirdSize``, ``scenes2005``, or their
+        parent.
+    """
+    above = (place, place / "ThirdSize", place / source / "ThirdSize")
+    archive_name = f"{name}-2views.zip"
+    folder = next((p for base in above if (p := base / name).is_dir()), None)
+    archive = next(
+        (
+            p
+            for base in above
+            for p in (base / archive_name, base / "zip-2views" / archive_name)
+            if p.is_file()
+        ),
+        None,
+    )
+    return SceneFiles(name, folder, archive) if folder or archive else None

@@ -7,24 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from dfdbench.building.fetching import checksums, download
 from dfdbench.building.fetching.archive import archive_members
-from dfdbench.building.fetching.checksums import (
-    check_checksum,
-    known_checksums,
-    lock_name,
-    read_checksums,
-    sha256,
-    write_checksums,
-)
-from dfdbench.building.fetching.download import (
-    SET_ASIDE,
-    Fate,
-    Patience,
-    Progress,
-    WantedFile,
-    fetch,
-    mirrors_lacking,
-)
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
@@ -68,8 +52,8 @@ def download_middlebury(
     folder: Path,
     mirrors: Sequence[str] = (),
     offline: bool = False,
-    on_progress: Progress | None = None,
-    patience: Patience | None = None,
+    on_progress: download.Progress | None = None,
+    patience: download.Patience | None = None,
 ) -> Download:
     """Bring a data set's files into a folder; check all that are there.
 
@@ -97,26 +81,23 @@ def download_middlebury(
         With every file that is damaged or could not be reached; the missing are counted beside
         them. What came is kept.
     """
-    taken = SourceError(
-        "another download into this folder is running", where=str(folder), fix="wait for it"
-    )
+    what = "another download into this folder is running"
+    taken = SourceError(what, where=str(folder), fix="wait for it")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with hold(folder / f".{lock_name(manifest)}.lock", taken):
-            site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
-            stages = _Stages(folder, on_progress, patience, offline)
+        with hold(folder / f".{checksums.lock_name(manifest)}.lock", taken):
+            known = checksums.known_checksums(manifest, folder)
+            site = _Site(manifest, folder, tuple(mirrors), known)
+            fetcher = download.Fetcher(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
             default_lighting = set(manifest.axes) == {"view"}
-            fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
+            fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
-        raise SourceError(
-            "cannot keep the download",
-            where=str(error.filename or folder),
-            got=reason_of(error),
-            fix=room_or("choose another place with --cache DIR", error),
-        ) from error
-    lacking = mirrors_lacking(fates, mirrors)
+        what = f"cannot keep the download: {reason_of(error)}"
+        fix = room_or("choose another place with --cache DIR", error)
+        raise SourceError(what, where=str(error.filename or folder), fix=fix) from error
+    lacking = download.mirrors_lacking(fates, mirrors)
     _refuse(fates, folder, lacking)
     return Download(
         folder,
@@ -135,27 +116,27 @@ class _Site:
     manifest: Manifest
     folder: Path
     mirrors: tuple[str, ...]
-    checksums: Mapping[str, str]
+    known: Mapping[str, str]
 
-    def depths(self, scene: Scene) -> list[WantedFile]:
+    def depths(self, scene: Scene) -> list[download.WantedFile]:
         names = [depth_name({"view": view}) for view in self.manifest.axes["view"]]
         return [self._file(scene, name, self._check_depth) for name in names]
 
-    def images(self, scene: Scene) -> list[WantedFile]:
+    def images(self, scene: Scene) -> list[download.WantedFile]:
         return [
             self._file(scene, image_name(pair.at), self._check_image)
             for pair in self.manifest.pairs_of_scene(scene.name)
         ]
 
-    def archive(self, scene: Scene) -> WantedFile:
+    def archive(self, scene: Scene) -> download.WantedFile:
         name = f"{scene.name}-2views.zip"
         addresses = self._addresses(scene, f"zip-2views/{name}")
-        return WantedFile(name, addresses, partial(self._check_archive, name))
+        return download.WantedFile(name, addresses, partial(self._check_archive, name))
 
-    def _file(self, scene: Scene, name: str, check: _Check) -> WantedFile:
+    def _file(self, scene: Scene, name: str, check: _Check) -> download.WantedFile:
         full = f"{scene.name}/{name}"
         addresses = self._addresses(scene, full)
-        return WantedFile(full, addresses, partial(check, full))
+        return download.WantedFile(full, addresses, partial(check, full))
 
     def _addresses(self, scene: Scene, path: str) -> tuple[str, ...]:
         url = next(s.url for s in self.manifest.sources if s.name == scene.source).rstrip("/")
@@ -182,47 +163,22 @@ class _Site:
             archive_members(path, where)
 
     def _is_known(self, name: str, content: bytes, where: str) -> bool:
-        check_checksum(name, content, self.checksums, where)
-        return name in self.checksums
+        checksums.check_checksum(name, content, self.known, where)
+        return name in self.known
 
 
-class _Stages:
-    """Calls of `fetch` that follow one another and show one progress."""
-
-    def __init__(
-        self, folder: Path, on_progress: Progress | None, patience: Patience | None, offline: bool
-    ) -> None:
-        self._folder = folder
-        self._on_progress = on_progress
-        self._patience = patience
-        self._offline = offline
-        self._files = 0
-        self._bytes = 0
-
-    def bring(self, wanted: list[WantedFile], to_follow: int = 0) -> list[Fate]:
-        """Fetch some files, of which so many others will follow."""
-        files, received = self._files, self._bytes
-
-        def step(done: int, total: int, count: int) -> None:
-            self._files, self._bytes = files + done, received + count
-            if self._on_progress:
-                self._on_progress(self._files, files + total + to_follow, self._bytes)
-
-        return list(fetch(wanted, self._folder, step, self._patience, self._offline))
-
-
-def _bring_all(site: _Site, stages: _Stages) -> list[Fate]:
+def _bring_all(site: _Site, fetcher: download.Fetcher) -> list[download.Fate]:
     # Depth maps first: an image is checked against the size of its own.
     scenes = site.manifest.scenes
     depths = [file for scene in scenes for file in site.depths(scene)]
     images = [file for scene in scenes for file in site.images(scene)]
-    fates = stages.bring(depths, len(images))
+    fates = fetcher.bring(depths, len(images))
     if all(fate.kind == "unreachable" for fate in fates):
         return fates
-    return fates + stages.bring(images)
+    return fates + fetcher.bring(images)
 
 
-def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
+def _bring_default(site: _Site, fetcher: download.Fetcher) -> list[download.Fate]:
     single = {
         scene.name: (site.depths(scene), site.images(scene)) for scene in site.manifest.scenes
     }
@@ -232,65 +188,52 @@ def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
         if all((site.folder / file.name).exists() for kind in single[scene.name] for file in kind)
     ]
     archives = [scene for scene in site.manifest.scenes if scene.name not in whole]
-    fates = stages.bring([site.archive(scene) for scene in archives])
+    fates = fetcher.bring([site.archive(scene) for scene in archives])
     had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
     alone = [scene.name for scene in archives if site.archive(scene).name not in had] + whole
     depths = [file for name in alone for file in single[name][0]]
     images = [file for name in alone for file in single[name][1]]
-    later = stages.bring(depths, len(images)) + stages.bring(images)
+    later = fetcher.bring(depths, len(images)) + fetcher.bring(images)
     return [fate for fate in fates if fate.name in had] + later
 
 
-def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | None:
-    path = folder / lock_name(manifest)
+def _write_lock(manifest: Manifest, folder: Path, fates: list[download.Fate]) -> Path | None:
+    path = folder / checksums.lock_name(manifest)
     had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
-    locked = read_checksums(path)
+    locked = checksums.read_checksums(path)
     if len(had) < len(fates) or had <= set(locked):
         return None
-    found = {name: sha256((folder / name).read_bytes()) for name in had - set(locked)}
-    write_checksums(path, locked | found)
+    found = {name: checksums.sha256((folder / name).read_bytes()) for name in had - set(locked)}
+    checksums.write_checksums(path, locked | found)
     return path
 
 
-def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
+def _refuse(fates: list[download.Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
     problems = [
         problem
         for kind in ("damaged", "unreachable")
-        for problem in _told_once([fate for fate in fates if fate.kind == kind], kind)
+        for problem in _first_few([fate for fate in fates if fate.kind == kind], kind)
     ]
     damaged = sum(fate.kind == "damaged" for fate in fates)
     if damaged:
         whole = sum(fate.kind in ("new", "kept") for fate in fates)
-        problems.append(
-            Problem(
-                f"{damaged} damaged files in all; the other {whole} are whole and kept",
-                where=str(folder / SET_ASIDE),
-                got="the damaged are set aside there",
-                fix="the same command asks for them again, here or with another --mirror",
-            )
-        )
+        what = f"{damaged} damaged files in all, set aside; the other {whole} are whole and kept"
+        fix = "the same command asks for them again, here or with another --mirror"
+        problems.append(Problem(what, where=str(folder / download.SET_ASIDE), fix=fix))
     missing = [fate.name for fate in fates if fate.kind == "missing"]
     if problems and missing:
-        problems.append(
-            Problem(
-                f"{len(missing)} files are missing: no address has them",
-                where=str(folder),
-                got=listed(missing, _NAMES_SHOWN),
-            )
-        )
+        what = f"no address has these {len(missing)} files: {listed(missing, _NAMES_SHOWN)}"
+        problems.append(Problem(what, where=str(folder)))
     if problems:
         raise SourceError.of([*problems, *lacking])
 
 
-def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
+def _first_few(fates: list[download.Fate], kind: str) -> list[Problem]:
     # A server that is down fails every file alike: the first few tell enough.
     problems = [problem for fate in fates for problem in fate.problems]
     if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
         return problems
     names = [fate.name for fate in fates]
-    rest = Problem(
-        f"{len(fates)} files in all could not be had",
-        got=listed(names, _NAMES_SHOWN),
-        fix="the same command goes on from here",
-    )
+    what = f"{len(fates)} files in all could not be had: {listed(names, _NAMES_SHOWN)}"
+    rest = Problem(what, fix="the same command goes on from here")
     return [*problems[:3], rest]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
@@ -55,12 +55,8 @@ class RealworldFolder:
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
             there = "a file" if folder.exists() else "no such folder"
-            raise SourceError(
-                "no scene found",
-                where=str(folder),
-                expected="folders such as k33 with left/exp_30 and lidar",
-                got="none" if folder.is_dir() else there,
-            )
+            what = "no scene found, such as k33 with left/exp_30 and lidar"
+            raise SourceError(what, where=str(folder), got="none" if folder.is_dir() else there)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -122,7 +118,7 @@ class RealworldFolder:
             images = [files.image(exposure, step) for step in steps]
             infocus[place], defocus[place] = images[0], images[-1]
             available[place] = True
-        depth = as_told(levels, valid, self._manifest.depth, whole=self._synthetic)
+        depth = in_direction_of(levels, valid, self._manifest.depth, whole=self._synthetic)
         return SceneImages.of_pairs(
             infocus, depth, valid, available, None if self._synthetic else defocus
         )
@@ -140,7 +136,7 @@ class RealworldFolder:
 
     @cached_property
     def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:
-        # Every file is looked at before any is used: what is wrong is told at once.
+        # Every file is looked at before any is used: all that is wrong is reported together.
         return {name: self._check(files) for name, files in self._scenes.items()}
 
     def _check(self, files: PublishedScene | RawScene) -> tuple[tuple[int, ...], list[Problem]]:
@@ -153,14 +149,8 @@ class RealworldFolder:
             lacking = [step for step in self._steps if step not in there]
             wrong = [p for step in there for p in files.image_problems(exposure, step)]
             if lacking:
-                wrong.append(
-                    Problem(
-                        "voltage step is missing",
-                        where=f"{files.folder}, exposure {exposure} ms",
-                        expected=", ".join(map(str, self._steps)),
-                        got=f"no image at {', '.join(map(str, lacking))}",
-                    )
-                )
+                what = f"no image at voltage step {', '.join(map(str, lacking))}"
+                wrong.append(Problem(what, where=f"{files.folder}, exposure {exposure} ms"))
             if not wrong:
                 usable.append(exposure)
             problems += wrong
@@ -170,27 +160,20 @@ class RealworldFolder:
         known = self._capture.voltage_step
         if self._synthetic:
             if pair:
-                raise SourceError(
-                    f"{self._manifest.short} takes the sharpest voltage step",
-                    where="--pair",
-                    fix="leave out --pair, or build realworld",
-                )
+                what = f"{self._manifest.short} takes the sharpest voltage step"
+                raise SourceError(what, where="--pair", fix="leave out --pair, or build realworld")
             return tuple(known)
         steps = pair or (self._capture.infocus_step, self._capture.defocus_step)
         if steps[0] == steps[1] or not set(steps) <= set(known):
-            raise SourceError(
-                "not a pair of voltage steps",
-                where="--pair",
-                expected=f"two of {known[0]} to {known[-1]}, as 141,129",
-                got=f"{steps[0]},{steps[1]}",
-            )
+            what = f"{steps[0]},{steps[1]} are not two steps of {known[0]} to {known[-1]}"
+            raise SourceError(what, where="--pair")
         return steps
 
 
-def as_told(
+def in_direction_of(
     levels: NDArray[np.uint8], valid: NDArray[np.bool_], depth: Depth, whole: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the rig's levels, which are distances, as a manifest wants them told.
+    """Return the rig's levels, which are distances, in the direction that a manifest states.
 
     By Eq. 7.1 what is near is bright, as in Middlebury's maps.
 
@@ -209,7 +192,7 @@ def as_told(
     --------
     >>> from dfdbench.datasets.catalog import find_manifest
     >>> levels = np.array([[150, 0]], np.uint8)
-    >>> as_told(levels, levels > 0, find_manifest("realworld").depth).tolist()
+    >>> in_direction_of(levels, levels > 0, find_manifest("realworld").depth).tolist()
     [[105, 0]]
     """
     if depth.grows_with == "distance":

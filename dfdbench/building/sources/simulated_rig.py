@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dfdbench.building.sources.image_files import average_frames
 from dfdbench.building.sources.interface import SceneImages
-from dfdbench.building.sources.realworld import as_told
+from dfdbench.building.sources.realworld import in_direction_of
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
@@ -123,7 +123,7 @@ class SimulatedRig:
         size = (self._capture.crop_size,) * 2
         seen = depth_image(self._ranges(simulated), read_beams())
         levels, valid = warp(*seen, matrices[scene], size)
-        depth = as_told(levels, valid, self._manifest.depth)
+        depth = in_direction_of(levels, valid, self._manifest.depth)
         return SceneImages.of_pairs(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
 
     @cached_property
@@ -179,29 +179,13 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
         known = read_lens_table().steps
         steps = (capture.infocus_step, capture.defocus_step, capture.sharpest_step)
         if strange := [step for step in steps if step not in known]:
-            yield Problem(
-                "the simulated lens has no such voltage step",
-                where=f"{manifest.stem}: capture",
-                expected=f"of {known[0]} to {known[-1]}",
-                got=listed(strange),
-            )
-    fields: tuple[tuple[str, list[str], list[str]], ...] = (
-        ("axes", list(manifest.axes), ["exposure_ms"]),
-        ("depth.axes", manifest.depth.axes, []),
-    )
-    for field, named, needed in fields:
-        if named != needed:
-            yield Problem(
-                "the simulated rig has other axes",
-                where=f"{manifest.stem}: {field}",
-                expected=", ".join(needed) or "none",
-                got=", ".join(named) or "none",
-            )
+            what = f"the simulated lens has steps {known[0]} to {known[-1]}, not {listed(strange)}"
+            yield Problem(what, where=f"{manifest.stem}: capture")
+    axes, depth_axes = list(manifest.axes), manifest.depth.axes
+    if axes != ["exposure_ms"] or depth_axes:
+        what = f"the simulated rig has one axis, exposure_ms, not {axes + depth_axes}"
+        yield Problem(what, where=f"{manifest.stem}: axes")
     numbers = [re.fullmatch(r"k(\d\d)", name) for name in manifest.scene_names]
     if any(found is None or int(found[1]) >= SCENES for found in numbers):
-        yield Problem(
-            "no such simulated scene",
-            where=f"{manifest.stem}: scenes",
-            expected=f"of k00 to k{SCENES - 1}",
-            got=listed(manifest.scene_names),
-        )
+        what = f"the simulated scenes are k00 to k{SCENES - 1}, got {listed(manifest.scene_names)}"
+        yield Problem(what, where=f"{manifest.stem}: scenes")

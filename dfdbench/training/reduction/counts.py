@@ -224,8 +224,7 @@ def tapped_modules(network: nn.Module) -> dict[int, nn.Module]:
         for layer, path in TAPS.items()
         if path not in there
     ]
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     return {layer: there[path] for layer, path in TAPS.items()}
 
 
@@ -287,8 +286,7 @@ def _require_usable(found: Mapping[int, Tapped]) -> None:
         elif not np.isfinite(taken.gram).all():
             fix = "train the network again, with a lower learning_rate"
             problems.append(Problem("outputs that are not finite", where=where, fix=fix))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 Matrix = NDArray[np.float64]
@@ -335,9 +333,6 @@ def winners(
     >>> len(set(winners(vectors @ vectors.T).tolist()))
     3
     """
-    if tuning not in TUNINGS:
-        expected = " or ".join(TUNINGS)
-        raise InputError("no such tuning", where="tuning", expected=expected, got=str(tuning))
     neurons = _Neurons.along_first_component(_centred(gram))
     random = np.random.default_rng(seed)
     for epoch in range(_EPOCHS):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 
@@ -313,9 +313,8 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     there = {path.stem: str(path) for path in sorted(folder.glob("*.toml"))}
     if BASELINE not in there:
         what = f"the folder lacks {BASELINE}.toml, which dfdbench thesis reduce writes"
-        raise InputError(
-            what, where=str(folder), fix="name a folder that dfdbench thesis reduce wrote"
-        )
+        fix = "name a folder that dfdbench thesis reduce wrote"
+        raise InputError(what, where=str(folder), fix=fix)
     chosen = (
         list(map(str, names))
         if names
@@ -379,25 +378,22 @@ def comparison_table(
     by_row: dict[str, list[Card]] = {}
     for name, card in cards:
         by_row.setdefault(name, []).append(card)
-    found = {name: _best_and_mean(group, protocol) for name, group in by_row.items()}
-    rows, records = [], []
-    for name, group in by_row.items():
-        best, mean = (
-            {metric: of_metric[number] for metric, of_metric in found[name].items()}
-            for number in (0, 1)
-        )
-        apart = _apart(found[name], found.get(BASELINE, {}))
-        cells = [name, f"{group[0].parameters:,}", seconds_text(seconds.get(name)), str(len(group))]
+    records = [_record(name, group, seconds.get(name), protocol) for name, group in by_row.items()]
+    baseline = next((record for record in records if record["name"] == BASELINE), {})
+    rows = []
+    for record in records:
+        for kind in ("best", "mean"):
+            ends: list[Any] = [of.get(f"{RANKED_BY}_{kind}") for of in (record, baseline)]
+            apart = None if None in ends else ends[0] - ends[1]
+            record[f"{kind}_to_{kind}"] = apart
+        record["protocol"] = protocol
+        cells = [record["name"], f"{record['parameters']:,}", seconds_text(record["seconds"])]
+        cells.append(str(record["trainings"]))
         for metric in METRICS:
-            cells += [score_text(best.get(metric)), score_text(mean.get(metric))]
-        cells += [NOTHING if value is None else f"{value:+.4f}" for value in apart]
+            cells += [score_text(record[f"{metric}_{kind}"]) for kind in ("best", "mean")]
+        differences = (record["best_to_best"], record["mean_to_mean"])
+        cells += [NOTHING if value is None else f"{value:+.4f}" for value in differences]
         rows.append(tuple(cells))
-        record: dict[str, object] = {"name": name, "parameters": group[0].parameters}
-        record |= {"seconds": seconds.get(name), "trainings": len(group)}
-        record |= {f"{metric}_best": best.get(metric) for metric in METRICS}
-        record |= {f"{metric}_mean": mean.get(metric) for metric in METRICS}
-        record |= {"best_to_best": apart[0], "mean_to_mean": apart[1], "protocol": protocol}
-        records.append(record)
     shown = METRICS[RANKED_BY].title
     columns = ["network", "parameters", "seconds per image", "trainings"]
     for of in METRICS.values():
@@ -414,21 +410,16 @@ def comparison_table(
     return Table(title, tuple(columns), tuple(rows), align, notes, records=tuple(records))
 
 
-def _best_and_mean(group: Sequence[Card], protocol: str) -> dict[str, tuple[float, float]]:
+def _record(
+    name: str, group: Sequence[Card], seconds: float | None, protocol: str
+) -> dict[str, Any]:
     of_each = [card.scores_under(protocol) for card in group]
-    found = {}
-    for name, metric in METRICS.items():
-        if all(name in scores for scores in of_each):
-            values = [scores[name] for scores in of_each]
-            best = (max if metric.larger_is_better else min)(values)
-            found[name] = best, fmean(values)
-    return found
-
-
-def _apart(
-    found: Mapping[str, tuple[float, float]], baseline: Mapping[str, tuple[float, float]]
-) -> tuple[float | None, float | None]:
-    if RANKED_BY not in found or RANKED_BY not in baseline:
-        return None, None
-    (best, mean), (its_best, its_mean) = found[RANKED_BY], baseline[RANKED_BY]
-    return best - its_best, mean - its_mean
+    best, mean = {}, {}
+    for metric, about in METRICS.items():
+        values = [scores[metric] for scores in of_each if metric in scores]
+        whole = len(values) == len(group)
+        chosen = max if about.larger_is_better else min
+        best[f"{metric}_best"] = chosen(values) if whole else None
+        mean[f"{metric}_mean"] = fmean(values) if whole else None
+    facts = {"name": name, "parameters": group[0].parameters, "seconds": seconds}
+    return {**facts, "trainings": len(group), **best, **mean}

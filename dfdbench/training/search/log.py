@@ -9,30 +9,28 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
 
-from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, MethodError, Problem
-from dfdbench.methods.networks.inference import Predictor, Readout, find_device
+from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.protocol import Protocol, find_protocol, score
+from dfdbench.metrics.protocol import Protocol, find_protocol
 from dfdbench.system.files import hold, write_whole
-from dfdbench.system.text import differences, parse_json
-from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.system.text import parse_json, require_same
 from dfdbench.training.learner import DivergedError
-from dfdbench.training.search.particle import COMPONENTS, Numbers
-from dfdbench.training.task import Task, evenly_spaced, same_threads
+from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
+from dfdbench.training.search.search_plan import SearchPlan
+from dfdbench.training.task import Task, evenly_spaced, mean_scores
 from dfdbench.training.trainer import WEIGHTS, train
 
+#: Steps between scores on the way, which nobody looks at in thousands of trainings.
+_NEVER = 10**9
 _IDENTITY = "search.json"
 POSITIONS = "positions.csv"
 _PARTICLES = "particles"
@@ -45,6 +43,33 @@ _RESTORE = "put the file back as it was, or start over with --out DIR"
 _OTHER = "repeat the earlier command, or choose another folder with --out DIR"
 #: Iteration and particle.
 Place = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job came to.
+
+    Parameters
+    ----------
+    value : float
+        The objective; infinite where the training failed.
+    failed : str
+        Why it failed; empty where it did not.
+    train, other : dict
+        Mean scores on the two sets.
+    parameters, steps : int
+        Of the network, of the training.
+    seconds : float
+        Time spent training.
+    """
+
+    value: float = math.inf
+    failed: str = ""
+    train: dict[str, float] = field(default_factory=dict)
+    other: dict[str, float] = field(default_factory=dict)
+    parameters: int = 0
+    steps: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -84,16 +109,8 @@ class SearchFolder:
                 what = "the folder holds something else than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
             write_whole(file, json.dumps(now, indent=2) + "\n")
-        problems = [
-            Problem(
-                f"the folder holds another search, with {name} {one} instead of {other}",
-                where=str(file),
-                fix=_OTHER,
-            )
-            for name, one, other in differences(_read_identity(file), now)
-        ]
-        if problems:
-            raise InputError.of(problems)
+        what = "the folder holds another search"
+        require_same(_read_identity(file), now, what, str(file), _OTHER)
         log = self.path / POSITIONS
         rows = _read_rows(log) if log.exists() else []
         self._rows = {row.place: row for row in rows}
@@ -116,14 +133,10 @@ class SearchFolder:
             file.flush()
             os.fsync(file.fileno())
 
-    def training(self, place: Place) -> Path:
-        """Return the folder that a particle is trained in."""
-        return self.path / _PARTICLES / f"{place[0]:03}-{place[1]:03}"
-
     def forget(self, places: Iterable[Place]) -> None:
         """Remove trainings: their weights would fill disks."""
         for place in places:
-            shutil.rmtree(self.training(place), ignore_errors=True)
+            shutil.rmtree(training_folder(self.path, place), ignore_errors=True)
 
     def require_same(self, place: Place, position: Numbers) -> None:
         """Refuse a log whose position is not the one that the search comes to.
@@ -143,13 +156,17 @@ class SearchFolder:
         raise InputError(what, where=where, fix=_RESTORE)
 
 
+def training_folder(search: Path, place: Place) -> Path:
+    """Return the folder that a particle is trained in."""
+    return search / _PARTICLES / f"{place[0]:03}-{place[1]:03}"
+
+
 def _read_identity(file: Path) -> dict[str, Any]:
     try:
         content = parse_json(file.read_bytes())
     except ValueError as error:
-        raise InputError(
-            f"the search's record cannot be read: {error}", where=str(file), fix=_RESTORE
-        ) from error
+        what = f"the search's record cannot be read: {error}"
+        raise InputError(what, where=str(file), fix=_RESTORE) from error
     return content if isinstance(content, dict) else {}
 
 
@@ -171,8 +188,7 @@ def _read_rows(log: Path) -> list[LogRow]:
         if found.setdefault(row.place, row) is not row:
             got = f"iteration {row.place[0]}, particle {row.place[1]} once more"
             problems.append(_damaged("a training is in the log twice", where, got))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return list(found.values())
 
 
@@ -184,22 +200,15 @@ def _damaged(what: str, where: str, got: str) -> Problem:
 def _row_of(values: Mapping[str, str]) -> LogRow:
     if None in values or None in values.values():
         raise ValueError(f"not {len(_COLUMNS)} values")
-    scores = [
+    train, other = (
         {part: float(values[f"{side}_{part}"]) for part in PARTS if values[f"{side}_{part}"]}
         for side in _SIDES
-    ]
-    value = float(values["objective"])
+    )
+    value, seconds = float(values["objective"]), float(values["seconds"])
     if math.isnan(value):
         raise ValueError("objective: no number")
-    outcome = Outcome(
-        value,
-        values["failed"],
-        scores[0],
-        scores[1],
-        int(values["parameters"]),
-        int(values["steps"]),
-        float(values["seconds"]),
-    )
+    work = int(values["parameters"]), int(values["steps"]), seconds
+    outcome = Outcome(value, values["failed"], train, other, *work)
     position = np.array([float(values[name]) for name in COMPONENTS])
     return LogRow((int(values["iteration"]), int(values["particle"])), position, outcome)
 
@@ -218,11 +227,9 @@ def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
     return text.getvalue()
 
 
-#: How much the training pairs count.
-GAMMA = 0.3
 #: What the thesis's author scores in his search: the centre of an image, divided by 255.
 CENTRE = (368, 400)
-_OF_CENTRE = Protocol(
+OF_CENTRE = Protocol(
     "search", 1, "all", "255", "whole", "the search published with the thesis's networks"
 )
 
@@ -251,74 +258,20 @@ def objective(train: Mapping[str, float], other: Mapping[str, float], gamma: flo
     return sum(parts) if len(parts) == 2 else math.inf
 
 
-@same_threads()
-def mean_parts(
-    network: nn.Module,
-    store: Dataset,
-    pairs: Sequence[Pair],
-    device: torch.device,
-    readout: Readout,
-    centre: bool,
-) -> dict[str, float]:
-    """Return the mean of each metric of the objective over pairs.
-
-    Parameters
-    ----------
-    network : nn.Module
-        In evaluation mode; its batch normalization is folded in place.
-    store : Dataset
-        If the pairs lie.
-    pairs : sequence of Pair
-        Which pairs.
-    device : torch.device
-        If it runs.
-    readout : {"mode", "median"}
-        Which level of a pixel's distribution is the answer.
-    centre : bool
-        Score the centre as the thesis's author does, else whole images under ``thesis``.
-    """
-    predict = Predictor(network, device, readout=readout)
-    protocol = _OF_CENTRE if centre else find_protocol("thesis")
-    values: dict[str, list[float]] = {name: [] for name in PARTS}
-    for pair in pairs:
-        images = store.read(pair)
-        levels = predict(images.infocus, images.defocus).astype(np.float32)
-        rows, columns = _seen(levels.shape, centre)
-        depth, valid = images.levels[rows, columns], images.valid[rows, columns]
-        scores = score(protocol, depth, valid, levels[rows, columns], store.manifest.network_crop)
-        for name in PARTS:
-            if not math.isnan(scores[name]):
-                values[name].append(scores[name])
-    means = {name: mean_of(found) for name, found in values.items()}
-    return {name: mean for name, mean in means.items() if mean is not None}
-
-
-def _seen(shape: tuple[int, ...], centre: bool) -> tuple[slice, slice]:
-    if not centre:
-        return slice(None), slice(None)
-    starts = [max(0, (side - most) // 2) for side, most in zip(shape, CENTRE, strict=True)]
-    rows, columns = (slice(s, s + most) for s, most in zip(starts, CENTRE, strict=True))
-    return rows, columns
+class _TimeUpError(Exception):
+    pass
 
 
 @dataclass(frozen=True)
-class Work:
-    """What all trainings of a search have in common.
+class Evaluation:
+    """Train particles' networks and score them; travels to other processes.
 
     Parameters
     ----------
-    place : str
-        The store's path or URL.
-    train, other : tuple of str
-        Scenes to train on, and those that select.
-    trained_on : str
-        The training scenes in words, for the weights' cards.
-    gamma : float
-        Of the objective.
-    pairs : int or None
-        Pairs of each set that are scored, spread over it; None for all.
-    centre : bool
-        As of `dfdbench.training.search.log.mean_parts`.
+    plan : SearchPlan
+        The search.
+    folder : Path
+        Of the search.
     device : str
         As of `dfdbench.training.trainer.train`.
     threads : int or None
@@ -327,149 +280,74 @@ class Work:
         The time, in seconds since 1970, at which trainings stop where they are.
     """
 
-    place: str
-    train: tuple[str, ...]
-    other: tuple[str, ...]
-    trained_on: str
-    gamma: float
-    pairs: int | None
-    centre: bool
-    device: str
-    threads: int | None
+    plan: SearchPlan
+    folder: Path
+    device: str = "auto"
+    threads: int | None = None
     until: float = math.inf
 
+    def __call__(self, particle: tuple[Place, Numbers]) -> Outcome | None:
+        """Train and score a particle by its place and position; None if time was up before.
 
-@dataclass(frozen=True)
-class Job:
-    """One particle in one iteration.
+        A training that diverges, or that the machine cannot do, is a failed one. What concerns the
+        disk or the data set is raised: it says nothing of the network.
 
-    Parameters
-    ----------
-    work : Work
-        What it has in common with others.
-    iteration, particle : int
-        Which.
-    configuration : TrainingConfiguration
-        What its position means.
-    seed : int
-        Of the training.
-    folder : Path
-        If it is trained.
-    """
+        Raises
+        ------
+        InputError
+            If another process is at the same training.
+        """
+        if self.threads is not None:
+            torch.set_num_threads(self.threads)
+        folder = training_folder(self.folder, particle[0])
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        what = "another process is training this particle"
+        taken = InputError(what, where=str(folder), fix="wait for it to end")
+        with hold(folder.with_name(f".{folder.name}.lock"), taken):
+            try:
+                return self._trained_and_scored(folder, *particle)
+            except _TimeUpError:
+                return None
+            except DivergedError as error:
+                problem = error.problems[0]
+                return Outcome(failed=f"diverged: {problem.what}, {problem.where}")
+            except MethodError as error:
+                # Its last step broke the weights, after a loss that was still a number.
+                return Outcome(failed=f"diverged: {error.problems[0].what}")
+            except (MemoryError, RuntimeError) as error:
+                # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
+                why = str(error).partition("\n")[0][:200]
+                return Outcome(failed=f"failed: {why or type(error).__name__}")
 
-    work: Work
-    iteration: int
-    particle: int
-    configuration: TrainingConfiguration
-    seed: int
-    folder: Path
+    def _trained_and_scored(self, folder: Path, place: Place, position: Numbers) -> Outcome:
+        plan, store, choices = self.plan, self.plan.store, self.plan.choices
+        self._stop_in_time()
+        configuration = plan.configuration_of(particle_at(position))
+        configuration = configuration.model_copy(update={"evaluate_every": _NEVER})
+        # A key of its own: the swarm draws from the same numbers.
+        seeds = np.random.SeedSequence((choices.seed, *place), spawn_key=(1,))
+        seed = int(seeds.generate_state(1)[0])
+        sides = [
+            tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
+            for scenes in (plan.train, plan.other)
+        ]
+        task = Task("dfd-net", store, sides[0], (), plan.trained_on, "", configuration, seed)
+        card = train(task, folder, None, self.device, lambda *_: self._stop_in_time()).card
+        network = load_weights(folder / WEIGHTS, "dfd-net")[0]
+        centred = plan.variant.scores_centre
+        protocol, centre = (OF_CENTRE, CENTRE) if centred else (find_protocol("thesis"), None)
+        scores = []
+        for side in sides:
+            pairs = side if choices.pairs is None else evenly_spaced(side, choices.pairs)
+            device, readout = find_device(self.device), configuration.readout
+            found = mean_scores(network, store, pairs, device, readout, [protocol], centre)
+            means = found[protocol.label]
+            scores.append({name: means[name] for name in PARTS if name in means})
+        value = objective(scores[0], scores[1], choices.gamma)
+        failed = "" if math.isfinite(value) else "failed: its scores are not defined"
+        work = card.parameters, card.steps, card.seconds
+        return Outcome(value, failed, scores[0], scores[1], *work)
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a job came to.
-
-    Parameters
-    ----------
-    value : float
-        The objective; infinite where the training failed.
-    failed : str
-        Why it failed; empty where it did not.
-    train, other : dict
-        Mean scores on the two sets.
-    parameters, steps : int
-        Of the network, of the training.
-    seconds : float
-        Time spent training.
-    """
-
-    value: float = math.inf
-    failed: str = ""
-    train: dict[str, float] = field(default_factory=dict)
-    other: dict[str, float] = field(default_factory=dict)
-    parameters: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-
-
-class _TimeUpError(Exception):
-    pass
-
-
-def training_seed(seed: int, iteration: int, particle: int) -> int:
-    """Return the seed of one training, which follows from that of the search.
-
-    Examples
-    --------
-    >>> training_seed(0, 3, 1) == training_seed(0, 3, 1) != training_seed(0, 3, 2)
-    True
-    """
-    # A key of its own: the swarm draws from the same numbers.
-    sequence = np.random.SeedSequence((seed, iteration, particle), spawn_key=(1,))
-    return int(sequence.generate_state(1)[0])
-
-
-def evaluate_job(job: Job) -> Outcome | None:
-    """Train a particle's network and score it; None if time was up before.
-
-    A training that diverges, or that the machine cannot do, is a failed one. What concerns the
-    disk or the data set is raised: it says nothing of the network.
-
-    Raises
-    ------
-    InputError
-        Where another process is at the same training.
-    """
-    if job.work.threads is not None:
-        torch.set_num_threads(job.work.threads)
-    job.folder.parent.mkdir(parents=True, exist_ok=True)
-    taken = InputError(
-        "another process is training this particle", where=str(job.folder), fix="wait for it to end"
-    )
-    with hold(job.folder.with_name(f".{job.folder.name}.lock"), taken):
-        try:
-            return _trained_and_scored(job)
-        except _TimeUpError:
-            return None
-        except DivergedError as error:
-            return Outcome(failed=f"diverged: {error.problems[0].what}, {error.problems[0].where}")
-        except MethodError as error:
-            # Its last step broke the weights, after a loss that was still a number.
-            return Outcome(failed=f"diverged: {error.problems[0].what}")
-        except (MemoryError, RuntimeError) as error:
-            # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
-            why = str(error).partition("\n")[0][:200]
-            return Outcome(failed=f"failed: {why or type(error).__name__}")
-
-
-def _trained_and_scored(job: Job) -> Outcome:
-    work, readout = job.work, job.configuration.readout
-    if time.time() >= work.until:
-        raise _TimeUpError
-    store = Dataset(work.place)
-    sides = [tuple(p for p in store.pairs("all") if p.scene in s) for s in (work.train, work.other)]
-    task = Task(
-        "dfd-net", store, sides[0], (), work.trained_on, "", job.configuration, seed=job.seed
-    )
-
-    def on_step(step: int, steps: int | None, loss: float) -> None:
-        if time.time() >= work.until:
+    def _stop_in_time(self) -> None:
+        if time.time() >= self.until:
             raise _TimeUpError
-
-    card = train(task, job.folder, device=work.device, on_step=on_step).card
-    scores = []
-    for pairs in sides:
-        network = load_weights(job.folder / WEIGHTS, "dfd-net")[0]
-        chosen = pairs if work.pairs is None else evenly_spaced(pairs, work.pairs)
-        found = mean_parts(network, store, chosen, find_device(work.device), readout, work.centre)
-        scores.append(found)
-    value = objective(scores[0], scores[1], work.gamma)
-    return Outcome(
-        value,
-        "" if math.isfinite(value) else "failed: its scores are not defined",
-        scores[0],
-        scores[1],
-        card.parameters,
-        card.steps,
-        card.seconds,
-    )

@@ -13,15 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.choices import (
-    LAYERS,
-    SITES,
-    SIZED,
-    checked_activations,
-    checked_filters,
-    checked_kernels,
-    checked_normalized,
-)
+from dfdbench.methods.networks import choices
 from dfdbench.methods.networks.layers import ACTIVATIONS
 from dfdbench.system.strict import Record, problems_of
 
@@ -93,7 +85,7 @@ PATCHES = {
     56: 8, 60: 6, 64: 5,
 }  # fmt: skip
 _KINDS = tuple(ACTIVATIONS)
-_OUTWARD = tuple(reversed(SITES))
+_OUTWARD = tuple(reversed(choices.SITES))
 
 
 def _names() -> tuple[str, ...]:
@@ -218,10 +210,10 @@ def particle_at(position: Numbers) -> Particle:
             size = (2 * values[f"rows_{label}"] + 1, 2 * values[f"columns_{label}"] + 1)
             sizes |= dict.fromkeys(sized, size)
     return Particle(
-        filters=[widths[layer] for layer in LAYERS],
-        kernels=[sizes[layer] for layer in SIZED],
-        activations=[_KINDS[values[f"activation_{site}"]] for site in SITES],
-        normalized=[bool(values[f"normalized_{site}"]) for site in SITES],
+        filters=[widths[layer] for layer in choices.LAYERS],
+        kernels=[sizes[layer] for layer in choices.SIZED],
+        activations=[_KINDS[values[f"activation_{site}"]] for site in choices.SITES],
+        normalized=[bool(values[f"normalized_{site}"]) for site in choices.SITES],
         crop=4 * values["crop"] + 12,
     )
 
@@ -238,10 +230,11 @@ def position_of(
 
     Of filters that share a size the first one counts.
     """
-    widths = dict(zip(LAYERS, checked_filters(filters), strict=True))
-    sizes = checked_kernels(kernels)
-    kinds = dict(zip(SITES, checked_activations(activations, first_activation), strict=True))
-    bits = dict(zip(SITES, checked_normalized(normalized), strict=True))
+    widths = dict(zip(choices.LAYERS, choices.checked_filters(filters), strict=True))
+    sizes = choices.checked_kernels(kernels)
+    chosen = choices.checked_activations(activations, first_activation)
+    kinds = dict(zip(choices.SITES, chosen, strict=True))
+    bits = dict(zip(choices.SITES, choices.checked_normalized(normalized), strict=True))
     position: list[float] = []
     for layers, sized in ROWS:
         position.append(widths[layers[0]])

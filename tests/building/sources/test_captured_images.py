@@ -74,10 +74,10 @@ def test_all_that_is_wrong_is_told_at_once(scene: Path) -> None:
     cv2.imwrite(str(scene / "depth.png"), np.full((36, 48), 2, np.uint16))
     with pytest.raises(SourceError) as caught:
         made(scene)
-    told = [(problem.what, problem.where) for problem in caught.value.problems]
-    assert told == [
+    said = [(problem.what, problem.where) for problem in caught.value.problems]
+    assert said == [
         ("not an image file", "blurred.png"),
-        ("depth in another unit, or other bounds", "depth.png"),
+        ("a median of 0.002 m, not 0.5 to 5 m: another unit, or other bounds", "depth.png"),
         ("size differs", "depth.png"),
     ]
 
@@ -94,6 +94,6 @@ def test_an_alignment_that_is_not_found_names_the_file(scene: Path, tmp_path: Pa
     write_scene(tmp_path / "other", 7)
     (tmp_path / "other/blurred.png").replace(scene / "blurred.png")
     assert made(scene)
-    with pytest.raises(SourceError, match="do not match") as caught:
+    with pytest.raises(SourceError, match="no alignment") as caught:
         made(scene, align="euclidean")
     assert caught.value.problems[0].where == "blurred.png"

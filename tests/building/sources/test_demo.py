@@ -23,12 +23,6 @@ def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Dataset)
     assert (test <= train).all()
 
 
-def test_some_depth_is_unknown_as_in_middlebury(demo_store: Dataset) -> None:
-    for scene in demo_store.scenes:
-        unknown = np.isnan(demo_store.to_xarray(scene)["depth"].values).mean()
-        assert 0.01 < unknown < 0.12, scene
-
-
 @pytest.mark.slow
 def test_low_exposure_is_darker_and_harder(demo_store: Dataset) -> None:
     method = Local()
@@ -87,13 +81,8 @@ def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_on
     scenes = [strange.scenes[0].model_copy(update={"name": "Cellar"})]
     with pytest.raises(SourceError) as caught:
         DemoScenes(strange.model_copy(update={"scenes": scenes}))
-    told = {problem.where: problem.got for problem in caught.value.problems}
-    assert told == {
-        "demo-1: axes.view": "3",
-        "demo-1: axes.illumination": "4",
-        "demo-1: axes.exposure": "9",
-        "demo-1: scenes": "Cellar",
-    }
+    for found in ("view 3", "illumination 4", "exposure 9", "scene: Cellar"):
+        assert found in str(caught.value)
 
 
 def test_other_axes_are_told() -> None:

@@ -14,15 +14,13 @@ from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.folder import FolderScenes
 from dfdbench.building.sources.interface import SceneError
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError, StoreError
+from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
-from tests.building.test_sources import check_interface
 from tests.made_folder import FOLDER_TOML, SCENES, make_folder
 
 ALIGNED = FOLDER_TOML.replace("[table]", 'align = "translation"\nmatch_gain = true\n\n[table]')
@@ -35,32 +33,6 @@ def manifest_of(text: str = FOLDER_TOML) -> Manifest:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return make_folder(tmp_path / "captures")
-
-
-def test_it_is_a_source_as_any_other(folder: Path) -> None:
-    source = open_source(manifest_of(), folder)
-    assert isinstance(source, FolderScenes)
-    check_interface(source, manifest_of())
-    with pytest.raises(SourceError, match="none is named"):
-        open_source(manifest_of())
-
-
-@pytest.mark.parametrize("workers", [1, 3])
-def test_the_same_store_for_any_number_of_workers(
-    folder: Path, tmp_path: Path, workers: int
-) -> None:
-    manifest = manifest_of(ALIGNED)
-    place = tmp_path / "mine.zarr"
-    report = build_store(manifest, open_source(manifest, folder), place, pool=Threads(workers))
-    once = build_store(manifest, open_source(manifest, folder), tmp_path / "again.zarr")
-    assert report.fingerprint == once.fingerprint
-    found = Dataset(place).to_xarray("desk").attrs["found"]
-    assert found["desk/capture1"]["right"] == pytest.approx(-2, abs=0.1)
-    assert manifest.depth.scale is not None
-    images = Dataset(place).read(manifest.pairs("desk")[0])
-    metres = manifest.depth.scale.to_metres(images.depth[images.valid])
-    assert metres.min() == pytest.approx(1.0, abs=0.02)
-    assert metres.max() == pytest.approx(4.0, abs=0.1)
 
 
 def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
@@ -94,22 +66,11 @@ def test_broken_scenes_are_named_together_and_the_others_built(
         "door/capture1",
         "lamp/capture1",
     ]
-    assert [problem.what for problem in report.problems] == [
-        "a file is missing",
-        "depth in another unit, or other bounds",
-        "the images of the pair do not match: no alignment was found",
-    ]
+    wrong = ("a file is missing", "another unit, or other bounds", "no alignment")
+    for problem, what in zip(report.problems, wrong, strict=True):
+        assert what in problem.what
     assert "depth_unit = 0.01 (centimetres)" in report.problems[1].fix
     assert [pair.id for pair in Dataset(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
-
-
-def test_a_build_that_would_lose_scenes_is_refused(folder: Path, tmp_path: Path) -> None:
-    manifest = manifest_of()
-    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    (folder / "desk/depth.png").write_bytes(b"nothing")
-    with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
-        build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    assert len(Dataset(tmp_path / "mine.zarr").pairs("all")) == 4
 
 
 def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) -> None:
@@ -124,10 +85,11 @@ def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) 
 
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
-    with pytest.raises(SourceError, match="matches no file") as caught:
+    with pytest.raises(
+        SourceError, match=r"no file matches files.infocus, .*, as desk/infocus.png"
+    ) as caught:
         open_source(manifest_of(text), folder)
     (problem,) = caught.value.problems
-    assert "as desk/infocus.png" in problem.expected
     assert "desk/blurred.png" in problem.got
     with pytest.raises(SourceError, match="no such folder"):
         open_source(manifest_of(), folder / "nowhere")
@@ -149,7 +111,7 @@ def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
     for step in (source.signature, source.read):
         with pytest.raises(SceneError, match="several files fit the pattern") as caught:
             step("shelf")
-        assert caught.value.problems[0].got == "shelf/sharp.jpg, shelf/sharp.png"
+        assert caught.value.problems[0].what.endswith(": shelf/sharp.jpg, shelf/sharp.png")
 
 
 def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:
@@ -164,7 +126,7 @@ def test_a_file_that_is_not_the_one_known_is_refused(folder: Path) -> None:
     known = {"desk/desk/sharp.png": right, "door/door/sharp.png": right}
     source = open_source(manifest_of(), folder, known)
     assert source.signature("desk")
-    with pytest.raises(SceneError, match="not the one of this data set"):
+    with pytest.raises(SceneError, match="not the file of this data set"):
         source.signature("door")
 
 

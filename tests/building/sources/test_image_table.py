@@ -76,7 +76,7 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "said"),
     [
         (["1,1", "2,2"], "images that the table does not tell of (WHERE): got desk/f_003.png"),
         (["1,1", "2,2", "3,4", "4,8"], "a file is missing (FOLDER/desk/f_4.png)"),
@@ -90,11 +90,11 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
     ],
 )
 def test_a_table_that_does_not_fit_its_images_is_told(
-    folder: Path, rows: list[str], told: str
+    folder: Path, rows: list[str], said: str
 ) -> None:
     table(folder, *rows)
     text = problems_of(manifest_of(), folder)
-    place = told.replace("WHERE", str(folder / "desk/focus.csv")).replace("FOLDER", str(folder))
+    place = said.replace("WHERE", str(folder / "desk/focus.csv")).replace("FOLDER", str(folder))
     assert place in text
 
 
@@ -131,7 +131,7 @@ def test_what_is_wrong_with_scenes_is_told_together_and_the_others_built(
     assert [(problem.what, Path(problem.where).name) for problem in report.problems] == [
         ("two images are focused at 1", "focus.csv"),
         ("size differs", "f_002.png"),
-        ("the depth map tells no depths", "depth.npy"),
+        ("none of 6912 depths is finite and above 0, and not missing", "depth.npy"),
     ]
     capture = Dataset(tmp_path / "mine.zarr").captures()[0]
     assert capture.stack.attrs["unit"] == "metres"

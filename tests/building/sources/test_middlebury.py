@@ -1,10 +1,10 @@
+import zipfile
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.middlebury import MiddleburyScenes
+from dfdbench.building.sources.middlebury import MiddleburyScenes, SceneFiles, find_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -66,35 +66,9 @@ def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path
     assert "middlebury-default" not in help_text
 
 
-def test_every_truncation_is_noticed(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    path = tiny_folder / "One/Illum1/Exp0/view1.png"
-    whole = path.read_bytes()
-    for end in (9, 50, len(whole) // 2, len(whole) - 13, len(whole) - 1):
-        path.write_bytes(whole[:end])
-        with pytest.raises(SourceError, match="damaged"):
-            MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-
-
-def test_flipped_bytes_are_noticed(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    path = tiny_folder / "One/Illum1/Exp0/view1.png"
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    path.write_bytes(bytes(content))
-    with pytest.raises(SourceError, match="damaged"):
-        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-
-
-def test_sixteen_bit_images_are_refused(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    done, content = cv2.imencode(".png", np.zeros((24, 30), np.uint16))
-    assert done
-    (tiny_folder / "One/disp1.png").write_bytes(content.tobytes())
-    with pytest.raises(SourceError, match="uint16"):
-        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-
-
 def test_a_depth_map_of_another_size_is_named(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     write_png(tiny_folder / "One/disp5.png", np.arange(24 * 31).reshape(24, 31).astype(np.uint8))
-    with pytest.raises(SourceError, match="size differs") as caught:
+    with pytest.raises(SourceError, match="differs from the other view's") as caught:
         MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert "disp5.png" in str(caught.value)
 
@@ -106,18 +80,62 @@ def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> Non
         MiddleburyScenes(tiny_manifest, tmp_path / "none")
 
 
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (b"", "an empty file"),
-        (b"\xff\xd8\xff\xe0 JFIF", "not a PNG file"),
-        (b"\x89PNG\r\n\x1a\n and nothing else", "damaged"),
-    ],
-)
-def test_damaged_images_are_told_apart(
-    tiny_manifest: Manifest, tiny_folder: Path, content: bytes, told: str
+@pytest.mark.parametrize("above", ["", "ThirdSize", "here/ThirdSize"])
+def test_the_folder_may_be_the_scenes_or_one_above(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, above: str
 ) -> None:
-    (tiny_folder / "One/Illum1/Exp0/view1.png").write_bytes(content)
-    with pytest.raises(SourceError, match=told) as caught:
-        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-    assert "view1.png" in str(caught.value)
+    root = tmp_path / "root"
+    (root / above).parent.mkdir(parents=True, exist_ok=True)
+    tiny_folder.rename(root / above)
+    assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
+
+
+def archive(path: Path, members: dict[str, bytes]) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w") as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return path
+
+
+@pytest.mark.parametrize("top", ["", "Third/"])
+def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> None:
+    packed = archive(
+        tmp_path / "One-2views.zip",
+        {f"{top}One/view1.png": b"packed", f"{top}One/view5.png": b"packed too"},
+    )
+    (tmp_path / "One").mkdir()
+    (tmp_path / "One/view1.png").write_bytes(b"unpacked")
+    files = SceneFiles("One", tmp_path / "One", packed)
+    assert files.read("view1.png") == b"unpacked"
+    assert files.read("view5.png") == b"packed too"
+    assert files.where("view1.png") == str(tmp_path / "One/view1.png")
+    assert files.where("view5.png") == f"{packed}, view5.png"
+    assert not files.has("disp1.png")
+    with pytest.raises(SourceError, match="no such file") as caught:
+        files.read("disp1.png")
+    assert caught.value.problems[0].where == f"{packed}, disp1.png"
+
+
+def test_without_an_archive_the_folder_is_named(tmp_path: Path) -> None:
+    files = SceneFiles("One", tmp_path, None)
+    assert not files.has("view1.png")
+    with pytest.raises(SourceError, match="no such file") as caught:
+        files.read("view1.png")
+    assert caught.value.problems[0].where == str(tmp_path / "view1.png")
+
+
+@pytest.mark.parametrize("above", ["", "ThirdSize", "scenes2005/ThirdSize"])
+@pytest.mark.parametrize("below", ["", "zip-2views"])
+def test_scenes_are_found_in_the_sites_layout_and_below_it(
+    tmp_path: Path, above: str, below: str
+) -> None:
+    assert find_scene("One", "scenes2005", tmp_path) is None
+    packed = archive(tmp_path / above / below / "One-2views.zip", {"One/view1.png": b"x"})
+    found = find_scene("One", "scenes2005", tmp_path)
+    assert found == SceneFiles("One", None, packed)
+    assert found.has("view1.png")
+    (tmp_path / above / "One").mkdir()
+    both = find_scene("One", "scenes2005", tmp_path)
+    assert both == SceneFiles("One", tmp_path / above / "One", packed)
+    assert find_scene("Two", "scenes2005", tmp_path) is None

@@ -81,12 +81,12 @@ def test_what_cannot_be_simulated_is_told_at_once(tmp_path: Path) -> None:
             "scenes": [RELEASED.scenes[0].model_copy(update={"name": "k64"})],
         }
     )
-    with pytest.raises(SourceError) as told:
+    with pytest.raises(SourceError) as said:
         SimulatedRig(other)
-    assert [problem.what for problem in told.value.problems] == [
-        "the simulated lens has no such voltage step",
-        "the simulated rig has other axes",
-        "no such simulated scene",
+    assert [problem.what for problem in said.value.problems] == [
+        "the simulated lens has steps 127 to 143, not 99",
+        "the simulated rig has one axis, exposure_ms, not ['exposure_ms', 'view']",
+        "the simulated scenes are k00 to k63, got k64",
     ]
     with pytest.raises(SourceError, match="section is missing"):
         SimulatedRig(RELEASED.model_copy(update={"capture": None}))

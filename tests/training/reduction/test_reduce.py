@@ -11,21 +11,8 @@ from dfdbench.errors import InputError, MethodError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import Card, build_network, count_parameters, save_weights
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
-from dfdbench.training.reduction.counts import STATISTICS, Counts, Statistic
-from dfdbench.training.reduction.reduce import (
-    BASELINE,
-    LEVELS,
-    as_toml,
-    comparison_table,
-    configurations_in,
-    ensemble_rows,
-    iterative_rows,
-    reduce_weights,
-    rounded,
-    rows_of,
-    rows_table,
-    seconds_an_image,
-)
+from dfdbench.training.reduction import reduce
+from dfdbench.training.reduction.counts import STATISTICS, Statistic
 from tests.methods.made_weights import card, save_small
 from tests.methods.networks.test_architectures import SMALL
 
@@ -34,10 +21,10 @@ def test_weights_become_configurations_of_narrower_networks(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
     choices = TrainingConfiguration(narrow=8, crop=16, steps=3)
-    found = reduce_weights(save_small(tmp_path / "w.safetensors"), tiny_store, choices)
-    assert list(found.rows)[:2] == [BASELINE, "B-01-01"]
+    found = reduce.reduce_weights(save_small(tmp_path / "w.safetensors"), tiny_store, choices)
+    assert list(found.rows)[:2] == [reduce.BASELINE, "B-01-01"]
     assert len(found.rows) == 10
-    assert found.rows[BASELINE] == tuple(SMALL)
+    assert found.rows[reduce.BASELINE] == tuple(SMALL)
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "F-01-01.toml").write_text("old")
@@ -63,7 +50,7 @@ def test_layers_stay_what_they_are_and_rounding_adds_rows(
     architecture = {"filters": list(SMALL), "sampling_size": 3, "first_activation": "sigmoid"}
     path = tmp_path / "w.safetensors"
     save_weights(path, build_network("dfd-net", architecture), card(architecture=architecture))
-    found = reduce_weights(
+    found = reduce.reduce_weights(
         path, tiny_store, TrainingConfiguration(), level=2, rounding="L", split="train"
     )
     assert list(found.rows)[1:] == [f"F2-0{n}-0{m}" for n in (1, 2, 3) for m in (1, 2)] + [
@@ -81,10 +68,10 @@ def test_weights_of_another_network_and_unknown_levels_are_refused(
     path = tmp_path / "u.safetensors"
     save_weights(path, build_network("u-net", unet), card(method="u-net", architecture=unet))
     with pytest.raises(MethodError, match="weights of another architecture"):
-        reduce_weights(path, tiny_store, TrainingConfiguration())
+        reduce.reduce_weights(path, tiny_store, TrainingConfiguration())
     small = save_small(tmp_path / "w.safetensors")
     with pytest.raises(InputError, match="there is no level 4"):
-        reduce_weights(small, tiny_store, TrainingConfiguration(), level=4)
+        reduce.reduce_weights(small, tiny_store, TrainingConfiguration(), level=4)
 
 
 BOARD = Path(__file__).parents[3] / "leaderboard"
@@ -97,7 +84,7 @@ def table_d_1() -> dict[Statistic, dict[int, int]]:
 
 
 def test_the_nine_rows_b_follow_from_table_d_1() -> None:
-    rows = ensemble_rows(table_d_1())
+    rows = reduce.ensemble_rows(table_d_1())
     assert len(rows) == 9
     assert rows == {name: widths for name, widths in FILTERS.items() if name.startswith("B")}
 
@@ -111,15 +98,15 @@ def test_the_last_stages_rows_f_are_those_of_table_d_2() -> None:
     }
     others = dict.fromkeys((*LAYERS, 2), 7)
     before = FILTERS["F-01-01"]
-    rows = iterative_rows({name: others | found for name, found in stage.items()}, 3, before)
+    rows = reduce.iterative_rows({name: others | found for name, found in stage.items()}, 3, before)
     assert rows == {name: FILTERS[name] for name in rows}
     assert list(rows) == ["F-01-01", "F-01-02", "F-02-01", "F-02-02", "F-03-01", "F-03-02"]
 
 
 def test_a_level_leaves_all_other_layers_as_they_are() -> None:
     base = FILTERS["original"]
-    for level, layers in LEVELS.items():
-        rows = iterative_rows(table_d_1(), level, base)
+    for level, layers in reduce.LEVELS.items():
+        rows = reduce.iterative_rows(table_d_1(), level, base)
         assert len(rows) == (9 if level == 1 else 6)
         for widths in rows.values():
             changed = {
@@ -128,15 +115,15 @@ def test_a_level_leaves_all_other_layers_as_they_are() -> None:
                 if one != other
             }
             assert changed == set(layers)
-    assert iterative_rows(table_d_1(), 1, base)["F1-02-03"][14:17] == (70, 19, 70)
+    assert reduce.iterative_rows(table_d_1(), 1, base)["F1-02-03"][14:17] == (70, 19, 70)
     with pytest.raises(InputError, match="only 1, 2 and 3"):
-        iterative_rows(table_d_1(), 4, base)
+        reduce.iterative_rows(table_d_1(), 4, base)
 
 
 def test_h_is_printed_exactly_and_l_goes_down_everywhere() -> None:
     row = {"F-02-02": FILTERS["F-02-02"]}
-    assert rounded(row, "H") == {"F-02-02H": FILTERS["F-02-02H"]}
-    low = rounded(row, "L")["F-02-02L"]
+    assert reduce.rounded(row, "H") == {"F-02-02H": FILTERS["F-02-02H"]}
+    low = reduce.rounded(row, "L")["F-02-02L"]
     assert all(a <= b and a % 8 == 0 for a, b in zip(low, FILTERS["F-02-02"], strict=True))
     # As printed, only these four of the layers that are no multiple go down.
     printed = dict(zip(LAYERS, FILTERS["F-02-02L"], strict=True))
@@ -144,19 +131,7 @@ def test_h_is_printed_exactly_and_l_goes_down_everywhere() -> None:
     assert [ours[layer] for layer in (48, 40, 27, 8)] == [
         printed[layer] for layer in (48, 40, 27, 8)
     ]
-    assert rounded({"x": (5, 256)}, "L") == {"xL": (8, 256)}
-
-
-def test_counts_make_the_rows_of_an_ensemble_or_a_level() -> None:
-    d_1 = table_d_1()
-    found = {layer: (d_1["min"][layer], d_1["max"][layer]) for layer in d_1["min"]}
-    counts = Counts(dict.fromkeys(found, 512), found, found, ("a", "b"))
-    base = FILTERS["original"]
-    assert rows_of(counts, base, None)["B-03-03"] == FILTERS["B-03-03"]
-    assert set(rows_of(counts, base, 3)) == {name for name in FILTERS if name[:2] == "F-"} - {
-        "F-02-02L",
-        "F-02-02H",
-    }
+    assert reduce.rounded({"x": (5, 256)}, "L") == {"xL": (8, 256)}
 
 
 def test_a_row_is_a_configuration_that_train_reads(tmp_path: Path) -> None:
@@ -164,19 +139,12 @@ def test_a_row_is_a_configuration_that_train_reads(tmp_path: Path) -> None:
         narrow=8, noise=2, tracks=("noise",), minimum_learning_rate=1e-9
     )
     path = tmp_path / "row.toml"
-    path.write_text(as_toml(choices, FILTERS["B-01-01"], "B-01-01 of mine"))
+    path.write_text(reduce.as_toml(choices, FILTERS["B-01-01"], "B-01-01 of mine"))
     read = read_configuration(str(path))
     expected = {"filters": list(FILTERS["B-01-01"]), "narrow": 1}
     assert read == choices.model_copy(update=expected)
     assert read.architecture("dfd-net")["filters"] == list(FILTERS["B-01-01"])
     assert "steps" not in tomllib.loads(path.read_text())
-
-
-def test_the_table_has_the_form_of_d_2() -> None:
-    table = rows_table({"B-01-01": FILTERS["B-01-01"]}, {"B-01-01": 1_727_497}, "T")
-    assert table.columns[1:19] == tuple(map(str, LAYERS))
-    assert table.rows[0][0] == "B-01-01"
-    assert table.rows[0][-1] == "1,727,497"
 
 
 def scored(nrmse: float, **changes: object) -> Card:
@@ -194,7 +162,7 @@ CARDS = [
 
 
 def test_best_is_compared_with_best_and_mean_with_mean() -> None:
-    table = comparison_table("T", CARDS, {"original": 0.5, "B-01-01": 0.25})
+    table = reduce.comparison_table("T", CARDS, {"original": 0.5, "B-01-01": 0.25})
     rows = {row[0]: row for row in table.rows}
     assert rows["B-01-01"][1:4] == ("90", "0.250", "2")
     assert rows["B-01-01"][4:6] == ("0.1100", "0.1400")
@@ -209,8 +177,8 @@ def test_best_is_compared_with_best_and_mean_with_mean() -> None:
 
 
 def test_without_the_baseline_nothing_is_compared_and_protocols_are_apart() -> None:
-    assert comparison_table("T", CARDS[2:], {}).rows[0][-2:] == ("–", "–")
-    table = comparison_table("T", CARDS, {}, "thesis-networks-2")
+    assert reduce.comparison_table("T", CARDS[2:], {}).rows[0][-2:] == ("–", "–")
+    table = reduce.comparison_table("T", CARDS, {}, "thesis-networks-2")
     assert table.records[1]["nrmse_mean"] == pytest.approx(0.014)
     assert table.rows[1][2] == "–"
     assert table.rows[1][6:8] == ("–", "–")
@@ -219,16 +187,16 @@ def test_without_the_baseline_nothing_is_compared_and_protocols_are_apart() -> N
 def test_rows_are_those_of_the_folder_and_others_are_named(tmp_path: Path) -> None:
     for name in ("B-01-01", "original", "B-01-02"):
         (tmp_path / f"{name}.toml").write_text("")
-    assert list(configurations_in(tmp_path, None)) == ["original", "B-01-01", "B-01-02"]
-    assert list(configurations_in(tmp_path, ["B-01-02"])) == ["B-01-02"]
+    assert list(reduce.configurations_in(tmp_path, None)) == ["original", "B-01-01", "B-01-02"]
+    assert list(reduce.configurations_in(tmp_path, ["B-01-02"])) == ["B-01-02"]
     with pytest.raises(UnknownNameError, match="B-01-02"):
-        configurations_in(tmp_path, ["B-01-03"])
+        reduce.configurations_in(tmp_path, ["B-01-03"])
     with pytest.raises(InputError, match="lacks original"):
-        configurations_in(tmp_path / "nowhere", None)
+        reduce.configurations_in(tmp_path / "nowhere", None)
 
 
 def test_seconds_are_of_an_answer(tiny_store: Dataset, tmp_path: Path) -> None:
     small = save_small(tmp_path / "w.safetensors")
-    seconds = seconds_an_image({"original": small, "B-01-01": small}, tiny_store, "cpu")
+    seconds = reduce.seconds_an_image({"original": small, "B-01-01": small}, tiny_store, "cpu")
     assert list(seconds) == ["original", "B-01-01"]
     assert all(0 < value < 30 for value in seconds.values())

@@ -11,7 +11,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.log import LogRow, Outcome
 from dfdbench.training.search.particle import begun, bounds_of
-from dfdbench.training.search.plan import Choices, SearchPlan, plan_search
+from dfdbench.training.search.search_plan import Choices, SearchPlan, plan_search
 
 SMALL = {"narrow": 64, "crop": 16, "crops_per_step": 1, "steps": 2, "expansion": "one"}
 BOUNDS = {"crop": "12:16", "kernel": "1:3", "width": "8:128"}

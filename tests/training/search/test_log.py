@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor
@@ -19,15 +19,17 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.training.search import log as module
 from dfdbench.training.search.log import (
-    Job,
+    CENTRE,
+    OF_CENTRE,
+    Evaluation,
     LogRow,
+    Outcome,
     SearchFolder,
-    evaluate_job,
-    mean_parts,
     objective,
+    training_folder,
 )
 from dfdbench.training.search.particle import COMPONENTS, position_of
-from dfdbench.training.search.plan import SearchPlan
+from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
 from tests.methods.networks.test_architectures import SMALL
 from tests.training.search.made_searches import small_plan, some_rows
@@ -90,7 +92,7 @@ def changed(line: int, column: str, value: str) -> Callable[[str], str]:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "said"),
     [
         (changed(2, "objective", "nan"), "objective: no number"),
         (changed(2, "particle", "first"), "line 2"),
@@ -100,23 +102,14 @@ def changed(line: int, column: str, value: str) -> Callable[[str], str]:
     ],
 )
 def test_a_log_that_cannot_be_is_named_and_kept(
-    plan: SearchPlan, path: Path, change: Callable[[str], str], told: str
+    plan: SearchPlan, path: Path, change: Callable[[str], str], said: str
 ) -> None:
     log = path / "positions.csv"
     log.write_text(change(log.read_text()))
     before = log.read_text()
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         opened(plan, path)
     assert log.read_text() == before
-
-
-def test_every_bad_row_is_named(plan: SearchPlan, path: Path) -> None:
-    log = path / "positions.csv"
-    for line in (2, 4):
-        log.write_text(changed(line, "width_8", "wide")(log.read_text()))
-    with pytest.raises(InputError) as caught:
-        opened(plan, path)
-    assert len(caught.value.problems) == 2
 
 
 def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, path: Path) -> None:
@@ -143,17 +136,10 @@ def test_another_search_is_refused_with_what_differs(
         opened(plan, path)
 
 
-def test_a_folder_with_something_else_is_refused(plan: SearchPlan, tmp_path: Path) -> None:
-    (tmp_path / "precious.txt").write_text("keep")
-    with pytest.raises(InputError, match="something else than a search"):
-        opened(plan, tmp_path)
-    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["precious.txt"]
-
-
 def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path) -> None:
     folder = opened(plan, tmp_path / "s")
     for place in ((0, 0), (0, 1)):
-        folder.training(place).mkdir(parents=True)
+        training_folder(folder.path, place).mkdir(parents=True)
     folder.forget([(0, 1), (7, 7)])
     assert [item.name for item in (tmp_path / "s/particles").iterdir()] == ["000-000"]
 
@@ -164,26 +150,27 @@ def test_a_log_that_is_no_text_is_refused(plan: SearchPlan, path: Path) -> None:
         opened(plan, path)
 
 
-def job(store: Dataset, folder: Path, until: float = math.inf, **configuration: Any) -> Job:
-    plan = small_plan(store, configuration)
-    position = position_of(FILTERS["original"], crop=12)
-    return plan.job(plan.work("cpu", 1, until), 0, 1, position, folder / "000-001")
+def evaluated(
+    store: Dataset, folder: Path, until: float = math.inf, **configuration: Any
+) -> Outcome | None:
+    evaluate = Evaluation(small_plan(store, configuration), folder, "cpu", 1, until)
+    return evaluate(((0, 1), position_of(FILTERS["original"], crop=12)))
 
 
 def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_path: Path) -> None:
-    asked = job(tiny_store, tmp_path)
-    outcome = evaluate_job(asked)
+    outcome = evaluated(tiny_store, tmp_path)
     assert outcome is not None
     assert (outcome.failed, outcome.steps) == ("", 2)
     assert outcome.value == objective(outcome.train, outcome.other, 0.3) < math.inf
-    card = load_weights(asked.folder / "weights.safetensors", "dfd-net")[1]
-    assert (card.seed, card.parameters) == (asked.seed, outcome.parameters)
+    weights = training_folder(tmp_path, (0, 1)) / "weights.safetensors"
+    card = load_weights(weights, "dfd-net")[1]
+    assert (card.parameters, card.seed) == (outcome.parameters, 1310249577)
     assert "less " in card.trained_on
-    assert evaluate_job(asked) == outcome  # gone on with, nothing is left to train
+    assert evaluated(tiny_store, tmp_path) == outcome  # gone on with, nothing is left to train
 
 
 @pytest.mark.parametrize(
-    ("raised", "told"),
+    ("raised", "said"),
     [
         (None, "diverged: the loss became nan, step"),
         (RuntimeError("CUDA out of memory\nmore"), "failed: CUDA out of memory"),
@@ -195,7 +182,7 @@ def test_a_training_that_fails_is_infinitely_bad(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     raised: Exception | None,
-    told: str,
+    said: str,
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
         assert raised is not None
@@ -203,38 +190,26 @@ def test_a_training_that_fails_is_infinitely_bad(
 
     if raised:
         monkeypatch.setattr(module, "train", fail)
-    outcome = evaluate_job(job(tiny_store, tmp_path, learning_rate=1e30, steps=5))
+    outcome = evaluated(tiny_store, tmp_path, learning_rate=1e30, steps=5)
     assert outcome is not None
     assert outcome.value == math.inf
-    assert outcome.failed.startswith(told)
-
-
-def test_what_says_nothing_of_the_network_is_raised(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise ResultError("cannot write the training", got="No space left on device")
-
-    monkeypatch.setattr(module, "train", fail)
-    with pytest.raises(ResultError, match="No space left"):
-        evaluate_job(job(tiny_store, tmp_path))
+    assert outcome.failed.startswith(said)
 
 
 def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    assert evaluate_job(job(tiny_store, tmp_path, until=time.time())) is None
-    assert not (tmp_path / "000-001").exists()
-    late = job(tiny_store, tmp_path, until=time.time() + 0.5, steps=100_000)
-    assert evaluate_job(late) is None
-    assert (tmp_path / "000-001/checkpoint.pt").exists()
+    assert evaluated(tiny_store, tmp_path, time.time()) is None
+    assert not (tmp_path / "particles/000-001").exists()
+    assert evaluated(tiny_store, tmp_path, time.time() + 0.5, steps=100_000) is None
+    assert (tmp_path / "particles/000-001/checkpoint.pt").exists()
 
 
 def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path: Path) -> None:
-    taken = InputError("taken")
+    (tmp_path / "particles").mkdir()
     with (
-        hold(tmp_path / ".000-001.lock", taken),
+        hold(tmp_path / "particles/.000-001.lock", InputError("taken")),
         pytest.raises(InputError, match="another process is training this particle"),
     ):
-        evaluate_job(job(tiny_store, tmp_path))
+        evaluated(tiny_store, tmp_path)
 
 
 CPU = torch.device("cpu")
@@ -255,23 +230,16 @@ def network() -> Any:
     return DfDNet(SMALL).eval()
 
 
-def test_whole_images_are_scored_as_trainings_are(tiny_store: Dataset) -> None:
-    pairs = tiny_store.pairs("test")[:3]
-    found = mean_parts(network(), tiny_store, pairs, CPU, "mode", centre=False)
-    assert found == mean_scores(network(), tiny_store, pairs, CPU)["thesis"]
-
-
-def test_the_author_scores_the_centre_and_divides_by_255(
-    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "CENTRE", (16, 400))  # the images have 24 rows and 30 columns
+def test_the_author_scores_the_centre_and_divides_by_255(tiny_store: Dataset) -> None:
+    assert CENTRE == (368, 400)
     (pair,) = tiny_store.pairs("test")[:1]
     images = tiny_store.read(pair)
     levels = Predictor(network(), CPU)(images.infocus, images.defocus)
     depth, answer = images.levels[4:20], levels[4:20].astype(np.float32)
-    found = mean_parts(network(), tiny_store, [pair], CPU, "mode", centre=True)
+    # The images have 24 rows and 30 columns.
+    of_centre = mean_scores(network(), tiny_store, [pair], CPU, "mode", [OF_CENTRE], (16, 400))
+    found = of_centre[OF_CENTRE.label]
     errors = answer.astype(float) - depth
     assert found["nmae"] == pytest.approx(np.abs(errors).mean() / 255, abs=1e-6)
     assert found["nrmse"] == pytest.approx(np.sqrt((errors**2).mean()) / 255, abs=1e-6)
-    whole = mean_parts(network(), tiny_store, [pair], CPU, "mode", centre=False)
-    assert found["ssim"] != whole["ssim"]
+    assert found["ssim"] != mean_scores(network(), tiny_store, [pair], CPU)["thesis"]["ssim"]

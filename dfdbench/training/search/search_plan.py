@@ -1,0 +1,245 @@
+"""What is searched, on what, and how its networks are selected; checked before the first begins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.methods.networks.choices import FILTERS
+from dfdbench.methods.networks.inference import find_device
+from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.training.configuration import TrainingConfiguration, settled
+from dfdbench.training.search.particle import (
+    PATCHES,
+    VARIANTS,
+    Bounds,
+    Box,
+    Numbers,
+    Particle,
+    Variant,
+    box_of,
+    position_of,
+)
+from dfdbench.training.task import Task, require_trainable, task_of
+
+#: Of the search's record.
+VERSION = 1
+#: Choices that a particle makes.
+VARIED = ("filters", "first_activation", "kernels", "activations", "normalized")
+#: Of the training scenes, held out to select on.
+_HELD_OUT = 1 / 5
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a search may be asked for, but the data, the base and the budget.
+
+    Parameters
+    ----------
+    split : str
+        What trains.
+    as_thesis : bool
+        Select on the test split, as published; else on scenes held out of the training split.
+    held_out : int or None
+        How many scenes; None for a fifth, at least one.
+    gamma : float
+        Weight of the training pairs in Eq. 6.1.
+    variant : str
+        One of `VARIANTS`.
+    bounds : Bounds
+        What a particle may describe.
+    particles : int
+        How many.
+    pairs : int or None
+        Pairs of each set that are scored; None for all.
+    seed : int
+        Of the swarm, of the scenes held out, and of every training's seed.
+    """
+
+    split: str = "train"
+    as_thesis: bool = False
+    held_out: int | None = None
+    gamma: float = 0.3
+    variant: str = "thesis"
+    bounds: Bounds = field(default_factory=Bounds)
+    particles: int = 20
+    pairs: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """A search that can be done.
+
+    Parameters
+    ----------
+    store : Dataset
+        The data set.
+    base : TrainingConfiguration
+        Every choice that a particle does not make.
+    choices : Choices
+        What was asked for.
+    train, other : tuple of str
+        Scenes that train, and those that select.
+    """
+
+    store: Dataset
+    base: TrainingConfiguration
+    choices: Choices
+    train: tuple[str, ...]
+    other: tuple[str, ...]
+
+    @property
+    def variant(self) -> Variant:
+        """What of the author's programs is followed."""
+        return VARIANTS[self.choices.variant]
+
+    @property
+    def box(self) -> Box:
+        """Where particles may be."""
+        return box_of(self.choices.bounds, self.variant)
+
+    @property
+    def known(self) -> Numbers | None:
+        """Where the first particle begins, where that is known."""
+        return position_of(FILTERS["original"]) if self.variant.begins_with_published else None
+
+    @property
+    def selected_on(self) -> str:
+        """What the networks were selected on, in words."""
+        names = ", ".join(self.other)
+        if self.choices.as_thesis:
+            return f"the TEST scenes, as the thesis did: {names}. Scores on them say too much"
+        return f"scenes held out of {self.choices.split}, drawn from seed {self.choices.seed}: " + (
+            names
+        )
+
+    @property
+    def trained_on(self) -> str:
+        """The training scenes in words, for the weights' cards."""
+        left_out = "" if self.choices.as_thesis else f", less {' '.join(self.other)}"
+        return f"{self.store.manifest.stem}, split {self.choices.split}{left_out}"
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for a search to be gone on with."""
+        choices = self.choices
+        return {
+            "version": VERSION,
+            "dfdbench": PACKAGE_VERSION,
+            "manifest_sha256": self.store.manifest.sha256,
+            "fingerprint": self.store.fingerprint,
+            "train": list(self.train),
+            "selected_on": self.selected_on,
+            "gamma": choices.gamma,
+            "variant": choices.variant,
+            "bounds": choices.bounds.model_dump(mode="json"),
+            "particles": choices.particles,
+            "pairs": choices.pairs,
+            "seed": choices.seed,
+            "configuration": self.base.model_dump(mode="json"),
+        }
+
+    def configuration_of(self, particle: Particle) -> TrainingConfiguration:
+        """Return the training of a particle's network.
+
+        As many patches a step as keep the work of a step alike: what the author has for eight
+        orientations, scaled to the base's number at the base's size.
+        """
+        base = self.base
+        patches = base.crops_per_step * PATCHES[particle.crop] / PATCHES[base.crop]
+        chosen = particle.model_dump() | {"crops_per_step": max(1, math.floor(patches + 0.5))}
+        return TrainingConfiguration.model_validate(base.model_dump() | chosen)
+
+
+def plan_search(
+    store: Dataset,
+    base: TrainingConfiguration,
+    changes: Mapping[str, Any],
+    choices: Choices,
+    device: str = "auto",
+) -> SearchPlan:
+    """Return a search, checked.
+
+    Parameters
+    ----------
+    store : Dataset
+        The data set.
+    base : TrainingConfiguration
+        Every choice that a particle does not make.
+    changes : mapping
+        What of it the user set himself.
+    choices : Choices
+        What else was asked for.
+    device : str
+        If it is trained: decides what precision ``auto`` is.
+
+    Raises
+    ------
+    InputError
+        If a choice is made twice, patches do not fit the images, or no scene can be held out.
+    """
+    if choices.variant not in VARIANTS:
+        raise unknown_name("variant", choices.variant, VARIANTS)
+    _refuse_what_particles_choose(base, changes)
+    task = task_of("dfd-net", store, base, choices.split)
+    train = tuple(dict.fromkeys(pair.scene for pair in task.train))
+    if choices.as_thesis:
+        if not task.test:
+            what = f"the store holds no pair that tests {choices.split}, to select on"
+            fix = "build the whole data set, or leave --as-thesis out"
+            raise StoreError(what, where=str(store.path), fix=fix)
+        other = tuple(dict.fromkeys(pair.scene for pair in task.test))
+    else:
+        train, other = _held_out(train, choices)
+    _require_crops(task, train, choices.bounds)
+    base = settled(base, find_device(device))
+    return SearchPlan(store, base, choices, train, other)
+
+
+def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[str, Any]) -> None:
+    fields = TrainingConfiguration.model_fields
+    problems = [
+        Problem("the search chooses this itself", where=name, fix="leave it out")
+        for name in (*VARIED, "crop")
+        if name in changes or (name != "crop" and getattr(base, name) != fields[name].default)
+    ]
+    if base.crop not in PATCHES:
+        known = ", ".join(map(str, PATCHES))
+        problems.append(Problem(f"crop is {base.crop}, not one of {known}", where="crop"))
+    if base.sampling_size != 2:
+        what = "particles have filters of 2 x 2 that halve and double"
+        problems.append(Problem(what, where="sampling_size"))
+    InputError.raise_if(problems)
+
+
+def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    count = choices.held_out or max(1, round(len(train) * _HELD_OUT))
+    if count >= len(train):
+        what = f"{len(train)} training scenes are too few to hold {count} out"
+        fix = "hold out fewer, take another split, or --as-thesis, which selects on the test"
+        raise InputError(what, where=f"split {choices.split}", fix=fix)
+    drawn = np.random.default_rng((choices.seed, len(train))).permutation(len(train))[:count]
+    other = tuple(name for number, name in enumerate(train) if number in drawn)
+    return tuple(name for name in train if name not in other), other
+
+
+def _require_crops(task: Task, train: tuple[str, ...], bounds: Bounds) -> None:
+    largest = task.configuration.model_copy(update={"crop": bounds.crop[1], "narrow": 128})
+    pairs = tuple(pair for pair in task.train if pair.scene in train)
+    try:
+        require_trainable(
+            Task("dfd-net", task.store, pairs, (), "", "", largest, task.seed, task.start)
+        )
+    except InputError as error:
+        if error.problems[0].where != "crop":
+            raise
+        what = f"the largest patches do not fit the images: {error.problems[0].what}"
+        fix = f"--bounds crop={bounds.crop[0]}:N, a multiple of 4"
+        raise InputError(what, where="--bounds crop", fix=fix) from error

@@ -1,0 +1,27 @@
+import pytest
+
+from dfdbench.datasets.catalog import find_manifest, of_seed
+from dfdbench.datasets.rendered import scene_number, unseen_manifest
+from dfdbench.errors import InputError
+
+
+def test_a_seed_names_its_set_and_its_rooms() -> None:
+    seven, public = find_manifest("unseen-7"), find_manifest("unseen")
+    assert (seven.short, seven.stem, seven.depth.kind) == ("unseen-7", "unseen-7-1", "metres")
+    assert [split.pairs for split in seven.splits] == [24, 24]
+    assert [split.pairs for split in public.splits] == [200, 24]
+    assert find_manifest("unseen-0") is public
+    assert seven.sha256 != unseen_manifest("unseen", 8).sha256
+    numbers = [scene_number(name) for name in public.scene_names]
+    assert len(set(numbers)) == len(numbers)
+
+
+@pytest.mark.parametrize("seed", ["-1", "1.5", "x", "", "007", "9" * 19])
+def test_what_is_no_seed_is_refused(seed: str) -> None:
+    with pytest.raises(InputError, match="not a seed"):
+        of_seed("unseen-stack", seed)
+
+
+def test_a_set_without_a_seed_takes_none() -> None:
+    with pytest.raises(InputError, match="not drawn from a seed"):
+        of_seed("demo", 3)

@@ -1,0 +1,119 @@
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import GREYS, BlurLaw
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.blur.synthesis import blur_by_level
+from dfdbench.errors import MethodError
+from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.check import MadePair
+from dfdbench.methods.depth_prior import Part, choose_prior, energy_of
+from dfdbench.methods.fitted import NO_PRIOR, DepthPrior, Solver, read_out
+from dfdbench.methods.law_cost import add_energy
+from dfdbench.methods.registry import load_method
+from tests.methods.made_planes import texture
+
+#: A lens that focuses inside the range gives two depths the same blur.
+FOCUSED = np.hypot(0.5, 0.016 * (np.arange(LEVELS) - 130))
+
+
+def mostly_far(number: int) -> MadePair:
+    """Blocks beyond the focus, and one in ten before it."""
+    random = np.random.default_rng(number)
+    blocks = random.integers(30, 110, (4, 5))
+    blocks[random.random((4, 5)) < 0.1] += 120
+    depth = np.kron(blocks, np.ones((40, 40))).astype(np.uint8)
+    image = texture(number, 160, 200)
+    law = BlurLaw(tuple(FOCUSED.tolist()))
+    blurred = blur_by_level(image.astype(np.float64), depth.astype(np.int64), law.kernels())
+    noisy = blurred + 0.5 * random.normal(size=image.shape)
+    return MadePair(image, np.clip(np.rint(noisy), 0, 255).astype(np.uint8), depth, depth > 0)
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 1, 4])
+def test_the_median_of_a_bell_is_its_middle(sharpness: float) -> None:
+    labels = np.arange(100.0)[:, np.newaxis, np.newaxis]
+    middles = np.array([[40.0, 50.3, 61.7]])
+    found = read_out((labels - middles) ** 2 / 50, sharpness)
+    np.testing.assert_allclose(found, middles, atol=0.02)
+
+
+def test_the_median_of_two_heaps_lies_in_the_heavier() -> None:
+    shares = np.zeros(100)
+    shares[10], shares[79:82] = 0.4, 0.2
+    costs = -np.log(np.maximum(shares, 1e-9))[:, np.newaxis, np.newaxis]
+    assert read_out(costs, 0) == 10
+    assert 78.5 < read_out(costs, 1)[0, 0] < 80
+
+
+def test_a_depth_that_is_shown_e_times_as_often_costs_a_nat_less() -> None:
+    shares = np.zeros((2, LEVELS))
+    shares[:, :128], shares[:, 128:] = math.e, 1
+    energy = energy_of(shares / shares.sum(axis=1, keepdims=True))
+    assert energy[220] - energy[20] == pytest.approx(1, abs=0.01)
+    assert energy.min() == 0
+
+
+def test_a_prior_is_chosen_where_it_helps_and_left_off_elsewhere() -> None:
+    captures = [mostly_far(number) for number in range(6)]
+
+    def twofold(part: Part, prior: DepthPrior) -> NDArray[np.float64]:
+        # Each level and its mirror image beyond the focus cost the same, but for what is shown.
+        levels = np.arange(LEVELS)[:, np.newaxis, np.newaxis]
+        off = np.minimum(abs(levels - part.levels), abs(260 - levels - part.levels))
+        energy = prior.energy[:, np.newaxis, np.newaxis] if prior.weight else 1e-6 * (260 - levels)
+        return read_out(off + energy, prior.sharpness)
+
+    found = choose_prior(twofold, captures, readouts=True)
+    assert found.weight > 0
+    assert found.energy[200] - found.energy[60] > 1
+    perfect = choose_prior(lambda part, prior: part.levels, captures, readouts=True)
+    assert perfect is NO_PRIOR
+    assert choose_prior(twofold, captures[:1], readouts=True) is NO_PRIOR
+
+
+@pytest.mark.parametrize("name", ["local", "guided", "sgm", "graph-cuts", "rational-filters"])
+def test_a_prior_that_nothing_would_fit_is_refused(name: str) -> None:
+    with pytest.raises(MethodError, match="the blur is given"):
+        load_method(name, {"recipe": "published", "prior": True}, {})
+    with pytest.raises(MethodError, match="true or false"):
+        load_method(name, {"recipe": None, "prior": "yes"}, {})
+
+
+def test_what_a_level_costs_is_added_up_to_the_limit() -> None:
+    costs = np.array([[[0, 5, 60, 90]]], np.uint16)
+    # More than 16 bits hold must not begin anew at 0.
+    assert add_energy(costs, np.array([40.4, 0, 0, 65537]), 90) == 5
+    assert costs.tolist() == [[[35, 0, 55, 90]]]
+
+
+@pytest.mark.parametrize("name", ["graph-cuts", "graph-cuts-rounded"])
+def test_a_cut_takes_the_depth_that_occurs_where_nothing_is_seen(name: str) -> None:
+    law = BlurLaw(tuple(FOCUSED.tolist()), noise=(1.0,) * GREYS)
+    method = load_method(name, {"recipe": None}, {}).predict
+    assert isinstance(method, Solver)
+    method.calibrations = (Calibration(law, FOCUSED, np.ones(LEVELS, np.int64), np.ones(LEVELS)),)
+    bare = np.full((40, 50, 3), 120, np.uint8)
+    energy = np.abs(np.arange(LEVELS) - 77.0)
+    method.prior = DepthPrior(energy, weight=1.0)
+    np.testing.assert_allclose(method(bare, bare), 77, atol=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["local", "sgm", "rational-filters", "favaro-soatto"])
+def test_a_method_that_knows_which_depths_occur_takes_the_right_one_of_two(name: str) -> None:
+    training = [mostly_far(number) for number in range(8)]
+    fitted = {} if name == "favaro-soatto" else {"recipe": None}
+    errors = []
+    for prior in (False, True):
+        method = load_method(name, {**fitted, "prior": prior}, {})
+        method.fit(training)
+        tests = [mostly_far(number) for number in (20, 21)]
+        off = [np.abs(method(pair.infocus, pair.defocus) - pair.levels) for pair in tests]
+        errors.append(float(np.mean(off)))
+    without, known = errors
+    # Ten in a hundred blocks are before the focus, where the prior is wrong.
+    assert known < 0.85 * without, errors

@@ -1,0 +1,75 @@
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import dfdbench
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import DfdbenchError, InputError
+from tests.conftest import TINY_TOML
+
+MEAN = """
+import numpy as np
+
+class Mean:
+    def fit(self, pairs):
+        return {"level": np.mean([pair.levels[pair.valid].mean() for pair in pairs])}
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level, np.float32)
+"""
+
+
+@pytest.fixture
+def dark_store(tiny_folder: Path, tmp_path: Path) -> Dataset:
+    """The tiny set with other depths, all below 64."""
+    for path in tiny_folder.rglob("disp*.png"):
+        Image.fromarray(np.asarray(Image.open(path)) // 4).save(path)
+    manifest = tmp_path / "dark-1.toml"
+    manifest.write_text(TINY_TOML.replace('"tiny"', '"dark"'))
+    return dfdbench.build(str(manifest), tiny_folder, store=tmp_path / "dark.zarr")
+
+
+def test_a_fit_costs_more_on_the_other_set(
+    tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "mean.py").write_text(MEAN)
+    run = partial(dfdbench.run_transfer, f"{tmp_path}/mean.py:Mean", [tiny_store, dark_store])
+    found = run(out=tmp_path / "runs")
+    assert list(found.table().index) == list(found.table().columns) == ["tiny", "dark"]
+    means = found.table().to_numpy()
+    # Off by the difference of the means, and by more than where it was fitted.
+    assert (means > np.diag(means) + 0.1).tolist() == [[False, True], [True, False]]
+    assert found.worst() == pytest.approx((means / np.diag(means)).max())
+    assert f"{found.worst():.2f} times" in found.as_table().notes[0]
+    assert [path.name for path in found.draw()] == ["transfer.png"]
+    again = run(out=tmp_path / "runs")
+    # Nothing is run twice: even the times are the same.
+    assert again.results == found.results
+
+
+def test_what_cannot_be_transferred_says_why(
+    tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "mean.py").write_text(MEAN)
+    with pytest.raises(InputError, match="each named once; got 2"):
+        dfdbench.run_transfer("local", [tiny_store, tiny_store])
+    with pytest.raises(InputError, match="got 1"):
+        dfdbench.run_transfer("local", [tiny_store])
+    for method, protocol, split, said in (
+        ("constant", "valid", "test", "has no fit on tiny"),
+        ("mine", "nope", "test", "unknown protocol"),
+        ("mine", "valid", "nope", "nope"),
+    ):
+        name = method if method == "constant" else str(tmp_path / "mean.py:Mean")
+        with pytest.raises(DfdbenchError, match=said):
+            dfdbench.run_transfer(
+                name, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
+            )
+        # Nothing was run for it.
+        assert not (tmp_path / "runs").exists()

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.methods.networks.choices import FILTERS
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
+from dfdbench.training.search.search_plan import Choices, plan_search
+from tests.training.search.made_searches import BOUNDS, small_plan
+
+
+def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:
+    plan = small_plan(tiny_store)
+    assert {plan.train, plan.other} == {("Two",), ("Three",)}
+    assert plan.selected_on == f"scenes held out of test, drawn from seed 0: {plan.other[0]}"
+    assert small_plan(tiny_store).other == plan.other
+    others = {small_plan(tiny_store, seed=seed).other for seed in range(8)}
+    assert others == {("Two",), ("Three",)}
+    assert plan.trained_on == f"tiny-1, split test, less {plan.other[0]}"
+
+
+def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Dataset) -> None:
+    plan = small_plan(tiny_store, split="train", as_thesis=True)
+    assert (plan.train, plan.other) == (("One",), ("Two", "Three"))
+    assert "the TEST scenes, as the thesis did: Two, Three" in plan.selected_on
+    assert plan.trained_on == "tiny-1, split train"
+    tiny_store.scenes = ("One",)
+    with pytest.raises(StoreError, match="no pair that tests"):
+        small_plan(tiny_store, split="train", as_thesis=True)
+
+
+def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Dataset) -> None:
+    plan = small_plan(tiny_store, {"crop": 32, "crops_per_step": 28})
+    for crop, patches in PATCHES.items():
+        particle = particle_at(position_of(FILTERS["original"], crop=crop))
+        assert plan.configuration_of(particle).crops_per_step == patches
+    few = small_plan(tiny_store, {"crop": 32, "crops_per_step": 1})
+    particle = particle_at(position_of(FILTERS["original"], crop=64))
+    assert few.configuration_of(particle).crops_per_step == 1
+
+
+def test_a_position_means_a_network(tiny_store: Dataset) -> None:
+    position = position_of(FILTERS["pso"], first_activation="sigmoid")
+    found = small_plan(tiny_store).configuration_of(particle_at(position))
+    expected = TrainingConfiguration(filters="pso", first_activation="sigmoid", narrow=64)
+    assert found.architecture("dfd-net") == expected.architecture("dfd-net")
+
+
+def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
+    plans = [
+        small_plan(tiny_store, configuration, **choices)
+        for configuration, choices in [
+            ({}, {}),
+            ({"noise": 1.0}, {}),
+            *(
+                ({}, choice)
+                for choice in (
+                    {"gamma": 0.5},
+                    {"variant": "author"},
+                    {"particles": 3},
+                    {"pairs": 2},
+                    {"seed": 1},
+                    {"bounds": Bounds(crop=(12, 12))},
+                    {"split": "train", "as_thesis": True},
+                )
+            ),
+        ]
+    ]
+    assert len({str(plan.identity) for plan in plans}) == len(plans)
+
+
+@pytest.mark.parametrize(
+    ("configuration", "choices", "said"),
+    [
+        ({}, {"bounds": Bounds()}, "at most 24"),
+        ({}, {"split": "train"}, "too few to hold"),
+        ({}, {"held_out": 2}, "too few to hold 2"),
+        ({"filters": "pso"}, {}, "chooses this itself"),
+        ({"crop": 68}, {}, "crop is 68"),
+        ({"sampling_size": 3}, {}, "2 x 2"),
+    ],
+)
+def test_what_cannot_be_searched_is_told(
+    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        small_plan(tiny_store, configuration, **choices)
+
+
+def test_a_choice_of_the_particles_is_not_set(tiny_store: Dataset) -> None:
+    base = TrainingConfiguration.model_validate({"crop": 16})
+    with pytest.raises(InputError, match="chooses this itself"):
+        plan_search(tiny_store, base, {"crop": 16}, Choices(split="test"))
+    with pytest.raises(UnknownNameError, match="did you mean author"):
+        small_plan(tiny_store, variant="autor")
+    assert set(BOUNDS) == set(Bounds.model_fields)
