@@ -23,6 +23,7 @@ Cost = NDArray[np.float32]
 #: Rows and columns of what `PositionalPrior` learns.
 _CELLS = (24, 32)
 
+
 class Constant:
     """The same depth everywhere, without a look at the images.
 
