@@ -67,19 +67,18 @@ def settle_rims(
     [7.5, 7.5, 7.5]
     """
     light = light_of(np.atleast_3d(infocus), laws[0].linear)
-    aims = [
-        aligned(law, light, np.atleast_3d(image)) for law, image in zip(laws, images, strict=True)
-    ]
-    noise = [
-        noise_of(law, aim) * np.float32(math.sqrt(1 + law.infocus_noise**2))
-        for law, aim in zip(laws, aims, strict=True)
-    ]
+    # Filled one by one: they are large.
+    aims = np.empty((len(images), *light.shape), np.float32)
+    noise = np.empty_like(aims)
+    for place, (law, image) in enumerate(zip(laws, images, strict=True)):
+        aims[place] = aligned(law, light, np.atleast_3d(image))
+        noise[place] = noise_of(law, aims[place]) * math.sqrt(1 + law.infocus_noise**2)
     kernels = np.stack([_quadrants(law) for law in laws])
     reach = (kernels[:, :, 0] > 0).sum(2) - 1
     order = np.argsort(np.argsort([law.sigmas for law in laws], axis=0, kind="stable"), axis=0)
     whole = np.rint(levels).astype(np.int64)
     settled = whole.copy()
-    views = (light, np.stack(aims), np.stack(noise), kernels, reach, order < _NEAREST)
+    views = (light, aims, noise, kernels, reach, order < _NEAREST)
     for turn in range(_SWEEPS):
         if not _sweep(settled, *views, turn % 2 == 1):
             break
