@@ -125,12 +125,7 @@ def _laid_on_the_first(
     for image, where in read[1:]:
         try:
             first, other, both, found = matched(
-                read[0][0],
-                image,
-                files.align,
-                files.match_gain,
-                files.moved,
-                files.flat_field or (),
+                read[0][0], image, files.align, files.match_gain, files.moved, flat_field
             )
             others.append(other)
             told.append(found)
