@@ -112,7 +112,8 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     """
     own = law_of(recipe, formation)
     depths = np.arange(own.levels)
-    second, fourth = formation.falloff
+    dark, (second, fourth) = any(formation.falloff), formation.falloff
+    square = np.linspace(0, 1, _KNOTS)
     noisy = bool(formation.noise or formation.read_noise or formation.full_well)
     return BlurLaw(
         sigmas=tuple(float(sigma) for sigma in own.sigmas[own.level_of_depth(depths)]),
@@ -125,7 +126,7 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
         registered=not formation.shift,
         even=not formation.gain,
         similarity=(0.0, 0.0, 0.0, formation.magnification),
-        falloff=((1.0, -second, -fourth),) * 3 if second or fourth else (),
+        falloff=(tuple((1 - second * square - fourth * square**2).tolist()),) * 3 if dark else (),
     )
 
 
@@ -149,6 +150,8 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 _REACH = 4
 #: Lobes of the interpolating kernel that moves an image: it reaches so many pixels further.
 LOBES = 4
+# Of a law's curve of fall-off.
+_KNOTS = 9
 # How far red, green and blue are off focus, as parts of a formation's longitudinal error.
 _FARTHER = (1.0, 0.0, 0.7)
 _GAUSSIAN = 2

@@ -57,8 +57,8 @@ class BlurLaw:
         How the defocus image's view differs, in all pairs alike: pixels down and right, radians
         turned, how much larger (0.006 for 0.6 %), about the middle.
     falloff : tuple of tuple of float
-        Factors of r^2, from the constant on, of each channel's light in the defocus image as a
-        part of the in-focus image's; r is 1 at the corners. None: alike all over.
+        Each channel's light in the defocus image, as a part of the in-focus image's, at even steps
+        of r^2 from the middle to the corners; straight lines between. None: alike all over.
 
     Raises
     ------

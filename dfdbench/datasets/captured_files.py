@@ -89,9 +89,9 @@ class CapturedFiles(StrictRecord):
     match_gain : bool
         Whether the other images get the first one's brightness.
     flat_field : list of list of float
-        Of a pair: for red, green and blue, the factors of r^2, from the constant on, of the light
-        that reaches the defocus image as a part of the in-focus image's; r is 1 at the corners.
-        It is divided by that. Left out, nothing is.
+        Of a pair: for red, green and blue, the light that reaches the defocus image, as a part of
+        the in-focus image's, at even steps of r^2 from the middle to the corners. It is divided by
+        that. Left out, nothing is.
     """
 
     infocus: str | None = None

@@ -54,10 +54,9 @@ def law_figure(calibration: Calibration) -> Figure:
     left.set(xlabel="depth level", ylabel="residual (grey levels, rms)", xlim=(0, law.levels - 1))
     left.set_ylim(bottom=0)
     for axis in corners:
-        radius = np.linspace(0, 1)
         colours = ("#c33", "#383", "#36c") if len(law.falloff) == 3 else ("#555",)
-        for factors, colour in zip(law.falloff, colours, strict=True):
-            axis.plot(radius, np.polynomial.polynomial.polyval(radius**2, factors), color=colour)
+        for curve, colour in zip(law.falloff, colours, strict=True):
+            axis.plot(np.sqrt(np.linspace(0, 1, len(curve))), curve, "o-", color=colour)
         axis.set(xlabel="distance from the middle (1: corner)", ylabel="light, defocus / in-focus")
         axis.set_xlim(0, 1)
     for axis in figure.axes:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw, law_of_fields
 from dfdbench.methods.method import Learned
+from dfdbench.methods.view_change import KNOTS
 
-# Factors of no fall-off.
-_EVEN = [1.0, 0.0, 0.0]
+# No fall-off.
+_EVEN = [1.0] * KNOTS
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,11 @@ _FARTHEST = 0.06
 # has to go with the radius, else it is a shadow.
 _FIELDS = (12, 16)
 _BY_RADIUS = 0.5
+# Knots of the fall-off's curve: a stop before the lens cuts the corners alone, as no low polynomial
+# does.
+KNOTS = 9
+# What a bend of the curve counts beside a field's misfit.
+_STIFF = 0.1
 _FEW_CAPTURES = 3
 
 
@@ -83,11 +88,11 @@ class ViewChange:
         How far it is moved down and right, in pixels; turned, in radians, from down to right; and
         how much larger it is, 0.006 for 0.6 %; about the middle.
     falloff : tuple of tuple of float
-        A channel each: its light, as a part of the in-focus image's, is the polynomial with these
-        factors of r^2, from the constant on; r is 1 at the corners. None: as much light.
+        A channel each: its light, as a part of the in-focus image's, at even steps of r^2 from the
+        middle to the corners; straight lines between. None: as much light.
     by_radius : float
-        What part of the difference in light the polynomial explains; below a half it is taken
-        for a shadow, and left.
+        What part of the difference in light it explains; below a half that is taken for a shadow,
+        and left.
     """
 
     similarity: tuple[float, ...] = (0.0,) * 4
@@ -107,15 +112,16 @@ class ViewChange:
     def light_at(self, shape: Sequence[int]) -> Array:
         """Return the defocus image's light as a part of the other's, shape (y, x, channel)."""
         radius = _square_radius(shape)
-        polyval = np.polynomial.polynomial.polyval
-        return np.stack([polyval(radius, factors) for factors in self.falloff], axis=-1)
+        steps = [np.linspace(0, 1, len(curve)) for curve in self.falloff]
+        curves = zip(steps, self.falloff, strict=True)
+        return np.stack([np.interp(radius, *curve) for curve in curves], axis=-1)
 
     def words(self) -> str:
         """Say it in words.
 
         Examples
         --------
-        >>> ViewChange((0.0, 0.0, 0.0, 0.006), ((1.0, -0.2, 0.0),)).words()
+        >>> ViewChange((0.0, 0.0, 0.0, 0.006), ((1.0, 0.9, 0.8),)).words()
         '0.60 % larger; 20 % darker at the corners than in the middle'
         >>> ViewChange().words()
         'in register, and as bright all over'
@@ -130,7 +136,7 @@ class ViewChange:
             if np.hypot(down, right) > _STILL:
                 words[0] += f", moved by {down:.1f} and {right:.1f} pixels down and right"
         if self.falloff:
-            lost = 1 - float(np.mean([sum(factors) for factors in self.falloff]))
+            lost = 1 - float(np.mean([curve[-1] for curve in self.falloff]))
             side = "darker" if lost > 0 else "brighter"
             words.append(f"{100 * abs(lost):.0f} % {side} at the corners than in the middle")
         return "; ".join(words) or "in register, and as bright all over"
@@ -172,18 +178,21 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     Notes
     -----
     Light: each capture is cut into fields, and the light of a field in the defocus image is held
-    against that in the in-focus image; blur moves light between neighbours only. A polynomial of
-    r^2 is fitted to the fields' ratios. Place and size: the smoothed defocus image is taken for the
-    smoothed in-focus image, its first derivatives times where the similarity moves each pixel, and
-    its Laplacian, by which its blur changes; least squares, from coarse to fine (Lucas and Kanade
-    1981). With fewer than three captures nothing is measured: one scene's shadow or parallax would
-    pass for the camera's.
+    against that in the in-focus image; blur moves light between neighbours only. A curve over r^2,
+    straight between its knots, is fitted to the fields' ratios.
+
+    Place and size: the smoothed defocus image is taken for the smoothed in-focus image, its first
+    derivatives times where the similarity moves each pixel, and its Laplacian, by which its blur
+    changes; least squares, from coarse to fine (Lucas and Kanade 1981).
+
+    With fewer than three captures nothing is measured: one scene's shadow or parallax would pass
+    for the camera's.
 
     Examples
     --------
     >>> image = np.random.default_rng(0).integers(50, 200, (60, 80, 1)).astype(np.uint8)
-    >>> find_change([Images(image, image)] * 3) == ViewChange()
-    True
+    >>> find_change([Images(image, image)] * 3).changes
+    False
     """
     if len(captures) < _FEW_CAPTURES or len({pair.infocus.shape for pair in captures}) > 1:
         return ViewChange()
@@ -225,23 +234,32 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
             ratio = sums[1] / sums[0]
         ratios.append(ratio / np.nanmedian(ratio, axis=(0, 1)) if known.any() else ratio)
         weights.append(_by_field(known.astype(np.float64)))
-    radius = _by_field(_square_radius(pair.infocus.shape)[..., np.newaxis], np.mean)[..., 0]
     count = np.sum(weights, axis=0)
     if not count.all():
         return ViewChange()
     typical = np.nanmedian(ratios, axis=0)
     channels = np.moveaxis(typical, -1, 0)
-    terms = np.stack([np.ones(radius.size), radius.ravel(), radius.ravel() ** 2], axis=1)
-    fitted = [np.linalg.lstsq(terms, values.ravel(), rcond=None)[0] for values in channels]
-    curves = np.stack([terms @ factors for factors in fitted])
+    # Each knot's share in each field.
+    steps, radius = np.linspace(0, 1, KNOTS), _square_radius(pair.infocus.shape)
+    shares = [np.interp(radius, steps, knot)[..., np.newaxis] for knot in np.eye(KNOTS)]
+    terms = np.stack([_by_field(share, np.mean).ravel() for share in shares], axis=1)
+    # Hardly anything lies at the last knot: the curve goes on there as it went before.
+    bends = _STIFF * np.diff(np.eye(KNOTS), 2, axis=0)
+    rows, none = np.concatenate([terms, bends]), np.zeros(len(bends))
+    fitted = [
+        np.linalg.lstsq(rows, np.concatenate([values.ravel(), none]), rcond=None)[0]
+        for values in channels
+    ]
+    curves = np.stack([terms @ curve for curve in fitted])
     left = np.square(channels.reshape(len(channels), -1) - curves).sum()
     all_of_it = np.square(channels - channels.mean(axis=(1, 2), keepdims=True)).sum()
     explained = float(1 - left / all_of_it) if all_of_it else 0.0
-    ends = np.stack([factors.sum() / factors[0] for factors in fitted])
+    # Light that all of an image lacks is its gain, which the law has.
+    fitted = [curve / curve[0] for curve in fitted]
+    ends = np.array([curve[-1] for curve in fitted])
     if explained < _BY_RADIUS or np.abs(ends - 1).max() < _LEVEL or ends.min() < _DARK:
         return ViewChange(by_radius=explained)
-    # Light that all of an image lacks is its gain, which the law has.
-    falloff = tuple(tuple((factors / factors[0]).tolist()) for factors in fitted)
+    falloff = tuple(tuple(curve.tolist()) for curve in fitted)
     return ViewChange(falloff=falloff, by_radius=explained)
 
 

@@ -25,7 +25,7 @@ def test_the_law_sets_the_scale_and_levels_without_pixels_have_no_dot() -> None:
 
 
 def test_a_law_shows_how_the_view_and_the_light_change() -> None:
-    curves = ((1.0, -0.2, 0.0), (1.0, -0.25, 0.0), (1.0, -0.3, 0.0))
+    curves = ((1.0, 0.9, 0.8), (1.0, 0.9, 0.75), (1.0, 0.8, 0.7))
     law = BlurLaw((3.0, 1.0), similarity=(0, 0, 0, 0.006), falloff=curves)
     figure = camera.law_figure(Calibration(law, np.ones(2), np.ones(2, int), np.ones(2)))
     assert "0.60 % larger; 25 % darker" in figure.axes[0].get_title()

@@ -53,7 +53,7 @@ def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
 
 
 def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> None:
-    halved = "[[1.0, -0.5], [1.0, -0.5], [1.0, 0.0]]"
+    halved = "[[1.0, 0.5], [1.0, 0.5], [1.0, 1.0]]"
     plain = open_source(manifest_of(), folder).read("desk")
     text = FOLDER_TOML.replace("[table]", f"flat_field = {halved}\n\n[table]")
     even = open_source(manifest_of(text), folder).read("desk")
