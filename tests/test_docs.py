@@ -16,8 +16,6 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
-from tests.board.made_boards import submit
-from tests.board.made_tracks import make_tracks
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -126,44 +124,6 @@ def test_the_pages_tables_of_tracks_are_those_of_the_board(
     main("demo-1-test")
     for page in ("classical.md", "tracks.md"):
         assert (tmp_path / page).read_text("utf-8") == (DOCS / page).read_text("utf-8"), page
-
-
-@pytest.mark.slow
-def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    main = runpy.run_path(str(DOCS / "tracks_rows.py"))["main"]
-    names = main.__globals__["METHODS"]
-    page = tmp_path / "classical.md"
-    page.write_bytes((DOCS / "classical.md").read_bytes())
-    picture = tmp_path / "tracks_methods.png"
-    summary = tmp_path / "tracks.md"
-    summary.write_bytes((DOCS / "tracks.md").read_bytes())
-    monkeypatch.setitem(main.__globals__, "PAGE", page)
-    monkeypatch.setitem(main.__globals__, "SUMMARY", summary)
-    monkeypatch.setitem(main.__globals__, "PICTURE", picture)
-    (tmp_path / "leaderboard/results").mkdir(parents=True)
-    with pytest.raises(SystemExit, match="nothing is written"):
-        main("demo-1-test")
-    entries = {name: built_in_methods()[name] for name in names}
-    for number, (name, entry) in enumerate(entries.items()):
-        if number == 1:
-            main("demo-1-test")
-            told = capsys.readouterr().err
-            assert f"no runs on tracks of demo-1-test: {', '.join(names[1:])}" in told
-            assert "| noise-1 | 0.1000 |" in page.read_text("utf-8")
-        runs = make_tracks(name, 0.1 + 0.01 * number, entry=entry, source_sha256="5" * 64)
-        submit(list(runs.values()), Path("leaderboard"))
-    for _ in range(2):
-        main("demo-1-test")
-        rows = [line for line in page.read_text("utf-8").splitlines() if "| 0.16" in line]
-        assert len(rows) == 21
-        assert rows[0].startswith("| noise-1 | 0.1000 | 0.1100 |")
-    assert picture.stat().st_size > 20_000
-    written = page.read_text("utf-8")
-    assert written.startswith((DOCS / "classical.md").read_text("utf-8")[:500])
-    assert written.endswith((DOCS / "classical.md").read_text("utf-8")[-500:])
 
 
 def test_the_adapter_for_a_published_stack_network_runs(

@@ -6,7 +6,6 @@ import importlib
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -85,19 +84,6 @@ def test_what_was_not_run_has_a_board_of_its_own_and_no_rank(made: Any, tmp_path
     }
     assert found["thesis"] == [(1, "mine")]
     assert found["thesis: scored, not run"] == [(None, "elsewhere")]
-
-
-def test_pages_link_to_the_repository_once_its_address_is_filled_in(
-    made: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("mkdocs", reason="needs the extra docs")
-    hooks = made("hooks")
-    monkeypatch.setattr(hooks, "ROOT", tmp_path)
-    for line, shown in (("", None), ('Repository = "https://example.org/a/b"', "a/b")):
-        (tmp_path / "pyproject.toml").write_text(f"[project.urls]\n{line}\n")
-        found = hooks.on_config(SimpleNamespace(repo_url=None, repo_name=None))
-        assert found.repo_name == shown
-        assert bool(found.repo_url) == bool(line)
 
 
 def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:

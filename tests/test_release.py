@@ -2,8 +2,6 @@
 
 import runpy
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -79,22 +77,3 @@ def test_no_release_without_the_repositorys_address_and_all_files_show_the_same(
     assert problems(checkout) == [
         "pyproject.toml: expected the repository's address under [project.urls], got none"
     ]
-
-
-def test_the_files_show_no_address_that_pyproject_does_not_have() -> None:
-    urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
-    if urls:
-        assert script()["repository_problems"]() == []
-    else:
-        assert "\nrepository" not in (ROOT / "CITATION.cff").read_text("utf-8")
-        assert "git clone" not in (ROOT / "README.md").read_text("utf-8")
-    # The site takes it from pyproject.toml: docs/site/hooks.py.
-    assert "repo_url" not in (ROOT / "mkdocs.yml").read_text("utf-8")
-
-
-def test_the_script_ends_with_a_status() -> None:
-    for arguments, status in ((["v9.9.9"], 1), ([], 2)):
-        done = subprocess.run(
-            [sys.executable, SCRIPT, *arguments], capture_output=True, check=False
-        )
-        assert (done.returncode, b"expected" in done.stderr) == (status, True)

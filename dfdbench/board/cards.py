@@ -82,8 +82,7 @@ def load_cards(folder: Path) -> dict[str, Card]:
             second.entry, second.entry, second.parameters
         ):
             problems.append(Problem("two cards of one method", where=where, fix="remove one"))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     return cards
 
 

@@ -115,8 +115,7 @@ def load_published(folder: Path) -> list[PublishedTable]:
             problems += problems_of(error, "wrong value in the published table", file=path)
         except (OSError, ValueError) as error:
             problems.append(Problem(f"cannot read it: {reason_of(error)}", where=str(path)))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     return sorted(tables, key=lambda table: table.order)
 
 

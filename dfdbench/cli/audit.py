@@ -111,7 +111,7 @@ def difficulty(
         int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
@@ -148,7 +148,7 @@ def split_command(
         int, typer.Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
@@ -275,7 +275,7 @@ def coverage(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     bound = DensityBound(density_factor, density_floor)
@@ -332,11 +332,7 @@ def _refuse_mixtures(
 
 
 def _answer_each(
-    store: Dataset,
-    each: Each,
-    compare: partial[CoverageRecord],
-    out: str | None,
-    format: screen.AnswerFormat,
+    store: Dataset, each: Each, compare: partial[CoverageRecord], out: str | None, format: Format
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -367,7 +363,7 @@ def _answer_errors(
     training: Training,
     record: CoverageRecord,
     out: str | None,
-    format: screen.AnswerFormat,
+    format: Format,
 ) -> None:
     join = run_errors.join_errors(store, run, folder, record)
     title = (

@@ -9,7 +9,7 @@ import typer
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
-from dfdbench.cli.screen import download_progress, progress, say, writing
+from dfdbench.cli.screen import progress, say, writing
 from dfdbench.datasets.catalog import find_manifest, of_seed
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
@@ -71,7 +71,7 @@ def build(
         read = source if store else None
         output_place(plan.place.path, read, option="--store", replaces=True)
     pool = options.pool_of(workers, scheduler)
-    with download_progress(f"fetching {plan.manifest.short}") as fetched:
+    with progress(f"fetching {plan.manifest.short}") as fetched:
         obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
     tell_fetched(obtained)
     files = obtained.source

@@ -230,38 +230,20 @@ def _show_scenes(store: Dataset) -> None:
     from dfdbench.datasets.damage import scene_record
 
     rows = []
-    placed: list[tuple[str, dict[str, float]]] = []
     others: list[tuple[str, str, str]] = []
     for scene in store.scenes:
         record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
         for name, value in record.found.items():
-            # Other packages' sources may keep whatever fits into JSON.
-            if _places(value) and (not placed or value.keys() == placed[0][1].keys()):
-                placed.append((name, value))
-            else:
-                text = json.dumps(value, ensure_ascii=False)
-                others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
+            text = json.dumps(value, ensure_ascii=False)
+            others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
         size = " × ".join(map(str, store.shape_of(scene)))
         pairs = str(len(store.pairs(scene)))
         rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))
     heading = ("scene", "y × x", "pairs", "made from", "digest")
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
-    if placed:
-        names = tuple(placed[0][1])
-        matched = tuple((pair, *(f"{value[name]:g}" for name in names)) for pair, value in placed)
-        title = "what lays one image on the other"
-        print_table(Table(title, ("pair", *names), matched, "l" + "r" * len(names)))
     if others:
         columns = ("scene", "what", "value")
         print_table(Table("what the source found out", columns, tuple(others), "lll"))
-
-
-def _places(value: object) -> bool:
-    return (
-        isinstance(value, dict)
-        and bool(value)
-        and all(isinstance(number, float) for number in value.values())
-    )
 
 
 def _without_recipe(manifest: Manifest) -> str:

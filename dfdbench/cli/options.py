@@ -137,8 +137,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
             values[name] = value_of(value, f"{option} {name}")
         else:
             problems.append(Problem("not a NAME=VALUE", where=option, got=text))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return values
 
 

@@ -138,8 +138,7 @@ def _look(
     if not isinstance(files, RawScene):
         raise SourceError.of(_not_raw(place))
     wrong = files.scan_problems()
-    if wrong:
-        raise SourceError.of(wrong)
+    SourceError.raise_if(wrong)
     ranges, beams = files.ranges(), files.beams()
     frame, frame_name = _sharp_frame(files)
     kept = files.registration.exists() and not fresh

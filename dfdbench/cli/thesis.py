@@ -117,7 +117,7 @@ def _train_all(
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"
         with progress(label) as bar:
-            card = run_trial(trial, limit, device, training.stepping(bar))
+            card = run_trial(trial, limit, device, lambda *at: bar(*at[:2]))
         cards.append((trial.value, card))
         tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
         keep_tables(folder, tables)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -76,7 +75,9 @@ def train_command(
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
+        outcome = train(
+            task, folder.path, limit, device, lambda done, steps, _: bar(done, steps), fresh
+        )
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     print_tables([card_table(outcome.card), patches_table(drawn)], None)
     _tell(folder, outcome)
@@ -222,12 +223,3 @@ def use_threads(threads: int | None) -> None:
         import torch
 
         torch.set_num_threads(threads)
-
-
-def stepping(bar: Callable[[int, int | None], None]) -> Callable[[int, int | None, float], None]:
-    """Return what a training calls with (done, total, loss): it moves a bar."""
-
-    def step(done: int, steps: int | None, loss: float) -> None:
-        bar(done, steps)
-
-    return step

@@ -136,8 +136,7 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
                 f"the lens is not known well enough: no {', '.join(lacking)}", where=where, fix=_SAY
             )
         )
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     rig, scale = _checked(given, where)
     try:
         sigmas = np.maximum(_sigmas(rig, scale), _LEAST_SIGMA)
@@ -165,8 +164,7 @@ def _checked(given: Mapping[str, Any], where: str) -> tuple[Rig, DepthScale]:
         got = f"near {scale.near:g}, far {scale.far:g}"
         where = f"{where}: {_SCALE}"
         problems.append(Problem("near is not before far", where=where, got=got))
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     return found[0], found[1]
 
 

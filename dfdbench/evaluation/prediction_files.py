@@ -57,16 +57,9 @@ class PredictionFiles:
     highest: float = 255.0
 
     def read(self, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return a pair's depth map in the data set's unit, shape (y, x).
-
-        Raises
-        ------
-        ResultError
-            Where the file has changed since it was checked.
-        """
+        """Return a pair's depth map in the data set's unit, shape (y, x)."""
         depth, _, wrong = _depth(self.files[pair], shape, self.unit, self.about)
-        if depth is None:
-            raise ResultError("the file has changed", where=str(self.files[pair]), got=wrong)
+        assert depth is not None, wrong  # it was read before
         return depth
 
 
@@ -96,8 +89,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     """
     about = store.manifest.depth
     problems = _unfit(folder, store, split, unit)
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     wanted = store.pairs(split)
     files, problems = _sorted_out(folder, store, wanted, split)
     pixels, beyond, highest = 0, 0, 0.0
@@ -114,8 +106,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     problems += wrong[:_MOST]
     if wrong[_MOST:]:
         problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     chosen = {pair: files[pair] for pair in wanted}
     others = len(files) - len(chosen)
     return PredictionFiles(chosen, unit, about, others, beyond / pixels, highest)

@@ -15,12 +15,8 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
-from dfdbench.results import run_folder
-from dfdbench.results.output_place import RUN_IDENTITY
+from dfdbench.results import output_place, run_folder, run_tables, summary, wording
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
-from dfdbench.results.run_tables import run_score_table
-from dfdbench.results.summary import ranked, summarise
-from dfdbench.results.wording import labelled, method_label, score_text
 from dfdbench.system.thumbnails import depth_map, gallery
 from dfdbench.tables.table import as_html, counted, listed
 
@@ -67,7 +63,7 @@ class SavedRun:
     @property
     def label(self) -> str:
         """The method with its parameters, and the place where that is needed."""
-        return labelled(method_label(self.result.method), self.place)
+        return wording.labelled(wording.method_label(self.result.method), self.place)
 
     def images(self, pair: PairResult | str) -> tuple[Capture, NDArray[np.float32]] | None:
         """Return a pair's images and the depth predicted for it, shape (y, x); None without.
@@ -111,19 +107,19 @@ class SavedRun:
     def _repr_html_(self) -> str:
         protocol = shown_protocol(self.result)
         rows = []
-        for pair in ranked(self.result, protocol)[::-1][:_WORST]:
+        for pair in summary.ranked(self.result, protocol)[::-1][:_WORST]:
             if (found := self.images(pair)) is None:
                 continue
             images, prediction = found
             (infocus, _), *others = images.thumbnails()
             scores = ", ".join(
-                f"{metric.title} {score_text(pair.score(protocol, name))}"
+                f"{metric.title} {wording.score_text(pair.score(protocol, name))}"
                 for name, metric in metrics_of(protocol).items()
             )
             depth = depth_map(prediction, images.valid | True, f"prediction: {scores}")
             rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
         worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
-        return as_html(run_score_table(summarise(self.result, protocol))) + worst
+        return as_html(run_tables.run_score_table(summary.summarise(self.result, protocol))) + worst
 
 
 def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
@@ -186,7 +182,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
-    if (folder / RUN_IDENTITY).is_file():
+    if (folder / output_place.RUN_IDENTITY).is_file():
         what = "this run was stopped before its end; the pairs that it finished are kept"
         fix = "the same command that began it finishes it"
         return Problem(what, where=str(folder), fix=fix)

@@ -104,7 +104,8 @@ def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
         )
     for number, row in enumerate(table.rows):
         shown.add_row(*map(_rich_cell, row), end_section=number in table.rules)
-    return Text(spelt_out(table.title), style="bold italic"), shown, *notes
+    title = Text(spelt_out(table.title), style="bold italic")
+    return (title, shown, *notes) if table.rows else (title, *notes)
 
 
 def _rich_cell(text: str) -> Text:

@@ -154,7 +154,3 @@ def test_scenes_that_weights_were_trained_on_are_named(
     found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
     what = f"the weights were trained on scenes of the test, {scenes}"
     assert found == ([what] if scenes else [])
-
-
-def test_a_method_without_weights_may_know_the_training_mean() -> None:
-    assert not training_problems("demo-1, split train", None, "demo-1", "all", "here")

@@ -7,7 +7,6 @@ import pytest
 
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.tables import (
-    board_folds_table,
     board_tables,
     lighting_table,
     link_to,
@@ -125,16 +124,9 @@ def test_a_row_is_the_mean_of_a_scene_and_a_column_a_method() -> None:
     assert table.records[0]["worse"] == pytest.approx(0.17)
 
 
-def test_a_scene_with_a_failed_pair_has_no_mean() -> None:
-    result = make_demo_result(by_name)
-    first = result.pairs[0].model_copy(update={"status": "failed", "scores": {}})
-    table = scenes_table(board_of(result.model_copy(update={"pairs": [first, *result.pairs[1:]]})))
-    assert [row[1] for row in table.rows] == ["–", "0.0700", "0.0600"]
-
-
 def test_folds_are_those_that_the_split_holds_whole() -> None:
     manifest = find_manifest("middlebury-default")
-    table = board_folds_table(board_of(default_lighting("all")))
+    table = scenes_table(board_of(default_lighting("all")), folds=True)
     assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
     for fold, record in zip(manifest.folds, table.records, strict=True):
         expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
@@ -143,7 +135,7 @@ def test_folds_are_those_that_the_split_holds_whole() -> None:
 
 @pytest.mark.parametrize("result", [default_lighting("Art"), make_demo_result(by_name)])
 def test_without_folds_there_is_no_row(result: Result) -> None:
-    assert not board_folds_table(board_of(result)).rows
+    assert not scenes_table(board_of(result), folds=True).rows
     assert "fold" not in [table.columns[0] for table in board_tables(board_of(result), HERE)]
 
 

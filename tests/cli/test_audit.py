@@ -258,19 +258,6 @@ def test_a_run_on_what_trained_its_method_is_a_leak(
     assert any("leak:" in warning for warning in warnings) == (method != "local")
 
 
-@pytest.mark.slow
-def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven: str) -> None:
-    def conclusion(method: str, *options: str) -> str:
-        dfdbench("run --method", method, "--dataset", uneven, "--split", "K2", "--out", method)
-        dfdbench("audit coverage", uneven, "--result", f"{method}/result.json", *options)
-        return str(json.loads(Path(method, "coverage/errors.json").read_text())["conclusion"])
-
-    assert "hard for other reasons" in conclusion("learned:Untrained")
-    assert "gather where training lacks" in conclusion("learned:Untrained", "--train", "Two")
-    assert "is not known" in conclusion("learned:Silent")
-    assert "gather where training lacks" in conclusion("learned:Silent", "--fold", "K2")
-
-
 @pytest.mark.parametrize(
     "verb",
     [

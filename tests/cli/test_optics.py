@@ -41,21 +41,6 @@ def test_a_mistake_ends_with_a_message_and_status_2(
     dfdbench.refused(told, *arguments)
 
 
-def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
-    Path("README.md").write_text("precious")
-    lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
-    dfdbench.refused("not a picture's name", "rig optics blur", *lens, "--out", "README.md")
-    assert Path("README.md").read_text() == "precious"
-
-
-@pytest.mark.parametrize("cell", ["nan", "inf"])
-def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
-    Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
-    dfdbench.refused("not numbers of", "rig optics pairs --lens lens.csv")
-    Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
-    assert dfdbench("rig optics pairs --lens lens.csv").status == 2
-
-
 @pytest.mark.parametrize(
     ("given", "told"),
     [

@@ -156,15 +156,6 @@ def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) ->
     assert [board["rows"][0]["rank"] for board in listed] == [None] * 3
 
 
-@pytest.mark.usefixtures("built")
-def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:
-    run = ("run", "--dataset", "demo", "--method", "constant", "--submit")
-    for arguments, told in ((run, "no leaderboard here"), ((*run, "--limit", "2"), "--limit")):
-        dfdbench.refused(told, *arguments)
-    assert not Path("leaderboard").exists()
-    assert not Path("results").exists()
-
-
 def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
     make_folder("constant")
     depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
@@ -174,18 +165,6 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
     refused = dfdbench.refused("does not hold what was built", *run, "--submit")
     assert "Two/depth" in refused.err
     assert not Path("results").exists()
-
-
-@pytest.mark.usefixtures("built")
-def test_another_method_of_the_same_name_replaces_none_without_a_word(dfdbench: Command) -> None:
-    make_folder("mine.py:predict")
-    run = ("run", "--dataset", "demo", "--method", "mine.py:predict", "--submit", "--no-figures")
-    for answer in ("infocus[..., 0]", "infocus[..., 1]"):
-        Path("mine.py").write_text(f"def predict(infocus, defocus):\n    return {answer}\n")
-        outcome = dfdbench(*run)
-    assert outcome.status == 2
-    assert "another method is there: its source_sha256 is" in outcome.err
-    assert "demo-1-test/mine-py-predict.json" in outcome.err
 
 
 @pytest.mark.usefixtures("built")

@@ -5,18 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.cli.runs import say_overall
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record import Result, load_result
+from dfdbench.results.record import load_result
 from tests.board.made_boards import add_card, make_folder
 from tests.cli.command import Command
-from tests.made_results import limited, make_demo_result
-
-
-def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
-    told = dfdbench("run --method mymodule:predict").err
-    assert "dfdbench build middlebury" in told
-    assert "`dfdbench build demo`, then `--dataset demo`" in told
 
 
 def test_the_whole_way(
@@ -155,27 +147,3 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
     board = dfdbench.fine("leaderboard")
     assert "elsewhere" in board.out
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
-
-
-WHOLE = make_demo_result(lambda _: 0.1)
-
-
-@pytest.mark.parametrize(
-    ("result", "told"),
-    [
-        (
-            WHOLE,
-            "overall      NRMSE 0.1000  NMAE 0.0500  SSIM 0.9000  "
-            "(protocol thesis, split test, 54 pairs)",
-        ),
-        (
-            limited(WHOLE, 36),
-            "overall      no score: 36 of 54 pairs were evaluated  (protocol thesis, split test)",
-        ),
-    ],
-)
-def test_the_scores_over_all_pairs_are_a_line(
-    result: Result, told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    say_overall(result, "thesis")
-    assert capsys.readouterr().err == told + "\n"

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from dfdbench.api import run as evaluate
 from dfdbench.cli import app
-from dfdbench.datasets.dataset import Dataset, open_dataset
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError, StoreError, UnknownNameError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.run import run_method
@@ -125,28 +125,6 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
     assert found[0].pair.id == again.result.pairs[0].id
     with pytest.raises(UnknownNameError, match="Desk"):
         again.images("Desk")
-
-
-def test_what_is_not_there_is_named(tiny_store: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="dfdbench build demo"):
-        evaluate("constant", "demo", cache=tmp_path)
-    with pytest.raises(UnknownNameError, match="constnat"):
-        evaluate("constnat", tiny_store)
-    with pytest.raises(UnknownNameError, match="tset"):
-        evaluate("constant", tiny_store, "tset")
-
-
-@pytest.mark.parametrize("limit", [0, -1])
-def test_less_than_one_pair_is_no_limit(tiny_store: Dataset, limit: int) -> None:
-    with pytest.raises(InputError, match="no number of pairs"):
-        evaluate(grey, tiny_store, limit=limit)
-
-
-def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Dataset) -> None:
-    pairs = open_dataset(str(tiny_store.path)).captures("test")
-    with pytest.raises(InputError, match=r"captures\.dataset"):
-        evaluate(grey, pairs)  # type: ignore[arg-type]
-    assert evaluate(grey, pairs.dataset, limit=1).result.dataset.evaluated == 1
 
 
 def test_it_scores_as_a_run_does_and_says_that_nothing_was_run(

@@ -206,22 +206,6 @@ def test_metres_without_a_scale_and_a_folder_that_is_none(
     assert "no depth.scale in the manifest" in str(raised.value)
 
 
-def test_files_of_other_pairs_are_counted_and_of_many_wrong_ones_some_are_told(
-    tiny_store: Dataset, folder: Path
-) -> None:
-    write_all(tiny_store, "all", folder, lambda stem, d: np.save(f"{stem}.npy", d))
-    assert find_predictions(folder, tiny_store, "test", "levels").others == 4
-
-
-def test_a_file_that_changed_meanwhile_is_told(tiny_store: Dataset, folder: Path) -> None:
-    write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
-    found = find_predictions(folder, tiny_store, "test", "levels")
-    pair, path = next(iter(found.files.items()))
-    path.unlink()
-    with pytest.raises(ResultError, match="has changed"):
-        found.read(pair, tiny_store.shape_of(pair.scene))
-
-
 def test_an_archive_is_not_unpacked_where_it_is_larger_than_any_depth_map(
     tiny_store: Dataset, folder: Path
 ) -> None:

@@ -78,11 +78,6 @@ def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path
     assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == 4
 
 
-def test_no_form_no_file(tmp_path: Path) -> None:
-    assert page.write_plots(content(), tmp_path, ()) == [[], []]
-    assert not list(tmp_path.iterdir())
-
-
 class Tags(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()

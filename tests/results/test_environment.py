@@ -1,7 +1,3 @@
-from pathlib import Path
-
-import pytest
-
 from dfdbench.results.environment import describe_environment
 
 
@@ -12,9 +8,3 @@ def test_the_environment_is_described_without_paths() -> None:
     assert environment.threads["numba"] >= 1
     assert {"numpy", "numba", "dfdbench"} <= set(environment.versions)
     assert "/" not in environment.platform
-
-
-def test_a_checkout_tells_its_commit() -> None:
-    if not (Path(__file__).parents[2] / ".git").exists():
-        pytest.skip("no checkout: nothing tells the commit")
-    assert describe_environment().git

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.errors import UnknownNameError
 from dfdbench.results.run_tables import (
     run_as_csv,
     run_as_json,
@@ -14,8 +13,6 @@ from dfdbench.results.run_tables import (
     spread_table,
 )
 from dfdbench.results.summary import scene_labels, summarise
-from dfdbench.tables.render import as_rich, render
-from dfdbench.tables.table import Format, Table
 from tests.made_results import limited, make_result
 
 VALUES = {
@@ -52,12 +49,6 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert times.rows[-1][2] == "0.2500"
 
 
-def test_few_pairs_are_not_both_best_and_worst() -> None:
-    few = dict(list(VALUES.items())[:6])
-    extremes = run_tables(summarise(make_result(few), "thesis"))[1]
-    assert len(extremes.rows) == 6
-
-
 def test_an_undefined_score_is_shown_as_such() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
     notes = " ".join(run_tables(summarise(result, "thesis"))[0].notes)
@@ -92,26 +83,6 @@ def test_json_and_csv_hold_the_numbers_of_the_tables() -> None:
     rows = csv.DictReader(io.StringIO(run_as_csv(summary)))
     (row,) = (row for row in rows if row["exposure"] == "all" and row["metric"] == "nrmse")
     assert {name: float(row[name]) for name in numbers} == pytest.approx(numbers)
-
-
-def test_a_protocol_that_was_not_scored() -> None:
-    with pytest.raises(UnknownNameError, match="valid"):
-        run_tables(summarise(make_result(VALUES), "valid"))
-
-
-@pytest.mark.parametrize(
-    "name", ["a|b", "<script>alert(1)</script>", "[red]x[/red]", 'q"uote', "🐟"]
-)
-def test_a_name_is_text_never_markup(name: str) -> None:
-    markdown = render(run_tables(summarise(make_result(VALUES, name), "thesis")), Format.markdown)
-    assert "<script>" not in markdown
-    assert "a|b" not in markdown
-    title, *_ = as_rich(Table(name, (name,), ((name,),), "l"))
-    assert str(title) == name
-    rows = list(
-        csv.DictReader(io.StringIO(run_as_csv(summarise(make_result(VALUES, name), "thesis"))))
-    )
-    assert rows[0]["method"] == name
 
 
 def test_tables_of_simulated_captures_say_so() -> None:
@@ -199,16 +170,6 @@ def test_what_was_not_run_is_a_note_and_no_row() -> None:
     (table,) = scene_tables(summarise(result, "thesis"), scenes)
     assert [row[0] for row in table.rows] == ["00", "01"]
     assert table.notes == ("nothing was run of texture 02, 03",)
-
-
-@pytest.mark.parametrize("name", ["k00", "Art"])
-def test_scenes_that_name_neither_have_no_table(name: str) -> None:
-    assert (
-        scene_tables(
-            summarise(make_result({(name, 1, 1, 0): 0.5}), "thesis"), [scene(name, None, None)]
-        )
-        == []
-    )
 
 
 def test_the_parts_come_as_data() -> None:
