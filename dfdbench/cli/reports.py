@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+import dfdbench
 from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
 from dfdbench.cli import screen
@@ -131,10 +131,7 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    from dfdbench import api
-    from dfdbench.figures.style import write_figure
-
-    found = api.compare(first, second, protocol=protocol, dataset=dataset, most=most)
+    found = dfdbench.compare(first, second, protocol=protocol, dataset=dataset, most=most)
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
     (tables,) = found.tables.values()
@@ -145,10 +142,7 @@ def compare(
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
         screen.say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    with screen.writing(picture):
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        write_figure(figure, picture)
-    screen.say(f"panels       {picture}")
+    screen.save_figure(figure, picture)
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
@@ -156,12 +150,7 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
         a, b = (_stem(run.label) for run in (first, second))
         dataset = first.result.dataset
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
-    if out.is_dir() or not out.suffix:
-        return out / "compare.png"
-    if out.suffix.lower() not in screen.PICTURES:
-        what = f"not a folder and no picture ({', '.join(screen.PICTURES)}): {out.name}"
-        raise InputError(what, where="--out")
-    return out
+    return out / "compare.png" if out.is_dir() or not out.suffix else out
 
 
 def _stem(label: str) -> str:
@@ -197,7 +186,7 @@ def leaderboard(
         raise InputError(
             "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
         )
-    board = open_board(folder)
+    board = dfdbench.leaderboard(folder)
     if check:
         board.require_written()
         print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")

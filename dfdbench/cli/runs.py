@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
 from dfdbench.cli.screen import print_tables, progress, say
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
-    from dfdbench.report.objects import Run
     from dfdbench.results.record import Result
 
 
@@ -57,18 +58,15 @@ def run(
     submit: options.Submit = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
-    from dfdbench import api
-    from dfdbench.datasets.dataset import open_dataset
-
     no = "--no-predictions" if no_predictions else "--no-figures" if no_figures else ""
     if no and figure_format:
         raise InputError(
             f"no figures are drawn with {no}", where="--figure-format", fix="leave out one of them"
         )
-    data = open_dataset(dataset, cache=cache)
+    data = dfdbench.open_dataset(dataset, cache=cache)
     param = [*(param or ()), *([f"images={images}"] if images else ())]
     with progress(f"running {method}") as step:
-        done = api.run(
+        done = dfdbench.run(
             method,
             data,
             split,
@@ -110,12 +108,9 @@ def tracks(
     submit: options.Submit = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
-    from dfdbench import api
-    from dfdbench.datasets.catalog import find_manifest
-
     stem = find_manifest(dataset).file_stem
     name = folder_name(method, param) + "-given-blur" * given_blur
-    done = api.run_tracks(
+    done = dfdbench.run_tracks(
         method,
         dataset,
         split,
@@ -149,9 +144,7 @@ def transfer(
     figure_format: options.FigureFormats = None,
 ) -> None:
     """Fit a method on each of several data sets and test every fit on all of them."""
-    from dfdbench import api
-
-    done = api.run_transfer(
+    done = dfdbench.run_transfer(
         method,
         dataset,
         split,
@@ -197,14 +190,11 @@ def score(
     submit: options.Submit = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
-    from dfdbench import api
-    from dfdbench.datasets.dataset import open_dataset
-
-    data = open_dataset(dataset, cache=cache)
+    data = dfdbench.open_dataset(dataset, cache=cache)
     name = method or os.path.basename(os.path.realpath(predictions))
     place = Path("results", f"{data.path.stem}-{split}", f"{folder_name(name, None)}-scored")
     with progress(f"scoring {name}", "the same command scores all of them anew") as step:
-        done = api.score(
+        done = dfdbench.score(
             predictions,
             data,
             split,
@@ -226,7 +216,7 @@ def folder_name(method: str, param: list[str] | None) -> str:
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
 
 
-def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
+def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
     """Draw and print a run, say where its files are, put it on the board; status 1 if pairs failed.
 
     `also` names forms of its figures beside PNG; None for no figures.
@@ -235,10 +225,9 @@ def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -
         say(note)
     if also is not None:
         done.draw(("png", *also))
-    if format is Format.table:
-        print_tables(done.tables(), format)
-    else:
-        print(done.as_text(format), end="")
+    # A sheet holds one kind of row.
+    tables = done.tables()
+    print_tables(tables[:1] if format is Format.csv else tables, format)
     if fitted := done.result.method.fitted_on:
         say(f"fitted       on {fitted}, in {done.result.method.fit_seconds:.1f} s")
     say(f"results      {done.folder}")

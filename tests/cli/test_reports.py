@@ -27,12 +27,12 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     compared = dfdbench.fine("compare window=5 window=9/result.json --format json")
     assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
     place = "results/compare-demo-1-Market-local-window=5-vs-local-window=9.png"
-    assert f"panels       {place}" in compared.err
+    assert f"figure       {place}" in compared.err
     panels = cv2.imread(place)
     assert panels is not None
     assert panels.shape[1] == 1800
     both = ("compare", "window=5", "window=9")
-    assert "panels       folder/compare.png" in dfdbench(*both, "--out", "folder").err
+    assert "figure       folder/compare.png" in dfdbench(*both, "--out", "folder").err
     assert Path("folder/compare.png").exists()
     sheet = dfdbench(*both, "--format", "csv", "--out", "a.png").out.splitlines()
     assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,verdict"
@@ -42,8 +42,8 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     for arguments, told in (
         (("report", "window=5", "--out", "mymodule.py"), "cannot write the answer"),
         (("report", "window=5", "--out", "mymodule.py/x"), "cannot write the answer"),
-        ((*both, "--out", "mymodule.py/a.png"), "cannot write the answer"),
-        ((*both, "--out", "mymodule.py"), "no picture (.png"),
+        ((*both, "--out", "mymodule.py/a.png"), "cannot write the figure"),
+        ((*both, "--out", "mymodule.py"), "not a picture's name"),
         (("compare", "window=5", "window=5/result.json"), "one run is given twice"),
     ):
         dfdbench.refused(told, *arguments)

@@ -31,7 +31,7 @@ def test_the_whole_way(
         assert "figures " not in shown.err
         assert "7 pairs taken over" in shown.err
         if form == "json":
-            assert json.loads(shown.out)["protocol"] == "valid"
+            assert json.loads(shown.out)[0]["rows"][0]["protocol"] == "valid"
     plain = dfdbench.fine("run --method constant --dataset", store, "--limit", "1", "--no-figures")
     kept = sorted(path.name for path in Path("results/tiny-test/constant").iterdir())
     assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt"
