@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import typer
+from typer import Argument, Option
 
 from dfdbench.audit import depth_errors, run_errors, splits
 from dfdbench.audit.coverage import (
@@ -48,13 +49,13 @@ _CONSTANT = "constant"
 def depths(
     dataset: DataSetArgument,
     split: Annotated[
-        str | None, typer.Option(help="A split, a fold, a scene, or all, which is the default.")
+        str | None, Option(help="A split, a fold, a scene, or all, which is the default.")
     ] = None,
     result: Annotated[
-        list[Path] | None, typer.Option(help="A run's folder, for its errors by depth; repeatable.")
+        list[Path] | None, Option(help="A run's folder, for its errors by depth; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
+        Path | None, Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
     ] = None,
     format: Printed = Format.table,
     cache: Cache = None,
@@ -108,7 +109,7 @@ def difficulty(
     dataset: DataSetArgument,
     split: Split = "test",
     noise: Annotated[
-        int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
+        int, Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Out = None,
     format: Printed = Format.table,
@@ -135,17 +136,15 @@ def difficulty(
 def split_command(
     dataset: DataSetArgument,
     test_scenes: Annotated[
-        int | None, typer.Option(min=1, help="Propose test splits of this many scenes.")
+        int | None, Option(min=1, help="Propose test splits of this many scenes.")
     ] = None,
-    folds: Annotated[
-        int | None, typer.Option(min=2, help="Propose this many folds instead.")
-    ] = None,
+    folds: Annotated[int | None, Option(min=2, help="Propose this many folds instead.")] = None,
     criterion: CriterionOption = Criterion.either,
     allow: AllowOption = 0.0,
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
+        int, Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
     out: Out = None,
     format: Printed = Format.table,
@@ -229,46 +228,44 @@ def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...
 #: What is tested one by one against all other scenes.
 Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
-    Criterion, typer.Option(help="What makes a level uncovered; either: both are applied.")
+    Criterion, Option(help="What makes a level uncovered; either: both are applied.")
 ]
 
 
 AllowOption = Annotated[
-    float, typer.Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
+    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
 ]
 
 
 FactorOption = Annotated[
-    float, typer.Option(min=1, help="Density: how many times the share in training is too much.")
+    float, Option(min=1, help="Density: how many times the share in training is too much.")
 ]
 
 
 FloorOption = Annotated[
-    float, typer.Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
+    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
 ]
 
 
 def coverage(
     dataset: Annotated[
-        str | None, typer.Argument(help="The data set that trains.", autocompletion=data_sets)
+        str | None, Argument(help="The data set that trains.", autocompletion=data_sets)
     ] = None,
-    train: Annotated[
-        str | None, typer.Option(help="The split to train on; default: train.")
-    ] = None,
+    train: Annotated[str | None, Option(help="The split to train on; default: train.")] = None,
     test: Annotated[
-        str | None, typer.Option(help="Tests; default: test, or all with --test-dataset.")
+        str | None, Option(help="Tests; default: test, or all with --test-dataset.")
     ] = None,
     fold: Annotated[
-        str | None, typer.Option(help="Test on this fold or scene, train on all other scenes.")
+        str | None, Option(help="Test on this fold or scene, train on all other scenes.")
     ] = None,
     test_dataset: Annotated[
-        str | None, typer.Option(help="Test on another data set: its name or a store's path.")
+        str | None, Option(help="Test on another data set: its name or a store's path.")
     ] = None,
     each: Annotated[
-        Each | None, typer.Option(help="Test every scene or fold against all other scenes.")
+        Each | None, Option(help="Test every scene or fold against all other scenes.")
     ] = None,
     result: Annotated[
-        Path | None, typer.Option(help="A run's folder: show its errors by coverage, too.")
+        Path | None, Option(help="A run's folder: show its errors by coverage, too.")
     ] = None,
     criterion: CriterionOption = Criterion.either,
     allow: AllowOption = 0.0,

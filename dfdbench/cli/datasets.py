@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.filesize import decimal
+from typer import Argument, Option
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 def list_datasets(
     cache: Cache = None,
     entries: Annotated[
-        bool, typer.Option("--entries", help="Show where each method is defined instead.")
+        bool, Option("--entries", help="Show where each method is defined instead.")
     ] = False,
 ) -> None:
     """List the data sets, their tracks and the registered methods."""
@@ -124,9 +125,9 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
 
 def clear_cache(
     names: Annotated[
-        list[str] | None, typer.Argument(help="downloads, stores, or names that are listed.")
+        list[str] | None, Argument(help="downloads, stores, or names that are listed.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, Option("--yes", help="Do not ask.")] = False,
     cache: Cache = None,
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
@@ -164,16 +165,16 @@ _LONGEST = 100
 def info(
     name: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A data set's name, with its track, a manifest's path, or a store's place.",
             autocompletion=data_sets,
         ),
     ],
     pairs: Annotated[
-        str | None, typer.Option(help="List the pairs of this split, fold or scene, one per line.")
+        str | None, Option(help="List the pairs of this split, fold or scene, one per line.")
     ] = None,
     croissant: Annotated[
-        bool, typer.Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
+        bool, Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
     ] = False,
     cache: Cache = None,
 ) -> None:

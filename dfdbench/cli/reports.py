@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 import dfdbench
 from dfdbench.board.board import LEADERBOARD
@@ -22,7 +23,7 @@ from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
-Dataset = Annotated[str | None, typer.Option(help="Store; default: where the runs found it.")]
+Dataset = Annotated[str | None, Option(help="Store; default: where the runs found it.")]
 
 
 #: A page, or one table of methods beside metrics.
@@ -31,20 +32,19 @@ _PAGES = ("html", "markdown")
 
 
 def report(
-    results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
+    results: Annotated[list[Path], Argument(help="Result files or runs' folders.")],
     out: Annotated[
-        Path | None, typer.Option(help="The page's folder (default: report), or a table's file.")
+        Path | None, Option(help="The page's folder (default: report), or a table's file.")
     ] = None,
     protocol: Protocol = None,
     format: Annotated[
-        ReportFormat,
-        typer.Option(help="A page, html or markdown; or a table of methods beside metrics."),
+        ReportFormat, Option(help="A page, html or markdown; or a table of methods beside metrics.")
     ] = "html",
     metric: Annotated[
-        list[str] | None, typer.Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
+        list[str] | None, Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw accuracy against seconds.")
+        Path | None, Option(metavar="FILE.png", help="Draw accuracy against seconds.")
     ] = None,
     figure_format: FigureFormats = None,
     dataset: Dataset = None,
@@ -120,13 +120,13 @@ def _write_page(
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A result file or a run's folder.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another on the same data.")],
+    first: Annotated[Path, Argument(metavar="A", help="A result file or a run's folder.")],
+    second: Annotated[Path, Argument(metavar="B", help="Another on the same data.")],
     protocol: Protocol = None,
-    most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
+    most: Annotated[int, Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Printed = Format.table,
     out: Annotated[
-        Path | None, typer.Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
+        Path | None, Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
     ] = None,
     dataset: Dataset = None,
 ) -> None:
@@ -172,12 +172,12 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
 def leaderboard(
     context: typer.Context,
     check: Annotated[
-        bool, typer.Option("--check", help="Change nothing; fail if a file is wrong or stale.")
+        bool, Option("--check", help="Change nothing; fail if a file is wrong or stale.")
     ] = False,
     format: Annotated[
-        Format | None, typer.Option(help="How the rankings are printed; default: table.")
+        Format | None, Option(help="How the rankings are printed; default: table.")
     ] = None,
-    folder: Annotated[Path, typer.Option(help="The leaderboard's folder.")] = LEADERBOARD,
+    folder: Annotated[Path, Option(help="The leaderboard's folder.")] = LEADERBOARD,
 ) -> None:
     """Rank the results of the leaderboard, print the rankings and write its README."""
     if context.invoked_subcommand:
@@ -197,20 +197,19 @@ def leaderboard(
 
 
 def verify_rows(
-    rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
-    pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
+    rows: Annotated[list[Path], Argument(help="Files of leaderboard/results.")],
+    pairs: Annotated[int, Option(min=1, help="How many pairs are run again.")] = 5,
     seed: Annotated[
-        int | None,
-        typer.Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw."),
+        int | None, Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw.")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="How far a score may be off, 0 to 1.")
+        float, Option(help="How far a score may be off, 0 to 1.")
     ] = SCORE_TOLERANCE,
     trust: Annotated[
-        list[str] | None, typer.Option(metavar="ENTRY", help="Run this code, too; repeatable.")
+        list[str] | None, Option(metavar="ENTRY", help="Run this code, too; repeatable.")
     ] = None,
     weights: Annotated[
-        Path | None, typer.Option(help="Your copy of weights that are not shipped.")
+        Path | None, Option(help="Your copy of weights that are not shipped.")
     ] = None,
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""

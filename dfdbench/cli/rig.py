@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
@@ -50,16 +50,16 @@ _KNOWN_WELL = 3.0  # pixels
 
 
 def register_scenes(
-    scene: Annotated[str, typer.Argument(help="Scenes: k33, k00-k07, or all that are there.")],
-    source: Annotated[Path, typer.Option(help="Folder with raw captures.")],
+    scene: Annotated[str, Argument(help="Scenes: k33, k00-k07, or all that are there.")],
+    source: Annotated[Path, Option(help="Folder with raw captures.")],
     dataset: Annotated[
-        str, typer.Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
+        str, Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
     ] = "realworld",
-    focal_length: Annotated[str, typer.Option(help="Focal length of the camera.")] = "9.6mm",
-    pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
-    baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
+    focal_length: Annotated[str, Option(help="Focal length of the camera.")] = "9.6mm",
+    pixel: Annotated[str, Option(help="Size of a pixel.")] = "4.8um",
+    baseline: Annotated[str, Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool, typer.Option("--fresh", help=f"Estimate again, and keep the old as {PREVIOUS}.")
+        bool, Option("--fresh", help=f"Estimate again, and keep the old as {PREVIOUS}.")
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
@@ -223,16 +223,15 @@ _LARGEST_TURN = 10.0  # degrees
 
 
 def simulate_realworld(
-    out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
-    scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
-    steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
-    exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
+    out: Annotated[Path, Option(help="Folder to write the scenes into.")],
+    scenes: Annotated[str, Option(help="Which: k00-k07,k33.")] = "k00-k07",
+    steps: Annotated[str, Option(help="Voltage steps: 127-143.")] = "127-143",
+    exposures: Annotated[str, Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
-        str, typer.Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
+        str, Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
-    workers: Annotated[
-        int, typer.Option(min=1, max=1024, help="Scenes made at once.")
-    ] = os.cpu_count() or 1,
+    workers: Annotated[int, Option(min=1, max=1024, help="Scenes made at once.")] = os.cpu_count()
+    or 1,
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
     output_place(out)
@@ -257,7 +256,7 @@ def simulate_realworld(
     say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
-def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
+def simulate_lens(out: Annotated[Path, Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
     with writing(out):

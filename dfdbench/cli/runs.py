@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Option
 
 import dfdbench
 from dfdbench.blur.tracks import TRACKS
@@ -28,29 +29,28 @@ def run(
     protocol: options.Protocol = None,
     param: options.Params = None,
     images: Annotated[
-        str | None, typer.Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
+        str | None, Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
     fitted: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
+        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     out: options.Out = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
+        int | None, Option(min=1, help="Run only this many pairs, from the first.")
     ] = None,
     format: options.Printed = Format.table,
     no_predictions: Annotated[
-        bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
+        bool, Option("--no-predictions", help="Save no depth maps and no figures.")
     ] = False,
     no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Draw no figures; `report` can later.")
+        bool, Option("--no-figures", help="Draw no figures; `report` can later.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
+        bool, Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
     ] = False,
     seed: options.Seed = 0,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Pairs at once; times are not comparable then."),
+        int | None, Option(min=1, max=1024, help="Pairs at once; times are not comparable then.")
     ] = None,
     scheduler: options.Scheduler = None,
     cache: options.Cache = None,
@@ -91,16 +91,16 @@ def tracks(
     dataset: options.DataSet = "demo",
     split: options.Split = "test",
     track: Annotated[
-        list[str] | None, typer.Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
+        list[str] | None, Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
     ] = None,
-    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    protocol: Annotated[str, Option(help="Scoring protocol of the table.")] = "valid",
     source: Annotated[
-        Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
+        Path | None, Option(help="Folder of the set's files, to build what is not built.")
     ] = None,
     out: options.Out = None,
     format: options.Printed = Format.table,
     given_blur: Annotated[
-        bool, typer.Option("--given-blur", help="Give it each track's blur; then it has no rank.")
+        bool, Option("--given-blur", help="Give it each track's blur; then it has no rank.")
     ] = False,
     seed: options.Seed = 0,
     cache: options.Cache = None,
@@ -132,11 +132,11 @@ def tracks(
 def transfer(
     method: options.Method,
     dataset: Annotated[
-        list[str], typer.Option(help="A data set that is built; name two or more, each by its own.")
+        list[str], Option(help="A data set that is built; name two or more, each by its own.")
     ],
     param: options.Params = None,
     split: options.Split = "test",
-    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    protocol: Annotated[str, Option(help="Scoring protocol of the table.")] = "valid",
     out: options.Out = None,
     format: options.Printed = Format.table,
     seed: options.Seed = 0,
@@ -164,7 +164,7 @@ def transfer(
 def score(
     predictions: Annotated[
         Path,
-        typer.Option(
+        Option(
             metavar="DIR",
             help="Folder of depth maps, npy, npz, PNG or TIFF: one file per pair, named as "
             "`dfdbench info NAME --pairs SPLIT` lists them.",
@@ -174,13 +174,13 @@ def score(
     split: options.Split = "test",
     unit: Annotated[
         Literal["levels", "metres"],
-        typer.Option(
+        Option(
             help="What arrays and TIFF files of floats hold. 8-bit images hold levels; 16-bit "
             "images levels times 256 or, with metres, millimetres."
         ),
     ] = "levels",
     method: Annotated[
-        str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
+        str | None, Option(help="The method's name in tables; default: the folder's name.")
     ] = None,
     protocol: options.Protocol = None,
     out: options.Out = None,
