@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any
 
 from tests.fuzz import mutation as m
 from tests.fuzz.arguments import command_line
@@ -97,51 +95,6 @@ class Kind:
         return Given(name, tuple(words), {place: changed})
 
 
-def _mended(random: Random, content: bytes) -> bytes:
-    """Change a result, then mend its averages: more than those is to be looked at."""
-    value = m.changed_tree(random, json.loads(content))
-    if random.random() < 0.8 and isinstance(value, dict):
-        _repair(value)
-    return m.as_json(value)
-
-
-def _repair(value: dict[str, Any]) -> None:
-    from dfdbench.results.record import Result, average
-
-    try:
-        loaded = Result.model_validate({**value, "averages": None})
-        whole = average(loaded.pairs, list(loaded.protocol_names)) if loaded.complete else None
-        value["averages"] = whole
-        value["dataset"]["evaluated"] = sum(pair.status == "ok" for pair in loaded.pairs)
-        value["dataset"]["expected"] = len(loaded.pairs)
-    except Exception:  # Whatever is wrong with it is for what is tested to tell.
-        return
-
-
-def _lines_of_json(random: Random, content: bytes) -> bytes:
-    if content.startswith(b"{\n"):
-        return m.changed_json(random, content)
-    lines = content.split(b"\n")
-    number = random.randrange(len(lines))
-    if lines[number].startswith(b"{") and random.random() < 0.8:
-        lines[number] = m.changed_json(random, lines[number])
-        return b"\n".join(lines)
-    return m.changed_bytes(random, content)
-
-
-#: What is put in place of a file, by the content that stands for it.
-OTHER_KINDS: dict[bytes, Callable[[Path], object]] = {
-    b"(folder)": Path.mkdir,
-    b"(pipe)": os.mkfifo,
-    b"(device)": lambda path: path.symlink_to("/dev/zero"),
-    b"(loop)": lambda path: path.symlink_to(path.name),
-}
-
-
-def _another_kind(random: Random, content: bytes) -> bytes:
-    return random.choice([*OTHER_KINDS])
-
-
 _REPORTS = (
     "report ITEM --format table",
     "report ITEM --out page",
@@ -185,10 +138,10 @@ KINDS: dict[str, Kind] = {
     "store": Kind(("tiny.zarr/zarr.json", "tiny.zarr/*/zarr.json"), m.changed_json, _STORES),
     "array of a store": Kind(("tiny.zarr/*/*/zarr.json",), m.changed_json, _STORES),
     "chunk of a store": Kind(("tiny.zarr/*/*/c/**/[0-9]",), m.changed_bytes, _STORES),
-    "result": Kind(("run/result.json",), _mended, _REPORTS),
+    "result": Kind(("run/result.json",), m.changed_json, _REPORTS),
     "predictions of a run": Kind(("run/predictions.zarr/**/zarr.json",), m.changed_json, _SHOWN),
     "run to go on with": Kind(
-        ("run/pairs.jsonl", "run/run.json", "run/store.txt"), _lines_of_json, (_AGAIN,)
+        ("run/pairs.jsonl", "run/run.json", "run/store.txt"), m.changed_bytes, (_AGAIN,)
     ),
     "fit": Kind(
         ("fitted/fit.npz",),
@@ -202,9 +155,6 @@ KINDS: dict[str, Kind] = {
     "lists of the leaderboard": Kind(
         ("board/*.json", "board/published/*.json"), m.changed_json, _BOARD
     ),
-    "kinds of files on the leaderboard": Kind(
-        ("board/*.json", "board/results/*/*.json", "board/published/*.json"), _another_kind, _BOARD
-    ),
     "configuration": Kind(("quick.toml",), m.changed_toml, ("[configuration] FILE",)),
     "experiment": Kind(
         ("quick.toml",),
@@ -214,7 +164,7 @@ KINDS: dict[str, Kind] = {
             "--max-time 1s --device cpu --threads 1 --out out",
         ),
     ),
-    "weights": Kind(("weights.safetensors",), m.changed_safetensors, ("[weights] FILE",)),
+    "weights": Kind(("weights.safetensors",), m.changed_bytes, ("[weights] FILE",)),
     "training to go on with": Kind(
         ("training/checkpoint.pt",), m.changed_bytes, (TRAIN + " --resume",)
     ),
@@ -237,19 +187,20 @@ KINDS: dict[str, Kind] = {
     "ranges as an array": Kind(("ranges.npy",), m.changed_npy, ("[ranges] FILE",)),
     "registration": Kind(("registration.toml",), m.changed_toml, ("[registration] FILE",)),
     "recipe": Kind(("told.toml", "law.toml"), m.changed_toml, ("[recipe] FILE",)),
-    "PNG": Kind(
-        ("sharp.png", "deep.png"), m.changed_png, ("[photograph] FILE", "[png-photograph] FILE")
+    "PNG": Kind(("sharp.png", "deep.png"), m.changed_bytes, ("[png-photograph] FILE",)),
+    "photograph": Kind(
+        ("sharp.png", "deep.png", "sharp.jpg", "sharp.tiff"),
+        m.changed_bytes,
+        ("[photograph] FILE",),
     ),
-    "PNG of depth": Kind(("depth.png",), m.changed_png, ("[depth] FILE", "[png-depth] FILE")),
-    "JPEG": Kind(("sharp.jpg",), m.changed_bytes, ("[photograph] FILE",)),
-    "JPEG of depth": Kind(("depth.jpg",), m.changed_bytes, ("[depth] FILE",)),
-    "TIFF": Kind(("sharp.tiff",), m.changed_bytes, ("[photograph] FILE",)),
-    "TIFF of depth": Kind(("depth.tiff",), m.changed_bytes, ("[depth] FILE",)),
+    "PNG of depth": Kind(("depth.png",), m.changed_bytes, ("[png-depth] FILE",)),
+    "depth": Kind(("depth.png", "depth.jpg", "depth.tiff"), m.changed_bytes, ("[depth] FILE",)),
+    "archive": Kind(("files.zip",), m.changed_bytes, ("[archive] FILE",)),
     "checksums": Kind(("tiny-1.lock",), m.of_text(m.changed_text), ("[checksums] FILE",)),
 }
-#: Classes that are no file of the bench.
-ARCHIVE, ARGUMENTS = "zip archive", "arguments"
-NAMES = (*KINDS, ARCHIVE, ARGUMENTS)
+#: The class that is no file of the bench.
+ARGUMENTS = "arguments"
+NAMES = (*KINDS, ARGUMENTS)
 # They also compile, once, what takes longer than any of the spoiled ones may.
 _SOUND_LINES = {
     ARGUMENTS: (
@@ -276,11 +227,6 @@ def make(name: str, seed: int, number: int, bench: Bench) -> Given:
     if name == ARGUMENTS:
         words = command_line(random) if number > 0 else _SOUND_LINES[name][-number].split()
         return Given(name, tuple(words))
-    if name == ARCHIVE:
-        names = ["One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"]
-        content = m.sound_zip(names)
-        content = m.changed_bytes(random, content) if number > 0 else content
-        return Given(name, ("[archive]", "files.zip"), {"files.zip": content})
     return KINDS[name].make(name, bench, random, None if number > 0 else -number)
 
 
