@@ -76,16 +76,6 @@ def test_a_source_of_ones_own_is_built_as_shown(
     assert capsys.readouterr().out == "162 pairs\n"
 
 
-def test_the_tracks_picture_is_drawn(tiny_store: Dataset, tmp_path: Path) -> None:
-    module = runpy.run_path(str(DOCS / "tracks_figure.py"))
-    pair = tiny_store.pairs("all")[2]
-    clean, *harder = module["defocus_images"](tiny_store, tiny_store.read(pair), "noise")
-    assert (clean == tiny_store.read(pair).defocus).all()
-    assert len(harder) == 3
-    module["main"](str(tiny_store.path), str(tmp_path / "tracks.png"), pair.id)
-    assert (tmp_path / "tracks.png").stat().st_size > 1000
-
-
 def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> None:
     section = (DOCS / "classical.md").read_text("utf-8").partition("## Parameters")[2]
     told: dict[str, dict[str, str]] = {}

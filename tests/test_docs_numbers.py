@@ -287,23 +287,6 @@ def test_pages_say_how_much_of_the_thesis_was_rerun(page: str) -> None:
     assert list(map(int, found)) == counts
 
 
-def test_the_page_on_the_thesis_names_the_published_tables() -> None:
-    text = " ".join((ROOT / "docs/thesis.md").read_text("utf-8").split())
-    (tables, figures) = re.findall(
-        r"beside the reruns: (.+?), and the numbers of Figs (.+?)\. ", text
-    )[0]
-    found = {"table": set[str](), "figure": set[str]()}
-    for kind, listed in (("table", tables), ("figure", figures)):
-        for part in re.split(r", | and ", listed):
-            first, _, last = part.partition(" to ")
-            chapter, _, number = first.partition(".")
-            end = int(last.partition(".")[2] or number)
-            found[kind] |= {f"{chapter}.{n}" for n in range(int(number), end + 1)}
-    for kind, names in found.items():
-        paths = (ROOT / "leaderboard/published").glob(f"emerson-2019-{kind}-*.json")
-        assert names == {path.stem.rpartition("-")[2].upper() for path in paths}
-
-
 def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
     means: dict[tuple[str, str], float] = {}
     on: dict[tuple[str, str, str], float] = {}

@@ -143,30 +143,6 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     assert dfdbench("build tiny-1.toml --allow-missing").status == 0
 
 
-def test_a_mirror_that_has_nothing_is_named(dfdbench: Command, site: Site) -> None:
-    wrong = f"{site.address}/nothing"
-    built = dfdbench.fine("build tiny-1.toml --mirror", wrong)
-    assert f"warning: the mirror lacks 17 files, such as 404 {wrong}" in built.err
-    (site.folder / BELOW).rename(site.folder / "gone")
-    nowhere = dfdbench.refused(
-        "no file of tiny is there", "build tiny-1.toml --mirror", wrong, "--cache", "empty"
-    )
-    assert f"({wrong})" in nowhere.err
-
-
-@pytest.mark.slow
-def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
-    dfdbench: Command, shared_data: Path
-) -> None:
-    folder = str(shared_data / "middlebury/ThirdSize")
-    built = dfdbench.fine("build middlebury-default --source", folder)
-    assert "54 pairs of 27 scenes" in built.out
-    ran = dfdbench.fine("run --method constant --dataset middlebury-default --out out")
-    assert "PARTIAL" not in ran.out
-    assert "(6 of 6 pairs)" in " ".join(ran.out.split())
-    dfdbench.refused("No such option", "build middlebury --source", folder, "--default-lighting")
-
-
 @pytest.mark.slow
 def test_a_cluster_builds_and_runs(
     dfdbench: Command, site: Site, cluster: str, tmp_path: Path

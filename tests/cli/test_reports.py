@@ -9,7 +9,7 @@ import pytest
 import zarr
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record import Result, save_result
+from dfdbench.results.record import save_result
 from tests.board.made_boards import make_folder
 from tests.cli.command import Command
 from tests.made_results import make_demo_result
@@ -68,29 +68,6 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     )
 
 
-def version(value: float) -> Result:
-    return make_demo_result(lambda _: value, "m:f")
-
-
-def test_two_versions_of_a_function_are_two_rows(dfdbench: Command) -> None:
-    for name, value in (("v1", 0.2), ("v2", 0.1), ("v2.previous", 0.3)):
-        save_result(version(value), Path(name, "result.json"))
-    given = ("report", "v1", "v2", "v2.previous", "--format")
-    for form in ("table", "csv", "latex"):
-        found = dfdbench(*given, form)
-        assert (found.status, found.err.count("left out: v2.previous, the run before v2;")) == (
-            0,
-            1,
-        )
-        assert found.out.index("m:f (v2)") < found.out.index("m:f (v1)")
-        assert "previous" not in found.out
-    assert "{tab:demo-1-test-thesis}" in found.out
-    alone = dfdbench("report v2.previous --format csv")
-    assert (alone.err, len(alone.out.splitlines())) == ("", 2)
-    against = dfdbench("compare v1 v2 --format latex")
-    assert "A: m:f (v1), B: m:f (v2); demo-1" in against.out
-
-
 def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command) -> None:
     save_result(make_demo_result(lambda _: 0.2), Path("v1/result.json"))
     Path("t.tex").mkdir()
@@ -134,26 +111,6 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
     ):
         dfdbench.refused(told, *arguments)
-
-
-FAILS_AT_TIMES = """
-def predict(infocus, defocus):
-    assert infocus.mean() < defocus.mean()
-    return infocus[..., 0]
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("built")
-def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:
-    make_folder("fails.py:predict")
-    Path("fails.py").write_text(FAILS_AT_TIMES)
-    ran = dfdbench("run --dataset demo --method fails.py:predict --submit --no-predictions")
-    assert ran.status == 1
-    assert "pairs failed" in ran.err
-    assert "without a rank" in ran.err
-    listed = json.loads(dfdbench("leaderboard --format json").out)
-    assert [board["rows"][0]["rank"] for board in listed] == [None] * 3
 
 
 def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:

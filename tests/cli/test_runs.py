@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import load_result
-from tests.board.made_boards import add_card, make_folder
+from tests.board.made_boards import make_folder
 from tests.cli.command import Command
 
 
@@ -102,25 +102,6 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
     written = {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels}
     assert dfdbench(*words).status == 0
     assert {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels} == written
-
-
-@pytest.mark.slow
-def test_told_runs_are_submitted_without_a_rank(
-    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-    make_folder()
-    add_card(Path("leaderboard"), "told", "local", given_blur=True)
-    words = ("tracks", "--method", "local", "--split", "Market", "--track", "shift")
-    done = dfdbench.fine(*words, "--given-blur", "--submit")
-    assert "on tracks: the blur" in done.out
-    file = Path("leaderboard/results/demo-1-Market/told.json")
-    assert dfdbench("leaderboard --check").status == 2
-    listed = dfdbench("leaderboard --format json")
-    (row,) = json.loads(listed.out)[0]["rows"]
-    assert (row["rank"], row["given_blur"]) == (None, True)
-    assert file.is_file()
-    assert dfdbench("leaderboard").status == dfdbench("leaderboard --check").status == 0
 
 
 @pytest.mark.slow

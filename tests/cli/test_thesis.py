@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.methods.networks.weights import build_network, save_weights
 from tests.cli.command import QUICK, Command
 from tests.conftest import write_png
-from tests.methods.made_weights import card, save_small
+from tests.methods.made_weights import save_small
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
@@ -102,28 +101,6 @@ def test_reduced_networks_are_written_trained_and_compared(
     dfdbench.fine(
         "train dfd-net --config", str(folder / "B-01-01.toml"), "--dataset", dataset, *HERE
     )
-
-
-def test_users_mistakes_end_with_status_2_reduction(dfdbench: Command, tiny_store: Dataset) -> None:
-    small = str(save_small(Path("mine.safetensors")))
-    unet = {"filters": [2, 4, 8, 16, 32]}
-    made = card(method="u-net", architecture=unet)
-    save_weights(Path("unet.safetensors"), build_network("u-net", unet), made)
-    wide = {"filters": [*[4] * 6, 50, 4, 50, *[4] * 8, 256]}
-    save_weights(Path("wide.safetensors"), build_network("dfd-net", wide), card(architecture=wide))
-    Path("none.safetensors").write_text("nothing")
-    dataset = ["--dataset", str(tiny_store.path), *HERE]
-    for arguments, told in (
-        (["--weights", "unet.safetensors"], "another architecture"),
-        (["--weights", "wide.safetensors"], "fewer pixels than filters"),
-        (["--weights", "none.safetensors"], "cannot be read"),
-        (["--weights", "nowhere.safetensors"], "no such weights"),
-        (["--weights", small, "--level", "4"], "there is no level 4"),
-        (["--weights", small, "--split", "tset"], "test"),
-        (["--weights", small, "--config", "publisht"], "no such configuration"),
-    ):
-        dfdbench.refused(told, "thesis reduce", *arguments, *dataset)
-    assert not Path("training").exists()
 
 
 def test_unknown_rows_are_named_before_anything_is_trained(

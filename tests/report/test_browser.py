@@ -173,17 +173,3 @@ def test_a_phone_scrolls_no_page_sideways(page: webdriver.Chrome) -> None:
     width = ask(page, "document.documentElement.scrollWidth")
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert width <= 390
-
-
-def test_on_paper_truth_prediction_and_error_stand_side_by_side(page: webdriver.Chrome) -> None:
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    try:
-        pair = shown(page)[0]
-        places = [
-            pair.find_element(By.CSS_SELECTOR, f".{name}").rect
-            for name in ("truth", "prediction", "error")
-        ]
-        assert places[0]["x"] < places[1]["x"] < places[2]["x"]
-        assert not pair.find_element(By.CSS_SELECTOR, ".toggle").is_displayed()
-    finally:
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})

@@ -8,7 +8,6 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.record import Result, save_result
-from dfdbench.results.run_folder import open_run_folder
 from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
 from tests.made_results import make_demo_result, make_result
 
@@ -49,13 +48,6 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert open_saved_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
     (tmp_path / "out/store.txt").unlink()
     assert "unknown data set" in open_saved_run(tmp_path / "out").without
-
-
-def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
-    open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, goes_on=False)
-    with pytest.raises(ResultError, match="stopped before its end") as told:
-        open_saved_run(tmp_path / "run")
-    assert "the same command" in str(told.value)
 
 
 def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:

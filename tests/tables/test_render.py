@@ -85,19 +85,11 @@ def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> No
 
 _INJECTED = (
     "nice paper {: onmouseover=alert(1) style=position:fixed }",
-    "x {: #id .class }",
-    "\\{: onclick=alert(1) \\}",
     "<b onclick=alert(1)>x</b>",
     "[x](javascript:alert(1))",
-    "![x](javascript:alert(1))",
-    "<javascript:alert(1)>",
     '<div markdown="1" onclick=alert(1)>',
-    "`{: onclick=alert(1) }`{: onclick=alert(1) }",
-    "x\n{: onclick=alert(1) }",
     "!!! danger",
     "# heading {: onclick=alert(1) }",
-    "- item {: onclick=alert(1) }",
-    "1. item",
 )
 
 
