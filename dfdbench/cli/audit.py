@@ -10,25 +10,9 @@ import numpy as np
 import typer
 from typer import Argument, Option
 
+from dfdbench.audit import coverage as cover
 from dfdbench.audit import depth_errors, run_errors, splits
-from dfdbench.audit.coverage import (
-    CoverageRecord,
-    Criterion,
-    DensityBound,
-    as_json,
-    compare_depths,
-    coverage_table,
-    each_as_json,
-    each_table,
-    verdict_line,
-)
-from dfdbench.audit.difficulty import (
-    COARSE,
-    difficulty_as_json,
-    difficulty_rows,
-    difficulty_table,
-    split_difficulty,
-)
+from dfdbench.audit import difficulty as hardness
 from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
@@ -119,17 +103,17 @@ def difficulty(
     folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
     with screen.progress("looking at pairs", "nothing was written") as step:
-        found = split_difficulty(store, split, noise, step)
-    rows = difficulty_rows(manifest, found)
-    order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
+        found = hardness.split_difficulty(store, split, noise, step)
+    rows = hardness.difficulty_rows(manifest, found)
+    order = sorted(found, key=lambda pair: found[pair].share_above(hardness.COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
     figure = audits.difficulty_figure(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    table = difficulty_table(manifest, rows, noise)
+    content = hardness.difficulty_as_json(manifest, store.fingerprint, noise, rows)
+    table = hardness.difficulty_table(manifest, rows, noise)
     screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
@@ -139,10 +123,10 @@ def split_command(
         int | None, Option(min=1, help="Propose test splits of this many scenes.")
     ] = None,
     folds: Annotated[int | None, Option(min=2, help="Propose this many folds instead.")] = None,
-    criterion: CriterionOption = Criterion.either,
+    criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = DensityBound.factor,
-    density_floor: FloorOption = DensityBound.floor,
+    density_factor: FactorOption = cover.DensityBound.factor,
+    density_floor: FloorOption = cover.DensityBound.floor,
     seed: Annotated[
         int, Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
@@ -153,7 +137,7 @@ def split_command(
     if (test_scenes is None) == (folds is None):
         raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
     store = open_dataset(dataset)
-    bound = DensityBound(density_factor, density_floor)
+    bound = cover.DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
     settings = splits.ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
@@ -166,7 +150,7 @@ def split_command(
 def _chosen_by(manifest: Manifest, settings: splits.ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
     said = f"criterion {scenes.criterion}, seed {settings.seed}"
-    if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
+    if scenes.criterion is not cover.Criterion.thesis and scenes.bound != cover.DensityBound():
         said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
         said += f", allowed share {scenes.allowed:g}"
@@ -210,7 +194,7 @@ def _propose_folds(
 
 
 def _scenes(
-    store: Dataset, criterion: Criterion, bound: DensityBound, allow: float
+    store: Dataset, criterion: cover.Criterion, bound: cover.DensityBound, allow: float
 ) -> splits.Scenes:
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
@@ -228,7 +212,7 @@ def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...
 #: What is tested one by one against all other scenes.
 Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
-    Criterion, Option(help="What makes a level uncovered; either: both are applied.")
+    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
 ]
 
 
@@ -267,16 +251,16 @@ def coverage(
     result: Annotated[
         Path | None, Option(help="A run's folder: show its errors by coverage, too.")
     ] = None,
-    criterion: CriterionOption = Criterion.either,
+    criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = DensityBound.factor,
-    density_floor: FloorOption = DensityBound.floor,
+    density_factor: FactorOption = cover.DensityBound.factor,
+    density_floor: FloorOption = cover.DensityBound.floor,
     out: Out = None,
     format: Printed = Format.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
-    bound = DensityBound(density_factor, density_floor)
-    compare = partial(compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
+    bound = cover.DensityBound(density_factor, density_floor)
+    compare = partial(cover.compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
     if result and result.is_dir():
         result = result / RESULT
     run = load_result(result) if result else None
@@ -296,12 +280,14 @@ def coverage(
         record = compare(*both, leaks=leaks_between(*both))
         figure = audits.coverage_figure(record)
         place = _place(out, store, "coverage", _compared(record))
-        files: screen.Files = {"coverage.json": as_json(record), "coverage.png": figure}
-        screen.give([coverage_table(record)], format, place, files, verdict_line(record))
+        files: screen.Files = {"coverage.json": cover.as_json(record), "coverage.png": figure}
+        screen.give(
+            [cover.coverage_table(record)], format, place, files, cover.verdict_line(record)
+        )
         _end(record)
 
 
-def _end(*records: CoverageRecord) -> None:
+def _end(*records: cover.CoverageRecord) -> None:
     leaks = [leak for record in records for leak in record.leaks]
     if leaks:
         raise LeakError.of(leak.as_problem() for leak in leaks)
@@ -329,7 +315,11 @@ def _refuse_mixtures(
 
 
 def _answer_each(
-    store: Dataset, each: Each, compare: partial[CoverageRecord], out: str | None, format: Format
+    store: Dataset,
+    each: Each,
+    compare: partial[cover.CoverageRecord],
+    out: str | None,
+    format: Format,
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -347,9 +337,9 @@ def _answer_each(
     bad = sum(not record.covered for record in records.values())
     criterion = compare.keywords["criterion"]
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
-    files = {"coverage.json": each_as_json(records, each)}
+    files = {"coverage.json": cover.each_as_json(records, each)}
     place = _place(out, store, "coverage", f"each-{each}")
-    screen.give([each_table(records, each)], format, place, files, verdict)
+    screen.give([cover.each_table(records, each)], format, place, files, verdict)
     _end(*records.values())
 
 
@@ -358,7 +348,7 @@ def _answer_errors(
     run: Result,
     folder: Path,
     training: Training,
-    record: CoverageRecord,
+    record: cover.CoverageRecord,
     out: str | None,
     format: Format,
 ) -> None:
@@ -373,7 +363,7 @@ def _answer_errors(
     ]
     files: screen.Files = {
         "errors.json": run_errors.errors_as_json(join, run, record, training),
-        "coverage.json": as_json(record),
+        "coverage.json": cover.as_json(record),
         "coverage.png": audits.coverage_figure(record),
         "errors.png": audits.level_error_figure(join, title),
         "masks.png": audits.mask_figure(store, run, folder, join),
@@ -389,7 +379,7 @@ def _place(out: str | None, store: Dataset, what: str, name: str) -> Path:
     return output_place(default if out is None else out)
 
 
-def _compared(record: CoverageRecord) -> str:
+def _compared(record: cover.CoverageRecord) -> str:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
     if not record.train.split.startswith("all but"):

@@ -132,19 +132,17 @@ def clear_cache(
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
-    known = {*KINDS, *(entry.name for entry in entries)}
-    shorts = {
-        manifest.short: (manifest.stem, f"{manifest.stem}.zarr", f"{manifest.stem}.zarr.partial")
-        for manifest in released_manifests()
-    }
-    for name in names or ():
-        if name not in known | shorts.keys() and part_name(name)[1]:
-            stem = find_manifest(name).stem
-            shorts[name] = (stem, f"{stem}.zarr", f"{stem}.zarr.partial")
-        if name not in known | shorts.keys():
-            raise unknown_name("entry of the cache", name, known | shorts.keys())
-    wanted = {full for name in names or KINDS for full in shorts.get(name, (name,))}
-    chosen = tuple(entry for entry in entries if wanted & {entry.kind, entry.name})
+    stems = {manifest.short: manifest.stem for manifest in released_manifests()}
+    known = {*KINDS, *stems, *(entry.name for entry in entries)}
+    chosen = []
+    for name in names or KINDS:
+        if name not in known and not part_name(name)[1]:
+            raise unknown_name("entry of the cache", name, known)
+        stem = stems.get(name) or (name if name in known else find_manifest(name).stem)
+        chosen += [
+            e for e in entries if name in (e.kind, e.name) or e.name.split(".zarr")[0] == stem
+        ]
+    chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")
     if not chosen:
@@ -154,7 +152,7 @@ def clear_cache(
         if not sys.stdin.isatty():
             raise InputError("nobody can be asked", where="dfdbench cache clear", fix="say --yes")
         typer.confirm("Remove them?", abort=True)
-    remove_entries(chosen)
+    remove_entries(tuple(chosen))
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
 
 

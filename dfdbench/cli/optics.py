@@ -1,6 +1,5 @@
 """The verbs for a lens: optics blur, optics pairs, optics sharpness."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +17,6 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
-_OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20
 _DRAWN = 3
 
@@ -34,18 +32,12 @@ def blur(
     out: Annotated[Path, Option(help="Where the curve is drawn.")] = Path("blur.png"),
 ) -> None:
     """Print a thin lens's blur by distance and draw the curve (thesis, Fig. 2.5)."""
-    try:
-        lens = ThinLens(
-            f_number,
-            parse_length(focal_length, "--focal-length"),
-            parse_length(focus, "--focus"),
-            parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL),
-        )
-    except InputError as error:
-        problems = error.problems
-        raise InputError.of(
-            [replace(p, where=_OPTIONS.get(p.where, p.where)) for p in problems]
-        ) from None
+    lens = ThinLens(
+        f_number,
+        parse_length(focal_length, "--focal-length"),
+        parse_length(focus, "--focus"),
+        parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL),
+    )
     near, far = _range(range)
     if near <= lens.focal_length:
         what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"

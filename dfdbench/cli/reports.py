@@ -54,7 +54,8 @@ def report(
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
         output_place(figure, *results, option="--figure")
-    paths, left_out = without_previous(_each_once(results))
+    once = {os.path.realpath(path / RESULT if path.is_dir() else path): path for path in results}
+    paths, left_out = without_previous(list(once.values()))
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         screen.say(f"left out: {old}, the run before {new.name}; {both}")
@@ -156,17 +157,6 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
 def _stem(label: str) -> str:
     plain = label.replace(" (", "-").replace(", ", "-").replace(")", "")
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.=") else "_" for c in plain)[:80]
-
-
-def _each_once(paths: Sequence[Path]) -> list[Path]:
-    found: dict[Path, Path] = {}
-    for path in paths:
-        file = Path(os.path.realpath(path / RESULT if path.is_dir() else path))
-        if file in found:
-            screen.say(f"given twice, shown once: {path}")
-        else:
-            found[file] = path
-    return list(found.values())
 
 
 def leaderboard(

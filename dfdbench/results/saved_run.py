@@ -77,8 +77,6 @@ class SavedRun:
         ------
         UnknownNameError
             Where the run has no pair of that name.
-        TypeError
-            Where it is neither.
         ResultError
             Where what lies beside the result are no depth maps of its pairs.
         """
@@ -87,8 +85,6 @@ class SavedRun:
             if pair not in records:
                 raise unknown_name("pair of the run", pair, records)
             pair = records[pair]
-        if not isinstance(pair, PairResult):
-            raise TypeError(f"a pair is named by its id or its record, not {pair!r}")
         if self.store is None:
             return None
         prediction = run_folder.read_prediction(

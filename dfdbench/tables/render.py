@@ -33,10 +33,8 @@ _LATEX |= dict(
 _LATEX |= dict(zip("°²³…", [r"$^\circ$", r"$^2$", r"$^3$", r"\dots{}"], strict=True))
 _LATEX |= {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
-# What LaTeX's own fonts have besides letters with accents; of those the ogonek is lacking.
-_LETTERS = "ßæœøłıÆŒØŁ"
-_LAST_ACCENTED = "\u017e"
-_OGONEK = "0328"
+# Of what is not ASCII, the letters that we know LaTeX's own fonts to have.
+_LETTERS = {*map(chr, range(0xC0, 0x100))} - {*"ÐðÞþ×÷"} | {*"œłıŒŁčćěńřšžČĆĚŃŘŠŽ"}
 _LONGEST_LABEL = 60
 
 
@@ -295,16 +293,8 @@ def _letter(letter: str) -> str:
     category = unicodedata.category(letter)
     if category[0] in "CZ":
         return " "
-    if letter.isascii() or letter in _LETTERS or _accented(letter):
-        return letter
-    return f"{{[}}U+{ord(letter):04X}{{]}}"
-
-
-def _accented(letter: str) -> bool:
-    parts = unicodedata.decomposition(letter).split()
-    return (
-        letter <= _LAST_ACCENTED and len(parts) == 2 and parts[0] < "0080" and parts[1] != _OGONEK
-    )
+    plain = letter.isascii() or letter in _LETTERS
+    return letter if plain else f"{{[}}U+{ord(letter):04X}{{]}}"
 
 
 def spelt_out(text: str) -> str:

@@ -45,8 +45,8 @@ def test_a_mistake_ends_with_a_message_and_status_2(
     ("given", "told"),
     [
         (["--pixel", "4.8m"], "1mm at most"),
-        (["--f-number", "-1"], "--f-number"),
-        (["--focus", "1mm"], "--focus"),
+        (["--f-number", "-1"], "f_number"),
+        (["--focus", "1mm"], "focus_distance"),
         (["--range", "5mm", "8mm"], "within the focal length"),
         (["--out", "blur.jpg"], "not a picture's name"),
     ],

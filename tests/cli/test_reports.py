@@ -37,8 +37,6 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     sheet = dfdbench(*both, "--format", "csv", "--out", "a.png").out.splitlines()
     assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,verdict"
     assert not any(line.startswith(",") for line in sheet)
-    twice = dfdbench("report window=5 window=5/result.json --out twice")
-    assert "given twice, shown once: window=5/result.json" in twice.err
     for arguments, told in (
         (("report", "window=5", "--out", "mymodule.py"), "cannot write the answer"),
         (("report", "window=5", "--out", "mymodule.py/x"), "cannot write the answer"),

@@ -169,9 +169,8 @@ def _shipped(name: str) -> Callable[[Bench, Path], None]:
 
 
 def _image(bench: Bench, path: Path) -> None:
-    image = photograph(1, (20, 24))
-    if path.stem == "deep":
-        image = image.astype(np.uint16) * 257
+    shown = photograph(1, (20, 24))
+    image = shown.astype(np.uint16) * 257 if path.stem == "deep" else shown
     assert cv2.imwrite(str(path), image[..., 0] if path.stem == "depth" else image)
 
 
@@ -185,6 +184,10 @@ def _registration(bench: Bench, path: Path) -> None:
     write_registration(path, np.diag([2.0, 2.0, 1.0]), corners, "by the tests")
 
 
+def _folder(bench: Bench, path: Path) -> None:
+    make_folder(path)
+
+
 def _archive(bench: Bench, path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"):
@@ -196,7 +199,7 @@ _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "demo-1.toml": _shipped("demo-1.toml"),
     "realworld-1.toml": _shipped("realworld-1.toml"),
     "mine-1.toml": _written(FOLDER_TOML),
-    "mine": lambda bench, path: make_folder(path),
+    "mine": _folder,
     "files.zip": _archive,
     "mine.py": _written(_METHODS),
     "site": _tiny,
