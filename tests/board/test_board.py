@@ -148,14 +148,6 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     ]
 
 
-def test_a_wrong_card_is_told_beside_a_wrong_row(tmp_path: Path) -> None:
-    add(tmp_path, "mine", 0.1).write_text("{")
-    (tmp_path / "methods/torn.toml").write_text("title = ")
-    with pytest.raises(ResultError) as caught:
-        leaderboard(tmp_path)
-    assert [Path(problem.where).stem for problem in caught.value.problems] == ["torn", "mine"]
-
-
 def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> None:
     # A pair that no row has a score of is undefined for its ground truth, and no mistake.
     for name in ("one", "two"):

@@ -110,10 +110,3 @@ def test_the_summary_is_in_order_and_bears_no_rank() -> None:
     # The thesis's text gives the mean of DfD-Net PSO: 0.0517, 0.0154, 0.9156.
     assert shown.rows[0][1:4] == ("0.0517", "0.0154", "0.9156")
     assert "10.029 (AMD Ryzen 7 1800X)" in shown.rows[1][7]
-
-
-def test_values_that_are_no_scores_are_shown_by_column() -> None:
-    shown = published_table(TABLES["D.1"])
-    assert shown.columns[:3] == ("statistic", "52", "48")
-    assert shown.rows[0][:3] == ("minimum", "33", "39")
-    assert shown.notes[0].startswith("Numbers: clusters found, by layer.")

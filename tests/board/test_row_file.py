@@ -35,14 +35,6 @@ def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
     assert list(read_row(saved(tmp_path, results)).results) == results
 
 
-def test_what_is_common_to_the_runs_is_kept_once(tmp_path: Path) -> None:
-    path = saved(tmp_path, list(make_tracks().values()))
-    text = path.read_text("utf-8")
-    assert text.count('"Kitchen/view1/illumination1/exposure0"') == 1
-    assert text.count('"platform"') == 1
-    assert path.stat().st_size < 170_000
-
-
 def drop_pair(content: dict[str, Any]) -> None:
     del content["pairs"][0]
     for run in content["runs"]:

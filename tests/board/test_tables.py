@@ -133,12 +133,6 @@ def test_folds_are_those_that_the_split_holds_whole() -> None:
         assert record["mine"] == pytest.approx(expected + 3)
 
 
-@pytest.mark.parametrize("result", [default_lighting("Art"), make_demo_result(by_name)])
-def test_without_folds_there_is_no_row(result: Result) -> None:
-    assert not scenes_table(board_of(result), folds=True).rows
-    assert "fold" not in [table.columns[0] for table in board_tables(board_of(result), HERE)]
-
-
 def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
     (board,) = boards([Entry.of(scored("theirs", 0.01), HERE)], ranked=False)
     (table,) = board_tables(board, HERE.parent)

@@ -103,23 +103,6 @@ def test_reduced_networks_are_written_trained_and_compared(
     )
 
 
-def test_unknown_rows_are_named_before_anything_is_trained(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
-    dataset = ["--dataset", str(tiny_store.path), *HERE]
-    Path("rows").mkdir()
-    Path("rows/original.toml").write_text("crop = 16\nsteps = 1\n")
-    for arguments, told in (
-        (["reduction", "--rows", "rows", "--values", "B-09-01"], "unknown row"),
-        (["reduction", "--rows", "nowhere"], "lacks original.toml"),
-        (["reduction", "--values", "B-09-01", *FEW], "B-01-01"),
-        (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
-        (["noise", "--rows", "rows"], "has no rows"),
-    ):
-        dfdbench.refused(told, "thesis experiment", *arguments, *dataset)
-    assert not Path("training").exists()
-
-
 pytest.importorskip("torch", reason="needs the extra nets")
 
 

@@ -1,5 +1,4 @@
 import gc
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from typer.testing import CliRunner
 from dfdbench.api import run as evaluate
 from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError, StoreError, UnknownNameError
+from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.frame import frame_of
@@ -173,19 +172,3 @@ def test_what_looks_like_another_unit_is_said(tiny_store: Dataset, tmp_path: Pat
     assert done.result.method.scored == "metres"
     (told,) = [text for text in done.result.warnings if "beyond" in text]
     assert told.endswith("of all pixels lie beyond 0.5 to 2 m and count as the end")
-
-
-def test_pairs_that_the_store_lacks_are_asked_of_nobody(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
-    write_all(tiny_store, "test", tmp_path / "made", lambda stem, d: np.save(f"{stem}.npy", d))
-    shutil.rmtree(Path(str(tiny_store.path)) / "Three")
-    partial = Dataset(tiny_store.path)
-    with pytest.raises(StoreError, match="has lost scenes"):
-        score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m")
-    # As of a build that was lacking the scene's files.
-    lacking = partial.manifest.pairs_of_scene("Three")
-    partial.attributes["missing_pairs"] = [pair.id for pair in lacking]
-    result = score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m").result
-    assert [pair.status for pair in result.pairs].count("missing") == 3
-    assert result.averages is None

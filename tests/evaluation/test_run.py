@@ -213,18 +213,6 @@ def test_pairs_that_the_store_lacks_are_missing(
         run_method(Dataset(other), method(Counting()), "test", tmp_path / "o")
 
 
-def test_without_predictions_nothing_but_scores_is_kept(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
-    run = run_method(
-        tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(keep_predictions=False)
-    )
-    assert run.result.complete
-    assert not (tmp_path / "out/predictions.zarr").exists()
-    pair = tiny_store.pairs("test")[0]
-    assert read_prediction(tmp_path / "out", pair, tiny_store.shape_of(pair.scene)) is None
-
-
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(ResultError, match="something else"):

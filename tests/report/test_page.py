@@ -143,23 +143,12 @@ def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path
     assert "<article" not in text
 
 
-def test_a_protocol_that_was_not_scored(saved_runs: list[SavedRun], tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError):
-        page.write_html(saved_runs, "theses", tmp_path)
-
-
 def decoded(address: str) -> NDArray[np.uint8]:
     head, _, content = address.partition(",")
     assert head == "data:image/webp;base64"
     image = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR_RGB)
     assert image is not None
     return np.asarray(image, np.uint8)
-
-
-def test_a_photo_keeps_its_colours() -> None:
-    image = np.zeros((32, 40, 3), np.uint8)
-    image[..., 0] = 200
-    assert np.abs(decoded(page.photo(image)).astype(int) - image).max() < 12
 
 
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:

@@ -77,15 +77,6 @@ def test_runs_of_one_label_are_told_apart_by_their_places(
     assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels
 
 
-def test_a_label_that_no_other_has_stays_as_it_is() -> None:
-    runs = [
-        run("v1/result.json", make_demo_result(lambda _: 0.1)),
-        run("v2/result.json", make_demo_result(lambda _: 0.1, parameters={"window": 9})),
-        run("v3/result.json", make_demo_result(lambda _: 0.1, fingerprint="5" * 64)),
-    ]
-    assert distinguished(runs) == runs
-
-
 def test_a_run_set_aside_is_left_out_beside_the_newer_one_only() -> None:
     x, before, other = Path("r/x"), Path("r/x.previous"), Path("r/y.previous/result.json")
     assert without_previous([x, before, other]) == ([x, other], [(before, x)])

@@ -27,23 +27,6 @@ def test_a_failed_write_leaves_the_old_file(
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_a_file_that_cannot_be_written_is_told_by_its_own_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: object, **where: object) -> None:
-        raise PermissionError(13, "Permission denied", f"{where['dir']}/{where['prefix']}mmcn1sby")
-
-    path = tmp_path / "t.tex"
-    (tmp_path / "folder.tex").mkdir()
-    with pytest.raises(IsADirectoryError) as replaced:
-        files.write_whole(tmp_path / "folder.tex", "text")
-    assert replaced.value.filename == str(tmp_path / "folder.tex")
-    monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(PermissionError) as said:
-        files.write_whole(path, "text")
-    assert said.value.filename == str(path)
-
-
 def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "device").symlink_to("/dev/zero")

@@ -20,11 +20,6 @@ def test_the_version_is_that_of_the_project_and_of_the_face() -> None:
     assert dfdbench.__version__ == PACKAGE_VERSION
 
 
-def test_what_to_cite_names_the_version() -> None:
-    assert f"\nversion: {PACKAGE_VERSION}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
-    assert f"version = {{{PACKAGE_VERSION}}}" in (ROOT / "docs/questions.md").read_text("utf-8")
-
-
 def test_an_absent_library_of_an_extra_names_it() -> None:
     with pytest.raises(InputError, match=r"dfdbench\[nets\]"), needed():
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
