@@ -86,7 +86,7 @@ def load_cards(folder: Path) -> dict[str, Card]:
     return cards
 
 
-def cards_table(cards: Mapping[str, Card], in_repository: bool = True) -> Table:
+def cards_table(cards: Mapping[str, Card], in_repository: bool) -> Table:
     """Return who wrote the methods, where their code is, and what they are given.
 
     Files of this repository are linked only from within it.

@@ -152,13 +152,8 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no pair at all    {listed(whole, most=8)}")
-    alike: dict[str, list[str]] = {}
-    for scene, places in by_scene.items():
-        if scene not in whole:
-            alike.setdefault(", ".join(places), []).append(scene)
-    for names, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {counted(names.count(',') + 1, 'pair')} each")
-        lines.append(f"    {names}")
+    for scene in [s for s in by_scene if s not in whole]:
+        lines.append(f"  {scene:<17} {listed(by_scene[scene], most=8)}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)
 

@@ -92,12 +92,28 @@ def print_tables(tables: Iterable[Table], format: Format | None) -> None:
         print(render(list(tables), format), end="")
 
 
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """Tell as a user's mistake where the block cannot write to a place.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot: a file in the way, no permission, no room.
+    """
+    try:
+        yield
+    except OSError as error:
+        what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
+        raise ResultError(what, where=where, fix="choose another place with --out") from error
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG, PDF or SVG file and say where it lies; no others are replaced.
 
     Raises
     ------
-    InputError
+    InputError, ResultError
         Where the file is to be something else, or cannot be written.
     """
     from dfdbench.figures.style import write_figure
@@ -105,12 +121,9 @@ def save_figure(figure: Figure, path: Path) -> None:
     if path.suffix.lower() not in PICTURES:
         raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
     output_place(path, option="")
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, path)
-    except OSError as error:
-        what = f"cannot write the figure: {reason_of(error)}"
-        raise InputError(what, where=str(path)) from error
     say(f"figure       {path}")
 
 
@@ -171,22 +184,6 @@ def _minutes(seconds: float) -> str:
 
 #: By name; the first is the whole answer as JSON.
 Files = Mapping[str, "str | Figure"]
-
-
-@contextmanager
-def writing(place: Path) -> Iterator[None]:
-    """Tell as a user's mistake where the block cannot write to a place.
-
-    Raises
-    ------
-    ResultError
-        Where it cannot: a file in the way, no permission, no room.
-    """
-    try:
-        yield
-    except OSError as error:
-        what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
-        raise ResultError(what, where=where, fix="choose another place with --out") from error
 
 
 def give(

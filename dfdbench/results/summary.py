@@ -224,5 +224,6 @@ def _statistic(defined: Sequence[tuple[str, float]], seed: int | None) -> Statis
     scenes, numbers = zip(*defined, strict=True)
     interval = None if seed is None else scene_interval(numbers, scenes, seed)
     std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
-    spread, ends = interval or (None, None), (min(numbers), max(numbers))
-    return Statistic(mean_of(numbers), std, len(numbers), *spread, len({*scenes}), *ends)
+    low, high = interval or (None, None)
+    ends = min(numbers), max(numbers)
+    return Statistic(mean_of(numbers), std, len(numbers), low, high, len({*scenes}), *ends)

@@ -32,7 +32,7 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
         ((*BLUR, "--pixel", "4.8um", "--range", "4", "1"), "the range is empty"),
         (("rig", "optics", "pairs", "--lens", "none.csv"), "cannot read the lens table"),
         (("rig", "optics", "pairs", "--range", "5", "6"), "0.4 to 4 m"),
-        ((*BLUR, "--pixel", "4.8um", "--out", "/proc/no/blur.png"), "cannot write the figure"),
+        ((*BLUR, "--pixel", "4.8um", "--out", "/proc/no/blur.png"), "cannot write the answer"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(

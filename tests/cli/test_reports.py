@@ -40,7 +40,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     for arguments, told in (
         (("report", "window=5", "--out", "mymodule.py"), "cannot write the answer"),
         (("report", "window=5", "--out", "mymodule.py/x"), "cannot write the answer"),
-        ((*both, "--out", "mymodule.py/a.png"), "cannot write the figure"),
+        ((*both, "--out", "mymodule.py/a.png"), "cannot write the answer"),
         ((*both, "--out", "mymodule.py"), "not a picture's name"),
         (("compare", "window=5", "window=5/result.json"), "one run is given twice"),
     ):
