@@ -229,3 +229,13 @@ def changed_toml(random: Random, content: bytes) -> bytes:
     if chance < 0.25:
         return of_text(changed_text)(random, content)
     return as_toml(changed_tree(random, tomllib.loads(content.decode())))
+
+
+#: By a file's suffix; all others are changed by their bytes.
+CHANGES: dict[str, Callable[[Random, bytes], bytes]] = {
+    ".toml": changed_toml,
+    ".json": changed_json,
+    ".csv": of_text(changed_cells),
+    ".npy": changed_npy,
+    ".lock": of_text(changed_text),
+}
