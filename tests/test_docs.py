@@ -12,8 +12,6 @@ import pytest
 import xarray
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import run_method
 from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
 
@@ -26,26 +24,6 @@ def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
     assert callable(runpy.run_path(str(DOCS / script))["main"])
     text = "".join(path.read_text("utf-8") for path in DOCS.glob("*.md"))
     assert f"docs/{script}" in text
-
-
-def test_difficulty_check_prints_every_step_that_was_found(
-    tiny_store: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
-    main = runpy.run_path(str(DOCS / "difficulty_check.py"))["main"]
-    main(str(tiny_store.path), run.folder)
-    first, second, *steps = capsys.readouterr().out.splitlines()
-    assert first.startswith("share above step 1 against mean error, 7 pairs: rank ")
-    assert second.startswith("share above step 32 ")
-    shares = [float(line.split()[1]) for line in steps]
-    assert sum(shares) == pytest.approx(100, abs=0.5)
-    main(str(tiny_store.path), run.folder, "1-99", "100")
-    lines = capsys.readouterr().out.splitlines()[-3:]
-    assert [line.split()[:2] for line in lines] == [
-        ["levels", "1-99"],
-        ["levels", "100"],
-        ["levels", "others"],
-    ]
 
 
 def test_coverage_from_python_is_as_shown(

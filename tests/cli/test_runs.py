@@ -65,9 +65,7 @@ def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
         (("--dataset", "demo@noise-1"), "--track NAME chooses"),
         (("--dataset", "realworld"), "captured"),
         (("--track", "nois"), "did you mean noise"),
-        (("--split", "tset"), "did you mean test"),
         (("--submit",), "no leaderboard here"),
-        (("--method", "constnt"), "did you mean constant"),
         (("--dataset", "middlebury-default"), "dfdbench build"),
     ],
 )

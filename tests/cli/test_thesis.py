@@ -142,15 +142,12 @@ def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: 
     for arguments, message in (
         (["--bounds=width=8:64"], "the folder holds another search"),
         (["--gamma=0.5"], "gamma"),
-        (["--variant=author"], "another search"),
         (["--variant=autor", "--out=x"], "did you mean author"),
         (["--bounds=width=8-64"], "width=8:512"),
         (["--bounds=crop=12:64", "--out=x"], "at most 24"),
         (["--as-thesis", "--hold-out=1"], "holds no scenes out"),
         (["--set=crop=16"], "chooses this itself"),
         (["--split=train"], "too few to hold"),
-        (["--scheduler=tcp://127.0.0.1:9", "--workers=2"], "own number of workers"),
-        (["--max-time=30"], "as 90s, 30m or 1h30m"),
     ):
         dfdbench.refused(message, *search, "--out", str(FOLDER), *arguments)
     assert log.read_text() == before

@@ -152,21 +152,6 @@ def test_a_name_runs_no_script(page: webdriver.Chrome) -> None:
     assert HOSTILE in page.find_element(By.TAG_NAME, "table").text
 
 
-def test_dark_mode_turns_page_and_plots(page: webdriver.Chrome) -> None:
-    colours = {}
-    for scheme in ("light", "dark"):
-        feature = {"name": "prefers-color-scheme", "value": scheme}
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-        colours[scheme] = (
-            ask(page, "getComputedStyle(document.body).backgroundColor"),
-            ask(page, "getComputedStyle(document.querySelector('.plot svg text')).fill"),
-        )
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    assert colours["light"][0] == "rgb(255, 255, 255)"
-    assert colours["dark"][0] == "rgb(13, 17, 23)"
-    assert colours["light"][1] != colours["dark"][1]
-
-
 def test_a_phone_scrolls_no_page_sideways(page: webdriver.Chrome) -> None:
     size = {"width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": True}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

@@ -127,15 +127,6 @@ def test_each_pair_has_its_pictures_and_each_picture_stands_once(
 
 
 @pytest.mark.slow
-def test_the_same_runs_give_the_same_page(
-    html_page: Path, saved_runs: list[SavedRun], tmp_path: Path
-) -> None:
-    before = html_page.read_bytes()
-    again = page.write_html(saved_runs, "thesis", tmp_path)
-    assert again.read_bytes() == before
-
-
-@pytest.mark.slow
 def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
     text = page.write_html([bare], "thesis", tmp_path).read_text("utf-8")

@@ -3,7 +3,7 @@ import pytest
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.results.run_tables import run_tables, scene_tables, spread_table
 from dfdbench.results.summary import summarise
-from tests.made_results import limited, make_result
+from tests.made_results import make_result
 
 VALUES = {
     (scene, view, illumination, exposure): 0.01 * (1 + number)
@@ -138,12 +138,6 @@ def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
         ("maximum", "0.6000"),
         ("std deviation", "0.1924"),
     ]
-
-
-def test_an_incomplete_run_has_no_spread() -> None:
-    table = spread_table(summarise(limited(make_result(LEVELS), 2), "thesis"))
-    assert table.rows == ()
-    assert table.notes == ("not every pair was evaluated of split test",)
 
 
 def test_what_was_not_run_is_a_note_and_no_row() -> None:

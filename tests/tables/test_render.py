@@ -182,10 +182,3 @@ def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
     told = ran.stdout.decode("utf-8", "replace")
     assert ran.returncode == 0, told
     assert "Overfull" not in told
-
-
-@given(st.text())
-def test_nothing_that_cannot_be_seen_is_left_and_json_says_the_same(text: str) -> None:
-    left = "".join(render.spelt_out(text).split())
-    assert left.isprintable()
-    assert json.loads(render.spelt_out_json(json.dumps(text, ensure_ascii=False))) == text
