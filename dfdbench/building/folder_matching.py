@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from dfdbench.building.sources.matching import Movement, find_gain, find_movement
 from dfdbench.errors import InputError
+from dfdbench.methods.view_change import Images, ViewChange, find_change
 
 Image = NDArray[np.uint8]
-Align = Literal["none", "translation", "euclidean"]
+Align = Literal["none", "translation", "euclidean", "similarity"]
 
 # Movements of a corner (pixels) and gains below these need no correction. Of Middlebury's scenes,
 # blurred and in register, all but the barest are measured with errors below 0.4 pixels, the barest
@@ -29,6 +30,8 @@ class Matching:
     ----------
     align, match_gain : str, bool
         The fields to write into a manifest.
+    flat_field : tuple of tuple of float
+        Likewise; empty where the light falls off alike.
     found, open : tuple of str
         In words: what was found, and what a person has to decide.
     measured : int
@@ -37,6 +40,7 @@ class Matching:
 
     align: Align = "none"
     match_gain: bool = False
+    flat_field: tuple[tuple[float, ...], ...] = ()
     found: tuple[str, ...] = ()
     open: tuple[str, ...] = ()
     measured: int = 0
@@ -51,12 +55,13 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
         Each scene's name, its in-focus and its defocus image, shape (y, x, 3).
     """
     moves: list[tuple[Movement, tuple[int, ...]]] = []
-    gains, unlike, problems, tried = [0.0], 0, [], 0
+    gains, unlike, problems, tried, seen = [0.0], 0, [], 0, []
     for name, sharp, blurred in pairs:
         tried += 1
         if sharp.shape != blurred.shape:
             problems.append(f"photographs of {name} differ in size")
             continue
+        seen.append(Images.small(sharp, blurred))
         try:
             moves.append((find_movement(sharp, blurred), sharp.shape))
             everywhere = np.ones(sharp.shape[:2], bool)
@@ -66,19 +71,23 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     if unlike:
         problems.append(f"{unlike} of {tried} pairs tried cannot be aligned")
     gain = max(map(abs, gains))
-    align, moved, magnified = _movement(moves)
-    found = (*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %")
-    return Matching(align, gain > _UNGAINED, found, (*problems, *magnified), len(moves))
+    align, moved = _movement(moves)
+    light = replace(find_change(seen), similarity=ViewChange.similarity)
+    found = [*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %"]
+    if light.changes:
+        found.append(f"the defocus images are {light.words()}")
+    measured = len(moves)
+    return Matching(align, gain > _UNGAINED, light.falloff, tuple(found), tuple(problems), measured)
 
 
-def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str], list[str]]:
-    """Return the alignment to propose, what was measured, and what to ask about magnification."""
+def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str]]:
+    """Return the alignment to propose, and what was measured."""
 
     def most(part: Callable[[Movement], Movement]) -> float:
         return max(part(move).at_corners(shape) for move, shape in moves)
 
     if not moves:
-        return "none", [], []
+        return "none", []
     shift = most(lambda move: Movement(move.right, move.down, 0, 1))
     turn = most(lambda move: Movement(0, 0, move.degrees, 1))
     rigid = most(lambda move: Movement(move.right, move.down, move.degrees, 1))
@@ -89,11 +98,9 @@ def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, lis
         f"photographs moved by up to {most(lambda move: move):.2f} pixels at the corners: shifted "
         f"by {shift:.2f} pixels, turned by {degrees:.3f} degrees, magnified by {percent:.2f} %"
     )
-    asked = (
-        f"whether magnification matters: it moves the corners by up to {magnified:.2f} pixels, and "
-        f"`align` cannot take it out"
-    )
     align: Align = "none"
-    if rigid > _STILL:
+    if magnified > _STILL:
+        align = "similarity"
+    elif rigid > _STILL:
         align = "euclidean" if turn > _STILL else "translation"
-    return align, [moved], [asked] if magnified > _STILL else []
+    return align, [moved]

@@ -26,7 +26,7 @@ from dfdbench.results.summary import summarise
 from dfdbench.tables.table import Table, as_html, listed
 
 if TYPE_CHECKING:
-    from dfdbench.methods.calibration import Calibration
+    from dfdbench.methods.measured_law import Calibration
 
 
 class Run:

@@ -16,12 +16,12 @@ from dfdbench.errors import InputError
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
-Motion = Literal["translation", "euclidean"]
+Motion = Literal["translation", "euclidean", "similarity"]
 
 _MOTIONS = {
     "translation": cv2.MOTION_TRANSLATION,
     "euclidean": cv2.MOTION_EUCLIDEAN,
-    "affine": cv2.MOTION_AFFINE,
+    "similarity": cv2.MOTION_AFFINE,
 }
 # Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
 # blur then weighs less than what differs in place.
@@ -38,7 +38,7 @@ _LEAST_CORRELATION = 0.8
 # The share of the image's longer side that a pair may be moved by.
 _FARTHEST = 0.1
 # What is found is rounded, so that the last bits of a platform's arithmetic change no image.
-_PLACES, _ANGLE_PLACES = 2, 4
+_PLACES, _ANGLE_PLACES, _SIZE_PLACES = 2, 4, 5
 # Above this level, or below the other, a pixel may have been cut off.
 _BRIGHT, _DARK = 245, 5
 _LARGEST_GAIN = 4.0
@@ -56,12 +56,15 @@ class Placement:
         How far it is turned about its centre, clockwise as seen.
     correlation : float
         Of both images, smoothed, once they lie on each other: the coefficient that was maximised.
+    magnification : float
+        How many times larger it shows things than the other; divided by it.
     """
 
     right: float
     down: float
     degrees: float
     correlation: float
+    magnification: float = 1.0
 
 
 def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
@@ -73,8 +76,8 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     ----------
     fixed, moved : ndarray of uint8, shape (y, x, 3)
         Two images of one scene, of one size.
-    motion : {"translation", "euclidean"}
-        Whether the image may be turned as well.
+    motion : {"translation", "euclidean", "similarity"}
+        Whether the image may be turned as well, and be of another size.
 
     Raises
     ------
@@ -89,11 +92,11 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     >>> found.right, found.down
     (2.0, -1.0)
     """
-    matrix, way, correlation = _transform(fixed, moved, motion)
-    turned = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
-    right, down = (round(-float(part), _PLACES) + 0.0 for part in way)
-    degrees = round(-math.degrees(turned), _ANGLE_PLACES) + 0.0
-    return Placement(right, down, degrees, round(correlation, 4))
+    found, correlation = _movement(fixed, moved, motion)
+    right, down = (round(-part, _PLACES) + 0.0 for part in (found.right, found.down))
+    degrees = round(-found.degrees, _ANGLE_PLACES) + 0.0
+    size = round(found.scale, _SIZE_PLACES) if motion == "similarity" else 1.0
+    return Placement(right, down, degrees, round(correlation, 4), size)
 
 
 @dataclass(frozen=True)
@@ -148,15 +151,11 @@ def find_movement(fixed: Image, moved: Image) -> Movement:
     grey levels divided by those around them: on bare walls, different fall-off of light towards
     the corners otherwise passes for a movement of up to three pixels.
     """
-    matrix, way, _ = _transform(fixed, moved, "affine", even=True)
-    turn = complex(matrix[0, 0] + matrix[1, 1], matrix[1, 0] - matrix[0, 1]) / 2
-    return Movement(float(way[0]), float(way[1]), math.degrees(cmath.phase(turn)), abs(turn))
+    return _movement(fixed, moved, "similarity")[0]
 
 
-def _transform(
-    fixed: Image, moved: Image, motion: str, even: bool = False
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the matrix from the fixed to the moved image, the centre's way, the correlation."""
+def _movement(fixed: Image, moved: Image, motion: str) -> tuple[Movement, float]:
+    """Return how an image is moved against the fixed one, and their correlation once it is not."""
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)
     correlation = 0.0
@@ -167,7 +166,7 @@ def _transform(
         matrix[:, 2] /= scale
         matrix, correlation = _refined(small, matrix, motion)
         matrix[:, 2] *= scale
-    if even:
+    if motion == "similarity":
         around = [cv2.GaussianBlur(image, (0, 0), _AROUND) for image in images]
         ratios = [image / (wide + 1) for image, wide in zip(images, around, strict=True)]
         matrix = _refined(ratios, matrix, motion)[0]
@@ -180,7 +179,9 @@ def _transform(
         raise _not_aligned(f"a correlation of {correlation:.2f} at best")
     if np.abs(way).max() > _FARTHEST * max(shape):
         raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
-    return linear, way, correlation
+    turn = complex(linear[0, 0] + linear[1, 1], linear[1, 0] - linear[0, 1]) / 2
+    right, down = way.tolist()
+    return Movement(right, down, math.degrees(cmath.phase(turn)), abs(turn)), correlation
 
 
 def _refined(
@@ -228,12 +229,12 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
     ndarray of bool, shape (y, x)
         False where the image does not reach.
     """
-    if not (at.right or at.down or at.degrees):
+    if not (at.right or at.down or at.degrees) and at.magnification == 1:
         return image, np.ones(image.shape[:2], bool)
     angle = math.radians(at.degrees)
     cosine, sine = math.cos(angle), math.sin(angle)
-    # From (y, x) in the result to (y, x) in the image: turned back about the centre.
-    back = np.array([[cosine, -sine], [sine, cosine]])
+    # From (y, x) in the result to (y, x) in the image: turned back about the centre, and as large.
+    back = at.magnification * np.array([[cosine, -sine], [sine, cosine]])
     centre = (np.array(image.shape[:2]) - 1) / 2
     offset = centre - back @ centre - np.array([at.down, at.right])
     moved = np.empty_like(image)

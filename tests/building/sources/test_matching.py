@@ -50,6 +50,17 @@ def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -
     assert found.at_corners(fixed.shape) == pytest.approx(aim.at_corners(fixed.shape), abs=0.1)
 
 
+def test_a_similarity_undoes_magnification() -> None:
+    fixed = photograph(0, (370, 427))
+    blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
+    found = matching.find_placement(fixed, magnified(blurred, 1.012), "similarity")
+    assert found.magnification == pytest.approx(1.012, abs=3e-4)
+    back, covered = matching.place(magnified(blurred, 1.012).astype(float), found)
+    assert 0.97 < covered.mean() < 1
+    inner = ndimage.binary_erosion(covered, iterations=8)
+    assert np.abs(back - blurred)[inner].mean() < 1
+
+
 def test_fall_off_of_light_is_no_movement() -> None:
     # A bare wall with three pictures; grey levels as they are make 1.9 pixels of it.
     wall = np.full((240, 320, 3), 150, np.uint8)
