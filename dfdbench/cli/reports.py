@@ -17,7 +17,8 @@ from dfdbench.cli.options import FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, first_protocol
-from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
+from dfdbench.results.run_folder import PREVIOUS
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
@@ -55,11 +56,10 @@ def report(
     if figure:
         output_place(figure, *results, option="--figure")
     once = {os.path.realpath(path / RESULT if path.is_dir() else path): path for path in results}
-    paths, left_out = without_previous(list(once.values()))
-    for old, new in left_out:
-        both = f"`dfdbench compare {old} {new}` sets them side by side"
-        screen.say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = distinguished(open_saved_run(path, dataset) for path in paths)
+    paths = [path for path in once.values() if not path.name.endswith(PREVIOUS)]
+    if paths and len(paths) < len(once):
+        screen.say(f"left out: earlier runs, NAME{PREVIOUS}; `dfdbench compare` takes two runs")
+    runs = distinguished(open_saved_run(path, dataset) for path in paths or once.values())
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())

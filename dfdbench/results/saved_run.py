@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -189,10 +190,10 @@ def _no_run(folder: Path) -> Problem:
 
 
 def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
-    """Return the runs, each with the folder's name in its label where labels would be the same.
+    """Return the runs, each with its place in its label where labels would be the same.
 
-    Where the folders are called the same too, as much of the path is said as tells them apart.
-    Runs on other data or another split never stand in one table and need no telling.
+    The place is said from the folder that they share. Runs on other data or another split never
+    stand in one table and need no telling.
 
     Parameters
     ----------
@@ -206,55 +207,13 @@ def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
         alike.setdefault((data.fingerprint, data.split, run.label), []).append(number)
     for numbers in alike.values():
         if len(numbers) > 1:
-            places = _shortest([_place(runs[number].path) for number in numbers])
+            places = [_place(runs[number].path) for number in numbers]
+            shared = os.path.commonpath(places)
             for number, place in zip(numbers, places, strict=True):
-                runs[number] = replace(runs[number], place=place)
+                runs[number] = replace(runs[number], place=os.path.relpath(place, shared))
     return runs
-
-
-def without_previous(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[Path, Path]]]:
-    """Part off the runs that were set aside for a newer one that is given too.
-
-    A pattern such as ``results/demo-1-test/*`` names both, and means the newer.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Result files or runs' folders.
-
-    Returns
-    -------
-    list of Path
-        Those that are left, in their order.
-    list of (Path, Path)
-        Each one left out, and the newer one of it.
-    """
-    given = {_folder(path): path for path in paths}
-    kept, left_out = [], []
-    for path in paths:
-        folder = _folder(path)
-        newer = given.get(folder.with_name(folder.name.removesuffix(run_folder.PREVIOUS)))
-        if folder.name.endswith(run_folder.PREVIOUS) and newer is not None:
-            left_out.append((path, newer))
-        else:
-            kept.append(path)
-    return kept, left_out
-
-
-def _folder(path: Path) -> Path:
-    return (path.parent if path.name == RESULT else path).absolute()
 
 
 def _place(file: Path) -> Path:
     file = file.absolute()
     return file.parent if file.name == RESULT else file.with_suffix("")
-
-
-def _shortest(places: Sequence[Path]) -> list[str]:
-    """Return the ends of paths, as long as need be for no two to be the same."""
-    longest = max(len(place.parts) for place in places)
-    for count in range(1, longest + 1):
-        ends = ["/".join(place.parts[-count:]) for place in places]
-        if len({*ends}) == len(ends):
-            break
-    return ends

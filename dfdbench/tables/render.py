@@ -35,7 +35,6 @@ _LATEX |= {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textas
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 # Of what is not ASCII, the letters that we know LaTeX's own fonts to have.
 _LETTERS = {*map(chr, range(0xC0, 0x100))} - {*"ÐðÞþ×÷"} | {*"œłıŒŁčćěńřšžČĆĚŃŘŠŽ"}
-_LONGEST_LABEL = 60
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
@@ -73,8 +72,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
             {"title": table.title, "rows": _records(table), "notes": table.notes}
             for table in tables
         ]
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        return spelt_out_json(text) + "\n"
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
     write = as_latex if format is Format.latex else as_markdown
     return "\n".join(write(table) for table in tables)
 
@@ -274,17 +272,14 @@ def latex_text(text: str) -> str:
 
 
 def latex_label(text: str) -> str:
-    """Return a table's label: the first words of a text.
+    """Return a table's label: the words of a text.
 
     Examples
     --------
     >>> latex_label("demo-1, split test, protocol thesis")
     'tab:demo-1-split-test-protocol-thesis'
     """
-    name = "-".join(re.findall(r"[a-z0-9]+", text.lower()))
-    if len(name) > _LONGEST_LABEL:
-        name = name[: _LONGEST_LABEL + 1].rpartition("-")[0] or name[:_LONGEST_LABEL]
-    return f"tab:{name}"
+    return "tab:" + "-".join(re.findall(r"[a-z0-9]+", text.lower()))
 
 
 def _letter(letter: str) -> str:
@@ -309,17 +304,6 @@ def spelt_out(text: str) -> str:
     local\u200b \x1b[2J
     """
     return text if text.isprintable() else "".join(map(_spelt, text))
-
-
-def spelt_out_json(text: str) -> str:
-    r"""Return equal JSON with invisible characters as escapes.
-
-    Examples
-    --------
-    >>> print(spelt_out_json('{"name": "local\u200b"}'))
-    {"name": "local\u200b"}
-    """
-    return "".join(c if _is_shown(c) else json.dumps(c)[1:-1] for c in text)
 
 
 def _spelt(letter: str) -> str:

@@ -8,7 +8,7 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.record import Result, save_result
-from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
 from tests.made_results import make_demo_result, make_result
 
 
@@ -75,11 +75,3 @@ def test_runs_of_one_label_are_told_apart_by_their_places(
 ) -> None:
     same = make_demo_result(lambda _: 0.1)
     assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels
-
-
-def test_a_run_set_aside_is_left_out_beside_the_newer_one_only() -> None:
-    x, before, other = Path("r/x"), Path("r/x.previous"), Path("r/y.previous/result.json")
-    assert without_previous([x, before, other]) == ([x, other], [(before, x)])
-    newer = x / "result.json"
-    assert without_previous([before, newer]) == ([newer], [(before, newer)])
-    assert without_previous([before]) == ([before], [])
