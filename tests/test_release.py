@@ -58,22 +58,3 @@ def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
 def test_the_versions_agree_today() -> None:
     found = set(script()["problems_of"]("v0.1.0")) - set(script()["repository_problems"]())
     assert [text for text in found if not text.startswith("CHANGELOG.md")] == []
-
-
-def test_no_release_without_the_repositorys_address_and_all_files_show_the_same(
-    checkout: Path,
-) -> None:
-    problems = script()["repository_problems"]
-    assert problems(checkout) == []
-    for name in ("CITATION.cff", "README.md"):
-        path = checkout / name
-        whole = path.read_text("utf-8")
-        path.write_text(whole.replace("https://", "https://elsewhere."), "utf-8")
-        assert [text.partition(":")[0] for text in problems(checkout)] == [name]
-        path.write_text(whole, "utf-8")
-    shutil.copy(ROOT / "README.md", checkout)
-    project = (checkout / "pyproject.toml").read_text("utf-8")
-    (checkout / "pyproject.toml").write_text(project.replace("\nRepository =", "\n# Repository ="))
-    assert problems(checkout) == [
-        "pyproject.toml: expected the repository's address under [project.urls], got none"
-    ]

@@ -92,7 +92,7 @@ def test_a_manifests_rig_is_told_and_a_file_says_what_it_lacks(
     assert given_by_lens(part, recorded) == (taken, recorded)
     with pytest.raises(MethodError, match="no focal_length, pixel_pitch"):
         given_by_lens(part, {"recipe": "rig"})
-    with pytest.raises(MethodError, match="no focal_length, defocus_f_number"):
+    with pytest.raises(MethodError, match="no defocus_f_number, focal_length"):
         given_by_lens(tiny_manifest, {"recipe": "rig"})
 
 

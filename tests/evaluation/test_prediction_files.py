@@ -1,4 +1,3 @@
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -140,23 +139,10 @@ def test_all_that_is_wrong_is_told_together_and_nothing_else(
 LONG = np.full((24, 31), 255, np.int32)
 
 
-def damaged_png(path: Path) -> None:
-    assert cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (24, 31)))
-    path.write_bytes(path.read_bytes()[:200])
-
-
-def boastful_npy(path: Path) -> None:
-    np.save(path.with_suffix(".npy"), np.zeros((4, 4)))
-    content = path.with_suffix(".npy").read_bytes().replace(b"(4, 4)", b"(9999999, 9999999)")
-    length = struct.unpack("<H", content[8:10])[0] + len(b"9999999") * 2 - 2
-    path.with_suffix(".npy").write_bytes(content[:8] + struct.pack("<H", length) + content[10:])
-
-
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (damaged_png, "cannot be read"),
-        (boastful_npy, "cannot be read"),
+        (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "cannot be read"),
         (lambda path: cv2.imwrite(str(path), np.zeros((24, 31, 3), np.uint8)), "kind RGB"),
         (lambda path: cv2.imwrite(f"{path.with_suffix('.tif')}", LONG), "kind I"),
         (lambda path: cv2.imwrite(str(path), np.full((24, 31), 65535, np.uint16)), "255.996"),
