@@ -89,16 +89,12 @@ def _refuse_what_does_not_fit(
     figure: Path | None,
     figure_format: Sequence[str] | None,
 ) -> None:
-    if format not in _PAGES:
-        if figure_format:
-            what = "a table's figure has the form that its name says"
-            fix = f"--figure accuracy.{figure_format[0]}"
-            raise InputError(what, where="--figure-format", fix=fix)
-        return
-    for option, given in (("--metric", metric), ("--figure", figure)):
-        if given:
-            fix = "leave it out, or add --format table, latex or csv"
-            raise InputError("a page shows every metric and figure", where=option, fix=fix)
+    if format not in _PAGES and figure_format:
+        what, fix = "a table's figure has the form that its name says", "--figure FILE.pdf"
+        raise InputError(what, where="--figure-format", fix=fix)
+    if format in _PAGES and (metric or figure):
+        where, fix = "--metric, --figure", "leave it out, or add --format table, latex or csv"
+        raise InputError("a page shows every metric and figure", where=where, fix=fix)
 
 
 def _write_page(
