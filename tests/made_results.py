@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -17,6 +17,20 @@ from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Res
 _environment = cache(describe_environment)
 
 
+def _scored(pair: Pair, nrmse: float | None, protocols: Sequence[str]) -> PairResult:
+    half, rest = (None, 0.5) if nrmse is None else (nrmse / 2, 1 - nrmse)
+    scores = {"nrmse": nrmse, "nmae": half, "ssim": rest}
+    return PairResult(
+        id=pair.id,
+        scene=pair.scene,
+        coordinates=pair.at,
+        status="ok",
+        seconds=0.25,
+        prediction_sha256="0" * 64,
+        scores=dict.fromkeys(protocols, scores),
+    )
+
+
 def make_result(
     nrmse: Mapping[tuple[str, int, int, int], float | None], name: str = "mine"
 ) -> Result:
@@ -24,24 +38,11 @@ def make_result(
 
     NMAE is half the NRMSE, SSIM one less it.
     """
-    pairs = []
-    for (scene, view, illumination, exposure), value in nrmse.items():
-        scores = {
-            "nrmse": value,
-            "nmae": None if value is None else value / 2,
-            "ssim": 0.5 if value is None else 1 - value,
-        }
-        pairs.append(
-            PairResult(
-                id=f"{scene}/view{view}/illumination{illumination}/exposure{exposure}",
-                scene=scene,
-                coordinates={"view": view, "illumination": illumination, "exposure": exposure},
-                status="ok",
-                seconds=0.25,
-                prediction_sha256="0" * 64,
-                scores={"thesis": scores},
-            )
-        )
+    axes = ("view", "illumination", "exposure")
+    pairs = [
+        _scored(Pair(scene, tuple(zip(axes, place, strict=True))), value, ("thesis",))
+        for (scene, *place), value in nrmse.items()
+    ]
     return Result(
         schema_version=1,
         dataset=DatasetRecord(
@@ -55,7 +56,7 @@ def make_result(
             recipe={"name": "published", "parameters": RECIPES["published"].as_dict()},
             degradation="clean",
             options={},
-            axes=["view", "illumination", "exposure"],
+            axes=list(axes),
             blocks="exposure",
             rows="illumination",
         ),
@@ -86,21 +87,7 @@ def make_demo_result(
 ) -> Result:
     """A complete result on a set's test split; NMAE is half the NRMSE."""
     manifest = find_manifest(dataset)
-    pairs = []
-    for pair in manifest.pairs("test"):
-        value = nrmse(pair)
-        scores: dict[str, float | None] = {"nrmse": value, "nmae": value / 2, "ssim": 1 - value}
-        pairs.append(
-            PairResult(
-                id=pair.id,
-                scene=pair.scene,
-                coordinates=pair.at,
-                status="ok",
-                seconds=0.25,
-                prediction_sha256="0" * 64,
-                scores=dict.fromkeys(protocols, scores),
-            )
-        )
+    pairs = [_scored(pair, nrmse(pair), protocols) for pair in manifest.pairs("test")]
     blank = make_result({("a", 1, 1, 0): 0.1}, name)
     return blank.model_copy(
         update={

@@ -99,11 +99,6 @@ def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> 
     assert len(data.captures()) < 11
 
 
-def test_methods_are_called_as_they_are(tiny_store: Dataset) -> None:
-    image = np.zeros((4, 5, 3), np.uint8)
-    assert dfdbench.load_method("constant", training_mean=7)(image, image).max() == 7
-
-
 @pytest.mark.slow
 def test_a_run_over_tracks_is_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))

@@ -12,12 +12,8 @@ import pytest
 import xarray
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import run_method
 from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
-from tests.board.made_boards import submit
-from tests.board.made_tracks import make_tracks
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -28,26 +24,6 @@ def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
     assert callable(runpy.run_path(str(DOCS / script))["main"])
     text = "".join(path.read_text("utf-8") for path in DOCS.glob("*.md"))
     assert f"docs/{script}" in text
-
-
-def test_difficulty_check_prints_every_step_that_was_found(
-    tiny_store: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
-    main = runpy.run_path(str(DOCS / "difficulty_check.py"))["main"]
-    main(str(tiny_store.path), run.folder)
-    first, second, *steps = capsys.readouterr().out.splitlines()
-    assert first.startswith("share above step 1 against mean error, 7 pairs: rank ")
-    assert second.startswith("share above step 32 ")
-    shares = [float(line.split()[1]) for line in steps]
-    assert sum(shares) == pytest.approx(100, abs=0.5)
-    main(str(tiny_store.path), run.folder, "1-99", "100")
-    lines = capsys.readouterr().out.splitlines()[-3:]
-    assert [line.split()[:2] for line in lines] == [
-        ["levels", "1-99"],
-        ["levels", "100"],
-        ["levels", "others"],
-    ]
 
 
 def test_coverage_from_python_is_as_shown(
@@ -76,16 +52,6 @@ def test_a_source_of_ones_own_is_built_as_shown(
     (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
     exec(block, {})
     assert capsys.readouterr().out == "162 pairs\n"
-
-
-def test_the_tracks_picture_is_drawn(tiny_store: Dataset, tmp_path: Path) -> None:
-    module = runpy.run_path(str(DOCS / "tracks_figure.py"))
-    pair = tiny_store.pairs("all")[2]
-    clean, *harder = module["defocus_images"](tiny_store, tiny_store.read(pair), "noise")
-    assert (clean == tiny_store.read(pair).defocus).all()
-    assert len(harder) == 3
-    module["main"](str(tiny_store.path), str(tmp_path / "tracks.png"), pair.id)
-    assert (tmp_path / "tracks.png").stat().st_size > 1000
 
 
 def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> None:
@@ -126,44 +92,6 @@ def test_the_pages_tables_of_tracks_are_those_of_the_board(
     main("demo-1-test")
     for page in ("classical.md", "tracks.md"):
         assert (tmp_path / page).read_text("utf-8") == (DOCS / page).read_text("utf-8"), page
-
-
-@pytest.mark.slow
-def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    main = runpy.run_path(str(DOCS / "tracks_rows.py"))["main"]
-    names = main.__globals__["METHODS"]
-    page = tmp_path / "classical.md"
-    page.write_bytes((DOCS / "classical.md").read_bytes())
-    picture = tmp_path / "tracks_methods.png"
-    summary = tmp_path / "tracks.md"
-    summary.write_bytes((DOCS / "tracks.md").read_bytes())
-    monkeypatch.setitem(main.__globals__, "PAGE", page)
-    monkeypatch.setitem(main.__globals__, "SUMMARY", summary)
-    monkeypatch.setitem(main.__globals__, "PICTURE", picture)
-    (tmp_path / "leaderboard/results").mkdir(parents=True)
-    with pytest.raises(SystemExit, match="nothing is written"):
-        main("demo-1-test")
-    entries = {name: built_in_methods()[name] for name in names}
-    for number, (name, entry) in enumerate(entries.items()):
-        if number == 1:
-            main("demo-1-test")
-            told = capsys.readouterr().err
-            assert f"no runs on tracks of demo-1-test: {', '.join(names[1:])}" in told
-            assert "| noise-1 | 0.1000 |" in page.read_text("utf-8")
-        runs = make_tracks(name, 0.1 + 0.01 * number, entry=entry, source_sha256="5" * 64)
-        submit(list(runs.values()), Path("leaderboard"))
-    for _ in range(2):
-        main("demo-1-test")
-        rows = [line for line in page.read_text("utf-8").splitlines() if "| 0.16" in line]
-        assert len(rows) == 21
-        assert rows[0].startswith("| noise-1 | 0.1000 | 0.1100 |")
-    assert picture.stat().st_size > 20_000
-    written = page.read_text("utf-8")
-    assert written.startswith((DOCS / "classical.md").read_text("utf-8")[:500])
-    assert written.endswith((DOCS / "classical.md").read_text("utf-8")[-500:])
 
 
 def test_the_adapter_for_a_published_stack_network_runs(

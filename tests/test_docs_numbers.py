@@ -19,15 +19,12 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.blur.tracks import SUITES
-from dfdbench.board.board import leaderboard
 from dfdbench.board.row_file import read_row
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
-from dfdbench.methods.registry import built_in_methods
-from dfdbench.metrics.metric import RANKED_BY, mean_of
+from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
@@ -90,6 +87,7 @@ NO_RESULTS = {
     "docs/thesis_contradictions.md": {"0.01125"},
     "leaderboard/note.md": {"0.01125"},
     "docs/coverage.md": {"0.1 %"},
+    "docs/methods.md": {"1.5 %"},
     "docs/metres.md": {"1.5625"},
     "docs/python.md": {"0.0007"},
     "docs/training.md": {"0.0005", "3,536,511", "7,665,636"},
@@ -285,64 +283,6 @@ def test_pages_say_how_much_of_the_thesis_was_rerun(page: str) -> None:
     (found,) = re.findall(r"default lighting, (\d+) of the (\d+) pairs", text)
     counts = [find_manifest(name).pair_count for name in ("middlebury-default", "middlebury")]
     assert list(map(int, found)) == counts
-
-
-def test_the_page_on_the_thesis_names_the_published_tables() -> None:
-    text = " ".join((ROOT / "docs/thesis.md").read_text("utf-8").split())
-    (tables, figures) = re.findall(
-        r"beside the reruns: (.+?), and the numbers of Figs (.+?)\. ", text
-    )[0]
-    found = {"table": set[str](), "figure": set[str]()}
-    for kind, listed in (("table", tables), ("figure", figures)):
-        for part in re.split(r", | and ", listed):
-            first, _, last = part.partition(" to ")
-            chapter, _, number = first.partition(".")
-            end = int(last.partition(".")[2] or number)
-            found[kind] |= {f"{chapter}.{n}" for n in range(int(number), end + 1)}
-    for kind, names in found.items():
-        paths = (ROOT / "leaderboard/published").glob(f"emerson-2019-{kind}-*.json")
-        assert names == {path.stem.rpartition("-")[2].upper() for path in paths}
-
-
-def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
-    means: dict[tuple[str, str], float] = {}
-    on: dict[tuple[str, str, str], float] = {}
-    for ranking in leaderboard(ROOT / "leaderboard").boards:
-        if ranking.suite not in SUITES:
-            continue
-        board = ranking.result.dataset.name.partition("-")[0]
-        for standing in ranking.standings:
-            label = standing.entry.label
-            if (overall := standing.scores[RANKED_BY]) is not None:
-                means[board, label] = overall
-            for result in standing.entry.runs:
-                score = (result.averages or {})["valid"][RANKED_BY]
-                assert score is not None
-                on[board, label, result.dataset.degradation] = score
-    network = "dfd-net-{}"
-    for board in ("demo", "middlebury"):
-        rounded, cuts = "graph-cuts-rounded", "graph-cuts"
-        assert on[board, rounded, "clean"] < on[board, cuts, "clean"]
-        assert means[board, cuts] < means[board, rounded]
-        assert abs(means[board, cuts] - means[board, f"{cuts}-given-blur"]) < 0.002
-        robust, seen = means[board, network.format("robust")], means[board, network.format("demo")]
-        assert robust < means[board, "constant"] < seen
-    assert (
-        means["middlebury", network.format("robust")]
-        < means["middlebury", network.format("middlebury")]
-    )
-    assert (
-        sum(
-            on["demo", name, "camera-3"] >= 0.97 * on["demo", "constant", "camera-3"]
-            for name in built_in_methods()
-            if ("demo", name, "camera-3") in on and name != "constant"
-        )
-        > 4
-    )
-    for severity in (1, 2, 3):
-        place = f"psf-{severity}"
-        given = on["middlebury", "graph-cuts-given-blur", place]
-        assert on["middlebury", "sgm", place] < given
 
 
 def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:

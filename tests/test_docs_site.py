@@ -6,14 +6,13 @@ import importlib
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from dfdbench.cli.verbs import VERBS
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, scored, submit
+from tests.board.made_boards import submit
 from tests.board.made_tracks import make_tracks
 from tests.report import test_browser
 
@@ -73,31 +72,6 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any) -> None:
     shown = (ROOT / "leaderboard/README.md").read_text("utf-8")
     first = demo["rows"][0]
     assert f"| 1 | {first['method']} | {first['given']} | {first['scores'][0]:.4f} |" in shown
-
-
-def test_what_was_not_run_has_a_board_of_its_own_and_no_rank(made: Any, tmp_path: Path) -> None:
-    add(tmp_path, "mine", 0.2)
-    submit(scored("elsewhere", 0.01), tmp_path)
-    (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
-    found = {
-        board["protocol"]: [(row["rank"], row["method"]) for row in board["rows"]]
-        for board in json.loads(text)
-    }
-    assert found["thesis"] == [(1, "mine")]
-    assert found["thesis: scored, not run"] == [(None, "elsewhere")]
-
-
-def test_pages_link_to_the_repository_once_its_address_is_filled_in(
-    made: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("mkdocs", reason="needs the extra docs")
-    hooks = made("hooks")
-    monkeypatch.setattr(hooks, "ROOT", tmp_path)
-    for line, shown in (("", None), ('Repository = "https://example.org/a/b"', "a/b")):
-        (tmp_path / "pyproject.toml").write_text(f"[project.urls]\n{line}\n")
-        found = hooks.on_config(SimpleNamespace(repo_url=None, repo_name=None))
-        assert found.repo_name == shown
-        assert bool(found.repo_url) == bool(line)
 
 
 def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:

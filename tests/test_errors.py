@@ -27,11 +27,6 @@ def test_of_more_problems_than_anyone_reads_the_first_are_shown() -> None:
     assert len(error.problems) == 1000
 
 
-def test_near_misses_are_named() -> None:
-    assert "did you mean Reindeer?" in str(unknown_name("scene", "reindeer", ["Art", "Reindeer"]))
-    assert "did you mean" not in str(unknown_name("scene", "zzz", ["Art", "Reindeer"]))
-
-
 def test_errors_travel_between_processes() -> None:
     error = pickle.loads(pickle.dumps(ManifestError.of([Problem("a", where="b"), Problem("c")])))
     assert isinstance(error, ManifestError)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import itertools
 import json
@@ -33,8 +32,6 @@ from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.rig.lidar import read_beams, read_ranges
 from dfdbench.rig.registration import read_registration
-
-PACKAGE = Path(__file__).parents[1] / "dfdbench"
 
 
 class Trap:
@@ -272,42 +269,3 @@ def test_a_run_goes_on_without_what_is_no_text(
         (folder / name).write_bytes(as_pickle(trap))
         again = run_method(tiny_store, method, "One", folder)
         assert (again.reused, again.result.complete) == (0, True)
-
-
-#: What runs code that a file holds.
-RUNNING = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml", "runpy"}
-#: By the end of a call's name: the argument that keeps it from running code, and its value.
-CAREFUL = {
-    "np.load": ("allow_pickle", False),
-    "torch.load": ("weights_only", True),
-    "zarr.open_group": ("zarr_format", 3),
-    "xarray.open_zarr": ("zarr_format", 3),
-}
-WORDS = [*RUNNING, *(name.rpartition(".")[2] for name in CAREFUL), "eval", "exec"]
-
-
-def test_nothing_in_the_house_reads_a_file_carelessly() -> None:
-    imports, careless, seen = set(), [], set()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        name, text = path.relative_to(PACKAGE).as_posix(), path.read_text("utf-8")
-        if not any(word in text for word in WORDS):
-            continue
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Import):
-                roots = {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                roots = {(node.module or "").partition(".")[0]}
-            else:
-                roots = set()
-            if roots & RUNNING:
-                imports.add(name)
-            if isinstance(node, ast.Call):
-                called = ast.unparse(node.func)
-                given = {word.arg: ast.unparse(word.value) for word in node.keywords}
-                if called in ("eval", "exec") or called.startswith("pickle.load"):
-                    seen.add((called, name))
-                if called in CAREFUL and given.get(CAREFUL[called][0]) != str(CAREFUL[called][1]):
-                    careless.append(f"{name}:{node.lineno}: {called}")
-    assert not imports
-    assert not careless
-    assert not seen

@@ -72,10 +72,3 @@ BUILT_IN = {
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
-
-
-def test_manifests_are_a_data_package() -> None:
-    from importlib import resources
-
-    names = {item.name for item in resources.files("dfdbench.manifests").iterdir()}
-    assert {"demo-1.toml", "middlebury-third-1.toml", "realworld-1.toml"} <= names

@@ -81,15 +81,6 @@ def test_the_ten_lines_are_the_same_wherever_they_are_shown() -> None:
     assert body.strip() in ["".join(cell["source"]) for cell in cells]
 
 
-def test_the_ten_lines_run_where_make_demo_leaves_its_methods() -> None:
-    (split,) = re.findall(r"^DEMO_SPLIT := (\w+)$", (ROOT / "Makefile").read_text("utf-8"), re.M)
-    text = (ROOT / "README.md").read_text("utf-8")
-    shown = re.findall(r"^dfdbench run .*--dataset demo(?!@).*$|^dfdbench report .*$", text, re.M)
-    assert len(shown) == 4
-    for line in shown:
-        assert f"--split {split}" in line or f"results/demo-1-{split}/*" in line
-
-
 @pytest.mark.slow
 def test_the_tracks_commands_run(place: Path) -> None:
     build, run, info = blocks("README.md", "console")[1].splitlines()

@@ -2,8 +2,6 @@
 
 import runpy
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -60,41 +58,3 @@ def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
 def test_the_versions_agree_today() -> None:
     found = set(script()["problems_of"]("v0.1.0")) - set(script()["repository_problems"]())
     assert [text for text in found if not text.startswith("CHANGELOG.md")] == []
-
-
-def test_no_release_without_the_repositorys_address_and_all_files_show_the_same(
-    checkout: Path,
-) -> None:
-    problems = script()["repository_problems"]
-    assert problems(checkout) == []
-    for name in ("CITATION.cff", "README.md"):
-        path = checkout / name
-        whole = path.read_text("utf-8")
-        path.write_text(whole.replace("https://", "https://elsewhere."), "utf-8")
-        assert [text.partition(":")[0] for text in problems(checkout)] == [name]
-        path.write_text(whole, "utf-8")
-    shutil.copy(ROOT / "README.md", checkout)
-    project = (checkout / "pyproject.toml").read_text("utf-8")
-    (checkout / "pyproject.toml").write_text(project.replace("\nRepository =", "\n# Repository ="))
-    assert problems(checkout) == [
-        "pyproject.toml: expected the repository's address under [project.urls], got none"
-    ]
-
-
-def test_the_files_show_no_address_that_pyproject_does_not_have() -> None:
-    urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
-    if urls:
-        assert script()["repository_problems"]() == []
-    else:
-        assert "\nrepository" not in (ROOT / "CITATION.cff").read_text("utf-8")
-        assert "git clone" not in (ROOT / "README.md").read_text("utf-8")
-    # The site takes it from pyproject.toml: docs/site/hooks.py.
-    assert "repo_url" not in (ROOT / "mkdocs.yml").read_text("utf-8")
-
-
-def test_the_script_ends_with_a_status() -> None:
-    for arguments, status in ((["v9.9.9"], 1), ([], 2)):
-        done = subprocess.run(
-            [sys.executable, SCRIPT, *arguments], capture_output=True, check=False
-        )
-        assert (done.returncode, b"expected" in done.stderr) == (status, True)

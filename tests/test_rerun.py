@@ -61,26 +61,6 @@ def test_every_card_runs_on_the_set_that_it_takes(
     ]
 
 
-def test_what_fails_or_never_ends_is_left_out_by_name(
-    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def run(words: list[str], **options: Any) -> SimpleNamespace:
-        if "local" in words:
-            raise subprocess.TimeoutExpired(words, 90)
-        return SimpleNamespace(returncode=1 if "run" in words else 0)
-
-    monkeypatch.setattr(subprocess, "run", run)
-    assert list(rerun["run_seed"]("7", 1.5)) == [
-        "unseen, wide: stopped after 1.5 minutes",
-        "unseen-stack, planes: failed, see above",
-    ]
-    monkeypatch.setattr(subprocess, "run", recorder([], status=2))
-    assert list(rerun["run_seed"]("7", 1.5)) == [
-        "unseen: not built, see above",
-        "unseen-stack: not built, see above",
-    ]
-
-
 def test_each_ranking_of_a_row_is_run_as_it_was(
     rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -49,23 +49,6 @@ def test_crops_change_with_the_epoch_and_come_again(tiny_store: Dataset) -> None
     assert all(torch.equal(*both) for both in zip(first, again, strict=True))
 
 
-def test_crops_of_all_arrays_are_of_one_place(tiny_store: Dataset) -> None:
-    data = TorchPairs("tiny", "One", crop=8, store=tiny_store.path)
-    whole = tiny_store.read(tiny_store.pairs("One")[0])
-    item = data[0]
-    places = [
-        (y, x)
-        for y in range(17)
-        for x in range(23)
-        if np.array_equal(np.nan_to_num(whole.depth[y : y + 8, x : x + 8]), item["depth"].numpy())
-    ]
-    assert len(places) == 1
-    (y, x) = places[0]
-    assert np.array_equal(
-        item["infocus"].permute(1, 2, 0).numpy(), whole.infocus[y : y + 8, x : x + 8]
-    )
-
-
 @pytest.mark.parametrize("crop", [0, -3, 25])
 def test_crops_that_do_not_fit(tiny_store: Dataset, crop: int) -> None:
     with pytest.raises(InputError, match="1 to 24"):

@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tarfile
 import zipfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -117,17 +116,6 @@ def expected() -> set[str]:
 def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
     assert {"dfdbench/py.typed", "dfdbench/manifests/demo-1.toml"} <= held_by(wheel)
     assert held_by(wheel) == expected()
-
-
-@pytest.mark.slow
-def test_the_wheel_of_an_unpacked_sdist_is_the_same(clean_tree: Path, tmp_path: Path) -> None:
-    build = "import sys, setuptools.build_meta as b; print(b.build_sdist(sys.argv[1]))"
-    python(sys.executable, "-c", build, tmp_path, cwd=clean_tree)
-    (archive,) = tmp_path.glob("*.tar.gz")
-    with tarfile.open(archive) as packed:
-        packed.extractall(tmp_path, filter="data")
-    unpacked = archive.with_name(archive.name.removesuffix(".tar.gz"))
-    assert held_by(wheel_of(unpacked, tmp_path / "wheel")) == expected()
 
 
 @pytest.mark.slow

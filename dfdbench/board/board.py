@@ -12,13 +12,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
-from dfdbench.board.published import (
-    PUBLISHED,
-    PublishedTable,
-    load_published,
-    published_summary,
-    published_table,
-)
+from dfdbench.board.published import PUBLISHED, load_published, published_summary, published_table
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
 from dfdbench.board.seeds import Draw, read_draws
@@ -66,7 +60,9 @@ class Board:
         return f"<leaderboard {self.folder}: {count} on {counted(len(sets), 'data set')}>"
 
     def _repr_html_(self) -> str:
-        return "".join(as_html(self._tables(board)[0]) for board in self.boards if board.headline)
+        return "".join(
+            as_html(board_tables(board, self.folder)[0]) for board in self.boards if board.headline
+        )
 
     @functools.cached_property
     def scores(self) -> pd.DataFrame:
@@ -140,7 +136,7 @@ class Board:
 
     def tables(self) -> list[Table]:
         """Return the rankings as tables."""
-        return [self._tables(board)[0] for board in self.boards]
+        return [board_tables(board, self.folder)[0] for board in self.boards]
 
     def write(self) -> Path:
         """Write the leaderboard's README, and return its path.
@@ -202,7 +198,10 @@ class Board:
             tracks=[c for c in contexts if c["suite"] != CLEAN],
             scored=[c for c in contexts if c["scored"]],
             summaries=[as_markdown(published_summary(published, name)) for name in compared],
-            published=[_published_context(table) for table in published],
+            published=[
+                (escape_markdown(f"{t.name}: {t.title}"), as_markdown(published_table(t)))
+                for t in published
+            ],
             citation=escape_markdown(published[0].citation) if published else "",
             doi=published[0].doi if published else "",
         )
@@ -212,11 +211,8 @@ class Board:
         names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
         return [b for b in self.boards if b.result.dataset.name in names and b.headline]
 
-    def _tables(self, board: ScoreBoard) -> list[Table]:
-        return board_tables(board, self.folder)
-
     def _context(self, board: ScoreBoard) -> dict[str, Any]:
-        ranking, *others = self._tables(board)
+        ranking, *others = board_tables(board, self.folder)
         return {
             "suite": board.suite,
             "scored": bool(board.result.method.scored),
@@ -266,8 +262,7 @@ def leaderboard(path: Path | str | None = None) -> Board:
             problems += error.problems
     board = Board(folder, rows, cards or {}, read_draws(folder))
     problems += [] if problems else _left_out(board)
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     return board
 
 
@@ -326,10 +321,3 @@ def _text(path: Path) -> str:
         return read_text(path) if path.exists() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise ResultError(f"cannot read the text: {reason_of(error)}", where=str(path)) from error
-
-
-def _published_context(table: PublishedTable) -> dict[str, str]:
-    return {
-        "summary": escape_markdown(f"{table.name}: {table.title}"),
-        "text": as_markdown(published_table(table)),
-    }

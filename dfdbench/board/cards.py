@@ -82,12 +82,11 @@ def load_cards(folder: Path) -> dict[str, Card]:
             second.entry, second.entry, second.parameters
         ):
             problems.append(Problem("two cards of one method", where=where, fix="remove one"))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     return cards
 
 
-def cards_table(cards: Mapping[str, Card], in_repository: bool = True) -> Table:
+def cards_table(cards: Mapping[str, Card], in_repository: bool) -> Table:
     """Return who wrote the methods, where their code is, and what they are given.
 
     Files of this repository are linked only from within it.

@@ -115,8 +115,7 @@ def load_published(folder: Path) -> list[PublishedTable]:
             problems += problems_of(error, "wrong value in the published table", file=path)
         except (OSError, ValueError) as error:
             problems.append(Problem(f"cannot read it: {reason_of(error)}", where=str(path)))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     return sorted(tables, key=lambda table: table.order)
 
 
@@ -178,32 +177,20 @@ def _by_exposure(table: PublishedTable, method: str) -> list[str]:
 
 def published_table(table: PublishedTable) -> Table:
     """Return a published table as it is printed, with its origin."""
-    places = tuple(dict.fromkeys(name for row in table.rows for name in row.at))
-    spread = any(row.std for row in table.rows)
-    timed = any(row.seconds is not None for row in table.rows)
-    metrics = [metric for metric in METRICS if any(metric in row.scores for row in table.rows)]
-    others = tuple(dict.fromkeys(name for row in table.rows for name in row.values))
-    several = len({row.method for row in table.rows}) > 1
-    columns = ["method"] if several else []
-    columns += places
-    for metric in metrics:
-        columns += [METRICS[metric].heading, *(["std"] if spread else [])]
-    columns += others
-    columns += ["seconds", "device"] if timed else []
-    rows = []
-    for row in table.rows:
-        cells = [row.method] if several else []
-        cells += [row.at.get(place, "") for place in places]
-        for metric in metrics:
-            cells.append(_printed(row.scores.get(metric)))
-            if spread:
-                cells.append(_printed(row.std.get(metric)))
-        cells += [_printed(row.values.get(name)) for name in others]
-        if timed:
-            cells += [_printed(row.seconds), row.device or ""]
-        rows.append(tuple(cells))
-    lead = len(places) + several
-    align = "l" * lead + "r" * (len(columns) - lead - timed) + "l" * timed
+    rows, first = table.rows, table.rows[0]
+    columns = [("method", "l", "method", "")] * any(row.method != first.method for row in rows)
+    columns += [(at, "l", "at", at) for at in dict.fromkeys(at for row in rows for at in row.at)]
+    for name in (name for name in METRICS if any(name in row.scores for row in rows)):
+        columns.append((METRICS[name].heading, "r", "scores", name))
+        columns += [("std", "r", "std", name)] * any(row.std for row in rows)
+    values = dict.fromkeys(name for row in rows for name in row.values)
+    columns += [(name, "r", "values", name) for name in values]
+    if any(row.seconds is not None for row in rows):
+        columns += [("seconds", "r", "seconds", ""), ("device", "l", "device", "")]
+    headings, sides, fields, keys = zip(*columns, strict=True)
+    shown = tuple(
+        tuple(_cell(row, *place) for place in zip(fields, keys, strict=True)) for row in rows
+    )
     where = f"page {table.page}" if table.page else f"section {table.section}"
     pairs = f", {table.pairs} pairs" if table.pairs else ""
     what = f"Numbers: {table.quantity}. " if table.quantity else ""
@@ -212,7 +199,13 @@ def published_table(table: PublishedTable) -> Table:
         f"Our note: {table.note}",
     )
     title = f"{table.name} ({where}): {table.title}; {table.dataset}, {table.scope}{pairs}"
-    return Table(title, tuple(columns), tuple(rows), align, notes)
+    return Table(title, headings, shown, "".join(sides), notes)
+
+
+def _cell(row: PublishedRow, field: str, key: str) -> str:
+    found = getattr(row, field)
+    value = found.get(key) if isinstance(found, dict) else found
+    return _printed(value) if value or field not in ("at", "device") else ""
 
 
 def _published_seconds(tables: Sequence[PublishedTable], method: str) -> str:
@@ -225,5 +218,5 @@ def _published_seconds(tables: Sequence[PublishedTable], method: str) -> str:
     return "; ".join(parts) or NOTHING
 
 
-def _printed(value: Decimal | None) -> str:
+def _printed(value: Decimal | str | None) -> str:
     return NOTHING if value is None else str(value)

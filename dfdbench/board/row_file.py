@@ -22,22 +22,7 @@ from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unkn
 from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
-from dfdbench.results.record import (
-    Count,
-    DatasetRecord,
-    Environment,
-    Finite,
-    MethodRecord,
-    Number,
-    PairResult,
-    RecipeRecord,
-    Result,
-    Seconds,
-    Seed,
-    Sha256,
-    average,
-)
-from dfdbench.results.wording import knew_blur
+from dfdbench.results import record, wording
 from dfdbench.system.files import read_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
@@ -66,19 +51,19 @@ class RowRun(Record):
     """
 
     label: Annotated[str, Field(json_schema_extra={"enum": list(_LABELS)})]
-    fingerprint: Sha256
-    recipe: RecipeRecord
+    fingerprint: record.Sha256
+    recipe: record.RecipeRecord
     options: dict[str, JsonValue] = Field(default_factory=dict)
     method: dict[str, JsonValue] = Field(default_factory=dict)
     environment: dict[str, JsonValue] = Field(default_factory=dict)
-    other_environments: list[Environment] = Field(default_factory=list)
-    machine: list[Count] = Field(default_factory=list)
+    other_environments: list[record.Environment] = Field(default_factory=list)
+    machine: list[record.Count] = Field(default_factory=list)
     status: list[Literal["ok", "failed", "missing", "not-run"]]
     timed_alone: bool = True
-    seconds: list[Seconds | None]
-    prediction_sha256: list[Sha256 | None]
-    scores: dict[Name, dict[Name, list[Finite | None]]]
-    numbers: dict[str, list[Number | None]] = Field(default_factory=dict)
+    seconds: list[record.Seconds | None]
+    prediction_sha256: list[record.Sha256 | None]
+    scores: dict[Name, dict[Name, list[record.Finite | None]]]
+    numbers: dict[str, list[record.Number | None]] = Field(default_factory=dict)
     warnings: list[str] = Field(default_factory=list)
 
     @model_validator(mode="after")
@@ -90,25 +75,15 @@ class RowRun(Record):
         for protocol, columns in self.scores.items():
             if protocol not in RELEASED:
                 raise ValueError(f"{self.label}: no such protocol: {protocol}")
-            known = metrics_of(protocol)
-            lacking = {name for name, metric in known.items() if not metric.younger} - {*columns}
-            if lacking or columns.keys() - known.keys():
-                wanted = f"metrics should be {', '.join(known)}, not {', '.join(columns)}"
-                raise ValueError(f"{self.label}, {protocol}: {wanted}")
-            for name, column in columns.items():
-                low, high = known[name].lowest, known[name].highest
-                wrong = [
-                    value for value in column if value is not None and not low <= value <= high
-                ]
-                if wrong:
-                    wanted = f"{name} should be from {low:g} to {high:g}, not {wrong[0]}"
-                    raise ValueError(f"{self.label}, {protocol}: {wanted}")
+            scored = {name: [v for v in each if v is not None] for name, each in columns.items()}
+            for end in (min, max):
+                record.by_metric({name: end(v, default=None) for name, v in scored.items()})
         return self
 
-    def records(self, pairs: Sequence[Pair]) -> list[PairResult]:
+    def records(self, pairs: Sequence[Pair]) -> list[record.PairResult]:
         """Return what became of each pair. The lists were checked, so this does not check again."""
         return [
-            PairResult.model_construct(
+            record.PairResult.model_construct(
                 id=pair.id,
                 scene=pair.scene,
                 coordinates=pair.at,
@@ -149,12 +124,12 @@ class Row(Record):
 
     schema_version: Literal[1]
     dataset: Name
-    manifest_sha256: Sha256
+    manifest_sha256: record.Sha256
     split: Name
     suites: Annotated[list[str], Field(min_length=1)]
-    method: MethodRecord
-    environment: Environment
-    seed: Seed
+    method: record.MethodRecord
+    environment: record.Environment
+    seed: record.Seed
     pairs: Annotated[list[str], Field(min_length=1)]
     runs: Annotated[list[RowRun], Field(min_length=1)]
 
@@ -203,7 +178,7 @@ class Row(Record):
         return known[self.dataset]
 
     @functools.cached_property
-    def results(self) -> tuple[Result, ...]:
+    def results(self) -> tuple[record.Result, ...]:
         """The runs, each as a result of its own; errors of pairs are not kept."""
         manifest = self.manifest
         pairs = manifest.pairs(self.split)
@@ -213,7 +188,7 @@ class Row(Record):
             records = run.records(pairs)
             done = sum(status == "ok" for status in run.status)
             on = "" if run.label == CLEAN else f"{AT}{run.label}"
-            dataset = DatasetRecord(
+            dataset = record.DatasetRecord(
                 name=self.dataset + on,
                 short=manifest.short + on,
                 manifest_sha256=self.manifest_sha256,
@@ -229,16 +204,18 @@ class Row(Record):
                 rows=manifest.table.rows,
                 simulated=manifest.simulated,
             )
-            result = Result.model_construct(
+            result = record.Result.model_construct(
                 schema_version=1,
                 dataset=dataset,
                 protocols=[RELEASED[label].as_dict() for label in run.scores],
-                method=MethodRecord.model_validate(method | run.method),
-                environment=Environment.model_validate(environment | run.environment),
+                method=record.MethodRecord.model_validate(method | run.method),
+                environment=record.Environment.model_validate(environment | run.environment),
                 other_environments=run.other_environments,
                 seed=self.seed,
                 pairs=records,
-                averages=average(records, list(run.scores)) if done == len(records) else None,
+                averages=record.average(records, list(run.scores))
+                if done == len(records)
+                else None,
                 warnings=run.warnings,
             )
             found.append(result)
@@ -247,7 +224,7 @@ class Row(Record):
     @property
     def given_blur(self) -> bool:
         """Whether the method was given a blur on a track."""
-        return any(map(knew_blur, self.results))
+        return any(map(wording.knew_blur, self.results))
 
     def is_of(self, card: Card) -> bool:
         """Return whether a card is of the row's method."""
@@ -260,7 +237,7 @@ class Row(Record):
         return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
 
 
-def row_of(results: Sequence[Result], suites: Sequence[str]) -> Row:
+def row_of(results: Sequence[record.Result], suites: Sequence[str]) -> Row:
     """Return runs of one method on one split as a row.
 
     Parameters
@@ -286,7 +263,7 @@ def row_of(results: Sequence[Result], suites: Sequence[str]) -> Row:
     )
 
 
-def _run_of(result: Result, first: Result) -> RowRun:
+def _run_of(result: record.Result, first: record.Result) -> RowRun:
     dataset, pairs = result.dataset, result.pairs
     numbers = dict.fromkeys(name for pair in pairs for name in pair.numbers)
     scores = {}

@@ -5,9 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.board import row_file
-from dfdbench.board.board import LEADERBOARD, require_leaderboard
-from dfdbench.board.cards import find_card
+from dfdbench.board import board, cards, row_file
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
@@ -29,7 +27,7 @@ def require_submittable(limit: int | None) -> None:
     if limit:
         fix = "leave out --limit; pairs that were run already are taken over"
         raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
-    require_leaderboard(LEADERBOARD)
+    board.require_leaderboard(board.LEADERBOARD)
 
 
 def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
@@ -42,14 +40,10 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
         were trained on scenes of the test.
     """
     parameters = without_folders(method.parameters)
-    find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
+    cards.find_card(board.LEADERBOARD, method.name, without_folder(method.entry), parameters)
     require_sound(store)
-    trained_on, weights = method.trained_on, method.weights_sha256
-    problems = row_file.training_problems(
-        trained_on, weights, store.manifest.stem, split, f"--split {split}"
-    )
-    if problems:
-        raise InputError.of(problems)
+    saw, where = (method.trained_on, method.weights_sha256), f"--split {split}"
+    InputError.raise_if(row_file.training_problems(*saw, store.manifest.stem, split, where))
 
 
 def submit(results: Result | Sequence[Result], folder: Path) -> Path:
@@ -76,10 +70,9 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     _require_one_method(runs)
     row = row_file.row_of(runs, [row_file.CLEAN_SUITE])
     row_file.require_pairs(row, "this run")
-    if problems := list(row_file.row_problems(row, folder, "this run")):
-        raise ResultError.of(problems)
+    ResultError.raise_if(row_file.row_problems(row, folder, "this run"))
     method = row.method
-    name = find_card(folder, method.name, method.entry, method.parameters, row.given_blur)
+    name = cards.find_card(folder, method.name, method.entry, method.parameters, row.given_blur)
     path = row.place(folder, name)
     suites: list[str] = []
     if path.exists():
@@ -126,19 +119,16 @@ def _facts(result: Result) -> dict[str, Any]:
 
 
 def _require_one_method(runs: Sequence[Result]) -> None:
-    problems = [
+    first = _facts(runs[0])
+    ResultError.raise_if(
         Problem(
-            "the runs are not of one method on one split",
+            f"the runs are not of one method on one split: {value}, not {first[name]}",
             where=f"{run.dataset.degradation}: {name}",
-            expected=str(_facts(runs[0])[name]),
-            got=str(value),
         )
         for run in runs
         for name, value in _facts(run).items()
-        if value != _facts(runs[0])[name]
-    ]
-    if problems:
-        raise ResultError.of(problems)
+        if value != first[name]
+    )
 
 
 def _require_same_method(there: Result, new: Result, path: Path) -> None:

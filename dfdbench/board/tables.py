@@ -15,9 +15,7 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
-from dfdbench.results import wording
-from dfdbench.results.frame import group_means
-from dfdbench.results.record import SCORED, Result
+from dfdbench.results import frame, record, wording
 from dfdbench.tables.table import Link, Table
 
 
@@ -39,7 +37,7 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
         standings_table(board, folder),
         lighting_table(board),
         scenes_table(board),
-        board_folds_table(board),
+        scenes_table(board, folds=True),
         runs_table(board, folder),
     ]
     return [table for table in tables if table.rows]
@@ -49,7 +47,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     """Return the ranking: by NRMSE, ties by NMAE, as the thesis ranks; in metres by AbsRel."""
     metrics = [find_metric(name) for name in metrics_of(board.protocol) if name != board.metric]
     # Rows that nobody could run have no second table to link their files.
-    scored = f": {SCORED}" if board.result.method.scored else ""
+    scored = f": {record.SCORED}" if board.result.method.scored else ""
     columns = (
         "",
         "method",
@@ -92,7 +90,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
     clean = board.scores[
         (board.scores["track"] == CLEAN) & (board.scores["metric"] == board.metric)
     ]
-    on_clean = group_means(clean, "row")
+    on_clean = frame.group_means(clean, "row")
     rows = tuple(
         (
             wording.NOTHING if standing.rank is None else str(standing.rank),
@@ -119,7 +117,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
 
 def tracks_of(board: ScoreBoard) -> pd.DataFrame:
     """Return each row's mean over severities, by row and metric, a column a track."""
-    means = group_means(board.scores, "row", "metric", "track", "severity")
+    means = frame.group_means(board.scores, "row", "metric", "track", "severity")
     return over_tracks(means, board.suite)
 
 
@@ -157,33 +155,24 @@ def _by_level(board: ScoreBoard) -> pd.DataFrame:
     return board.means(board.scores.assign(level=levels), "metric", "level")
 
 
-def scenes_table(board: ScoreBoard) -> Table:
-    """Return each method's mean over each scene, a row a scene."""
-    return _by_scenes(board, "scene", {name: [name] for name in sorted(set(board.scores["scene"]))})
+def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
+    """Return each method's mean over each scene, a row a scene; or over a fold's test scenes.
 
-
-def board_folds_table(board: ScoreBoard) -> Table:
-    """Return each method's mean over the test scenes of each fold, a row a fold.
-
-    It has no rows if the data set has no folds or the split does not hold at least two whole ones.
+    There are no rows of folds if the split does not hold at least two whole ones.
     """
-    known = {manifest.stem: manifest for manifest in released_manifests()}
-    manifest = known.get(board.result.dataset.name)
-    there = set(board.scores["scene"])
-    folds = {f.name: f.test_scenes for f in (manifest.folds if manifest else [])}
-    whole = {name: scenes for name, scenes in folds.items() if there.issuperset(scenes)}
-    return _by_scenes(board, "fold", whole if len(whole) > 1 else {})
-
-
-def _by_scenes(board: ScoreBoard, what: str, groups: dict[str, list[str]]) -> Table:
+    what, there = "scene", set(board.scores["scene"])
+    groups = {name: [name] for name in sorted(there)}
+    if folds:
+        known = {manifest.stem: manifest.folds for manifest in released_manifests()}
+        tests = {f.name: f.test_scenes for f in known.get(board.result.dataset.name, [])}
+        whole = {name: scenes for name, scenes in tests.items() if there.issuperset(scenes)}
+        what, groups = "fold", whole if len(whole) > 1 else {}
     own = board.scores[board.scores["metric"] == board.metric]
     labels = [standing.entry.label for standing in board.standings]
-    members = [(name, scene) for name, scenes in groups.items() for scene in scenes]
-    parts = own.merge(pd.DataFrame(members, columns=["group", "scene"]), on="scene")
-    means = board.means(parts, "group") if groups else parts
     rows, records = [], []
-    for name in groups:
-        found = means.loc[name]
+    for name, scenes in groups.items():
+        part = own[own["scene"].isin(scenes)].assign(group=name)
+        found = board.means(part, "group").loc[name]
         rows.append((name, *map(_shown, found)))
         records.append({what: name, **dict(zip(labels, map(plain, found), strict=True))})
     return Table(
@@ -367,7 +356,7 @@ def _tracks_notes(board: ScoreBoard, tracks: pd.DataFrame) -> list[str]:
     return notes
 
 
-def _seen(entry: Entry, text_of: Callable[[Result], str | None]) -> str:
+def _seen(entry: Entry, text_of: Callable[[record.Result], str | None]) -> str:
     texts = {
         _in_short(text, run.dataset.name) for run in entry.ranked_runs if (text := text_of(run))
     }

@@ -6,18 +6,15 @@ import sys
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
-from dfdbench.errors import DfdbenchError, Problem, reason_of
+from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
-from dfdbench.system.variables import require_sound_start
 
 __all__ = ["app", "main"]
-
-# The errors of a disk, or of a user's part of one, that has no room left.
-_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -30,7 +27,7 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def version_option(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    version: Annotated[bool, Option("--version", help="Print the version.")] = False,
 ) -> None:
     """Build depth-from-defocus data sets, run methods on them, and compare."""
     if version:
@@ -46,7 +43,6 @@ def main() -> None:
     os.environ["MPLBACKEND"] = "agg"
     try:
         try:
-            require_sound_start(os.environ)
             app()
         finally:
             # Here and not at the interpreter's end, where a full disk can no longer be reported.
@@ -64,33 +60,12 @@ def main() -> None:
     except BrokenPipeError:
         end_unread()
     except OSError as error:
-        problem = _of_the_system(error)
-        if problem is None:
+        # No room, too long a name, a folder that is gone: it may have come in by any option.
+        if not error.strerror or is_lack_of_memory(error):
             raise
-        say(f"error: {problem}")
+        say(f"error: {Problem(error.strerror, where=str(error.filename or ''))}")
         sys.stderr.flush()
-        if error.errno in _FULL:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
             # What standard output still holds cannot be written either.
             os._exit(2)
         sys.exit(2)
-
-
-def _of_the_system(error: OSError) -> Problem | None:
-    """Return what the system refuses wherever a name or a byte goes; None for anything else."""
-    name = str(error.filename or "")
-    if error.errno == errno.ENAMETOOLONG:
-        # It may have come in by any option, argument, manifest or variable.
-        return Problem(what="too long a name for this file system", where=name)
-    if error.errno == errno.ENOENT and not name and _nowhere():
-        return Problem("the current folder is no longer there", fix="cd to another")
-    if error.errno in _FULL:
-        return Problem("cannot write", where=name, got=reason_of(error))
-    return None
-
-
-def _nowhere() -> bool:
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        return True
-    return False

@@ -8,26 +8,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 import typer
+from typer import Argument, Option
 
+from dfdbench.audit import coverage as cover
 from dfdbench.audit import depth_errors, run_errors, splits
-from dfdbench.audit.coverage import (
-    CoverageRecord,
-    Criterion,
-    DensityBound,
-    as_json,
-    compare_depths,
-    coverage_table,
-    each_as_json,
-    each_table,
-    verdict_line,
-)
-from dfdbench.audit.difficulty import (
-    COARSE,
-    difficulty_as_json,
-    difficulty_rows,
-    difficulty_table,
-    split_difficulty,
-)
+from dfdbench.audit import difficulty as hardness
 from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
@@ -48,13 +33,13 @@ _CONSTANT = "constant"
 def depths(
     dataset: DataSetArgument,
     split: Annotated[
-        str | None, typer.Option(help="A split, a fold, a scene, or all, which is the default.")
+        str | None, Option(help="A split, a fold, a scene, or all, which is the default.")
     ] = None,
     result: Annotated[
-        list[Path] | None, typer.Option(help="A run's folder, for its errors by depth; repeatable.")
+        list[Path] | None, Option(help="A run's folder, for its errors by depth; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
+        Path | None, Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
     ] = None,
     format: Printed = Format.table,
     cache: Cache = None,
@@ -108,53 +93,51 @@ def difficulty(
     dataset: DataSetArgument,
     split: Split = "test",
     noise: Annotated[
-        int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
+        int, Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
     folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
     with screen.progress("looking at pairs", "nothing was written") as step:
-        found = split_difficulty(store, split, noise, step)
-    rows = difficulty_rows(manifest, found)
-    order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
+        found = hardness.split_difficulty(store, split, noise, step)
+    rows = hardness.difficulty_rows(manifest, found)
+    order = sorted(found, key=lambda pair: found[pair].share_above(hardness.COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
     figure = audits.difficulty_figure(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    table = difficulty_table(manifest, rows, noise)
+    content = hardness.difficulty_as_json(manifest, store.fingerprint, noise, rows)
+    table = hardness.difficulty_table(manifest, rows, noise)
     screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
 def split_command(
     dataset: DataSetArgument,
     test_scenes: Annotated[
-        int | None, typer.Option(min=1, help="Propose test splits of this many scenes.")
+        int | None, Option(min=1, help="Propose test splits of this many scenes.")
     ] = None,
-    folds: Annotated[
-        int | None, typer.Option(min=2, help="Propose this many folds instead.")
-    ] = None,
-    criterion: CriterionOption = Criterion.either,
+    folds: Annotated[int | None, Option(min=2, help="Propose this many folds instead.")] = None,
+    criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = DensityBound.factor,
-    density_floor: FloorOption = DensityBound.floor,
+    density_factor: FactorOption = cover.DensityBound.factor,
+    density_floor: FloorOption = cover.DensityBound.floor,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
+        int, Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
         raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
     store = open_dataset(dataset)
-    bound = DensityBound(density_factor, density_floor)
+    bound = cover.DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
     settings = splits.ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
@@ -167,7 +150,7 @@ def split_command(
 def _chosen_by(manifest: Manifest, settings: splits.ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
     said = f"criterion {scenes.criterion}, seed {settings.seed}"
-    if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
+    if scenes.criterion is not cover.Criterion.thesis and scenes.bound != cover.DensityBound():
         said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
         said += f", allowed share {scenes.allowed:g}"
@@ -211,7 +194,7 @@ def _propose_folds(
 
 
 def _scenes(
-    store: Dataset, criterion: Criterion, bound: DensityBound, allow: float
+    store: Dataset, criterion: cover.Criterion, bound: cover.DensityBound, allow: float
 ) -> splits.Scenes:
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
@@ -229,57 +212,55 @@ def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...
 #: What is tested one by one against all other scenes.
 Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
-    Criterion, typer.Option(help="What makes a level uncovered; either: both are applied.")
+    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
 ]
 
 
 AllowOption = Annotated[
-    float, typer.Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
+    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
 ]
 
 
 FactorOption = Annotated[
-    float, typer.Option(min=1, help="Density: how many times the share in training is too much.")
+    float, Option(min=1, help="Density: how many times the share in training is too much.")
 ]
 
 
 FloorOption = Annotated[
-    float, typer.Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
+    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
 ]
 
 
 def coverage(
     dataset: Annotated[
-        str | None, typer.Argument(help="The data set that trains.", autocompletion=data_sets)
+        str | None, Argument(help="The data set that trains.", autocompletion=data_sets)
     ] = None,
-    train: Annotated[
-        str | None, typer.Option(help="The split to train on; default: train.")
-    ] = None,
+    train: Annotated[str | None, Option(help="The split to train on; default: train.")] = None,
     test: Annotated[
-        str | None, typer.Option(help="Tests; default: test, or all with --test-dataset.")
+        str | None, Option(help="Tests; default: test, or all with --test-dataset.")
     ] = None,
     fold: Annotated[
-        str | None, typer.Option(help="Test on this fold or scene, train on all other scenes.")
+        str | None, Option(help="Test on this fold or scene, train on all other scenes.")
     ] = None,
     test_dataset: Annotated[
-        str | None, typer.Option(help="Test on another data set: its name or a store's path.")
+        str | None, Option(help="Test on another data set: its name or a store's path.")
     ] = None,
     each: Annotated[
-        Each | None, typer.Option(help="Test every scene or fold against all other scenes.")
+        Each | None, Option(help="Test every scene or fold against all other scenes.")
     ] = None,
     result: Annotated[
-        Path | None, typer.Option(help="A run's folder: show its errors by coverage, too.")
+        Path | None, Option(help="A run's folder: show its errors by coverage, too.")
     ] = None,
-    criterion: CriterionOption = Criterion.either,
+    criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = DensityBound.factor,
-    density_floor: FloorOption = DensityBound.floor,
+    density_factor: FactorOption = cover.DensityBound.factor,
+    density_floor: FloorOption = cover.DensityBound.floor,
     out: Out = None,
-    format: screen.Answered = screen.AnswerFormat.table,
+    format: Printed = Format.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
-    bound = DensityBound(density_factor, density_floor)
-    compare = partial(compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
+    bound = cover.DensityBound(density_factor, density_floor)
+    compare = partial(cover.compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
     if result and result.is_dir():
         result = result / RESULT
     run = load_result(result) if result else None
@@ -299,12 +280,14 @@ def coverage(
         record = compare(*both, leaks=leaks_between(*both))
         figure = audits.coverage_figure(record)
         place = _place(out, store, "coverage", _compared(record))
-        files: screen.Files = {"coverage.json": as_json(record), "coverage.png": figure}
-        screen.give([coverage_table(record)], format, place, files, verdict_line(record))
+        files: screen.Files = {"coverage.json": cover.as_json(record), "coverage.png": figure}
+        screen.give(
+            [cover.coverage_table(record)], format, place, files, cover.verdict_line(record)
+        )
         _end(record)
 
 
-def _end(*records: CoverageRecord) -> None:
+def _end(*records: cover.CoverageRecord) -> None:
     leaks = [leak for record in records for leak in record.leaks]
     if leaks:
         raise LeakError.of(leak.as_problem() for leak in leaks)
@@ -334,9 +317,9 @@ def _refuse_mixtures(
 def _answer_each(
     store: Dataset,
     each: Each,
-    compare: partial[CoverageRecord],
+    compare: partial[cover.CoverageRecord],
     out: str | None,
-    format: screen.AnswerFormat,
+    format: Format,
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -354,9 +337,9 @@ def _answer_each(
     bad = sum(not record.covered for record in records.values())
     criterion = compare.keywords["criterion"]
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
-    files = {"coverage.json": each_as_json(records, each)}
+    files = {"coverage.json": cover.each_as_json(records, each)}
     place = _place(out, store, "coverage", f"each-{each}")
-    screen.give([each_table(records, each)], format, place, files, verdict)
+    screen.give([cover.each_table(records, each)], format, place, files, verdict)
     _end(*records.values())
 
 
@@ -365,9 +348,9 @@ def _answer_errors(
     run: Result,
     folder: Path,
     training: Training,
-    record: CoverageRecord,
+    record: cover.CoverageRecord,
     out: str | None,
-    format: screen.AnswerFormat,
+    format: Format,
 ) -> None:
     join = run_errors.join_errors(store, run, folder, record)
     title = (
@@ -380,7 +363,7 @@ def _answer_errors(
     ]
     files: screen.Files = {
         "errors.json": run_errors.errors_as_json(join, run, record, training),
-        "coverage.json": as_json(record),
+        "coverage.json": cover.as_json(record),
         "coverage.png": audits.coverage_figure(record),
         "errors.png": audits.level_error_figure(join, title),
         "masks.png": audits.mask_figure(store, run, folder, join),
@@ -396,7 +379,7 @@ def _place(out: str | None, store: Dataset, what: str, name: str) -> Path:
     return output_place(default if out is None else out)
 
 
-def _compared(record: CoverageRecord) -> str:
+def _compared(record: cover.CoverageRecord) -> str:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
     if not record.train.split.startswith("all but"):

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
-from dfdbench.cli.screen import download_progress, progress, say, writing
+from dfdbench.cli.screen import progress, say, writing
 from dfdbench.datasets.catalog import find_manifest, of_seed
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
@@ -25,35 +26,33 @@ if TYPE_CHECKING:
 def build(
     name: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track.",
             autocompletion=options.data_sets,
         ),
     ],
     source: Annotated[
-        Path | None, typer.Option(help="Folder with the files, as the site has them or zipped.")
+        Path | None, Option(help="Folder with the files, as the site has them or zipped.")
     ] = None,
     store: Annotated[
-        str | None, typer.Option(help="Where to build, a path or a URL; default: the cache.")
+        str | None, Option(help="Where to build, a path or a URL; default: the cache.")
     ] = None,
-    recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
+    recipe: Annotated[str | None, Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     pair: Annotated[
-        str | None, typer.Option(help="Voltage steps, in-focus and defocus: 141,129.")
+        str | None, Option(help="Voltage steps, in-focus and defocus: 141,129.")
     ] = None,
     allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Accept missing pairs and build the rest.")
+        bool, Option("--allow-missing", help="Accept missing pairs and build the rest.")
     ] = False,
     mirror: Annotated[
-        list[str] | None, typer.Option(metavar="URL", help="Asked before the site; repeatable.")
+        list[str] | None, Option(metavar="URL", help="Asked before the site; repeatable.")
     ] = None,
     offline: Annotated[
-        bool, typer.Option("--offline", help="Fetch nothing; use what was fetched before.")
+        bool, Option("--offline", help="Fetch nothing; use what was fetched before.")
     ] = False,
-    seed: Annotated[
-        str | None, typer.Option(metavar="N", help="Of unseen sets: what is drawn.")
-    ] = None,
+    seed: Annotated[str | None, Option(metavar="N", help="Of unseen sets: what is drawn.")] = None,
     cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
@@ -71,7 +70,7 @@ def build(
         read = source if store else None
         output_place(plan.place.path, read, option="--store", replaces=True)
     pool = options.pool_of(workers, scheduler)
-    with download_progress(f"fetching {plan.manifest.short}") as fetched:
+    with progress(f"fetching {plan.manifest.short}") as fetched:
         obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
     tell_fetched(obtained)
     files = obtained.source
@@ -90,10 +89,10 @@ def build(
 
 def export(
     name: options.DataSetArgument,
-    png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
+    png: Annotated[Path, Option(metavar="DIR", help="Folder to write PNG files into.")],
     split: options.Split = "all",
     images_only: Annotated[
-        bool, typer.Option("--images-only", help="Write no depth, which methods must not see.")
+        bool, Option("--images-only", help="Write no depth, which methods must not see.")
     ] = False,
     cache: options.Cache = None,
 ) -> None:
@@ -153,27 +152,20 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no pair at all    {listed(whole, most=8)}")
-    alike: dict[str, list[str]] = {}
-    for scene, places in by_scene.items():
-        if scene not in whole:
-            alike.setdefault(", ".join(places), []).append(scene)
-    for names, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {counted(names.count(',') + 1, 'pair')} each")
-        lines.append(f"    {names}")
+    for scene in [s for s in by_scene if s not in whole]:
+        lines.append(f"  {scene:<17} {listed(by_scene[scene], most=8)}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)
 
 
 def new_dataset(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Pairs or stacks of photographs, and depth maps.")
+        Path, Argument(metavar="DIR", help="Pairs or stacks of photographs, and depth maps.")
     ],
     out: Annotated[
-        Path | None, typer.Option(help="The manifest to write; default: NAME-1.toml, here.")
+        Path | None, Option(help="The manifest to write; default: NAME-1.toml, here.")
     ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="The data set's name; default: the folder's.")
-    ] = None,
+    name: Annotated[str | None, Option(help="The data set's name; default: the folder's.")] = None,
 ) -> None:
     """Look at a folder of captures and write a manifest for a person to finish."""
     from dfdbench.building.new_manifest import new_manifest

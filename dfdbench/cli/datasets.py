@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.filesize import decimal
+from typer import Argument, Option
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 def list_datasets(
     cache: Cache = None,
     entries: Annotated[
-        bool, typer.Option("--entries", help="Show where each method is defined instead.")
+        bool, Option("--entries", help="Show where each method is defined instead.")
     ] = False,
 ) -> None:
     """List the data sets, their tracks and the registered methods."""
@@ -124,26 +125,24 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
 
 def clear_cache(
     names: Annotated[
-        list[str] | None, typer.Argument(help="downloads, stores, or names that are listed.")
+        list[str] | None, Argument(help="downloads, stores, or names that are listed.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, Option("--yes", help="Do not ask.")] = False,
     cache: Cache = None,
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
-    known = {*KINDS, *(entry.name for entry in entries)}
-    shorts = {
-        manifest.short: (manifest.stem, f"{manifest.stem}.zarr", f"{manifest.stem}.zarr.partial")
-        for manifest in released_manifests()
-    }
-    for name in names or ():
-        if name not in known | shorts.keys() and part_name(name)[1]:
-            stem = find_manifest(name).stem
-            shorts[name] = (stem, f"{stem}.zarr", f"{stem}.zarr.partial")
-        if name not in known | shorts.keys():
-            raise unknown_name("entry of the cache", name, known | shorts.keys())
-    wanted = {full for name in names or KINDS for full in shorts.get(name, (name,))}
-    chosen = tuple(entry for entry in entries if wanted & {entry.kind, entry.name})
+    stems = {manifest.short: manifest.stem for manifest in released_manifests()}
+    known = {*KINDS, *stems, *(entry.name for entry in entries)}
+    chosen = []
+    for name in names or KINDS:
+        if name not in known and not part_name(name)[1]:
+            raise unknown_name("entry of the cache", name, known)
+        stem = stems.get(name) or (name if name in known else find_manifest(name).stem)
+        chosen += [
+            e for e in entries if name in (e.kind, e.name) or e.name.split(".zarr")[0] == stem
+        ]
+    chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")
     if not chosen:
@@ -153,7 +152,7 @@ def clear_cache(
         if not sys.stdin.isatty():
             raise InputError("nobody can be asked", where="dfdbench cache clear", fix="say --yes")
         typer.confirm("Remove them?", abort=True)
-    remove_entries(chosen)
+    remove_entries(tuple(chosen))
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
 
 
@@ -164,16 +163,16 @@ _LONGEST = 100
 def info(
     name: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A data set's name, with its track, a manifest's path, or a store's place.",
             autocompletion=data_sets,
         ),
     ],
     pairs: Annotated[
-        str | None, typer.Option(help="List the pairs of this split, fold or scene, one per line.")
+        str | None, Option(help="List the pairs of this split, fold or scene, one per line.")
     ] = None,
     croissant: Annotated[
-        bool, typer.Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
+        bool, Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
     ] = False,
     cache: Cache = None,
 ) -> None:
@@ -230,38 +229,20 @@ def _show_scenes(store: Dataset) -> None:
     from dfdbench.datasets.damage import scene_record
 
     rows = []
-    placed: list[tuple[str, dict[str, float]]] = []
     others: list[tuple[str, str, str]] = []
     for scene in store.scenes:
         record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
         for name, value in record.found.items():
-            # Other packages' sources may keep whatever fits into JSON.
-            if _places(value) and (not placed or value.keys() == placed[0][1].keys()):
-                placed.append((name, value))
-            else:
-                text = json.dumps(value, ensure_ascii=False)
-                others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
+            text = json.dumps(value, ensure_ascii=False)
+            others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
         size = " × ".join(map(str, store.shape_of(scene)))
         pairs = str(len(store.pairs(scene)))
         rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))
     heading = ("scene", "y × x", "pairs", "made from", "digest")
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
-    if placed:
-        names = tuple(placed[0][1])
-        matched = tuple((pair, *(f"{value[name]:g}" for name in names)) for pair, value in placed)
-        title = "what lays one image on the other"
-        print_table(Table(title, ("pair", *names), matched, "l" + "r" * len(names)))
     if others:
         columns = ("scene", "what", "value")
         print_table(Table("what the source found out", columns, tuple(others), "lll"))
-
-
-def _places(value: object) -> bool:
-    return (
-        isinstance(value, dict)
-        and bool(value)
-        and all(isinstance(number, float) for number in value.values())
-    )
 
 
 def _without_recipe(manifest: Manifest) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from dfdbench.cli.options import Params, Seed, methods, values_of
 from dfdbench.cli.screen import print_table, progress, say
@@ -25,40 +26,40 @@ if TYPE_CHECKING:
 def predict(
     images: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             help="In-focus and defocus photograph; or a folder of pairs, PAIR/infocus.png and "
             "PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
         ),
     ],
     out: Annotated[
         Path,
-        typer.Option(
+        Option(
             help="A depth map, .npy or .png (16 bit: level times 256, or mm). Of a folder: a "
             "folder, or a .zip as ZEDD's test server takes it."
         ),
     ],
     method: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="As for `run`; default with --fitted: the method of that run.",
             autocompletion=methods,
         ),
     ] = None,
     param: Params = None,
     fitted: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
+        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     lens: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="TOML of a lens, recipe or law.")
+        Path | None, Option(metavar="FILE", help="TOML of a lens, recipe or law.")
     ] = None,
     weights: Annotated[
-        str | None, typer.Option(metavar="NAME", help="A network's weights, by name or file.")
+        str | None, Option(metavar="NAME", help="A network's weights, by name or file.")
     ] = None,
     no_align: Annotated[
-        bool, typer.Option("--no-align", help="The photographs lie on each other as they are.")
+        bool, Option("--no-align", help="The photographs lie on each other as they are.")
     ] = False,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw images and depth.")
+        Path | None, Option(metavar="FILE.png", help="Draw images and depth.")
     ] = None,
     seed: Seed = 0,
 ) -> None:
@@ -139,7 +140,7 @@ def _predict_folder(
 def check_method_command(
     method: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="As for `run --method`: a name, file.py:function or module:function.",
             autocompletion=methods,
         ),

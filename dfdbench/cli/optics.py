@@ -1,12 +1,11 @@
 """The verbs for a lens: optics blur, optics pairs, optics sharpness."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from matplotlib.ticker import MaxNLocator
+from typer import Argument, Option
 
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, save_figure
@@ -18,34 +17,27 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
-_OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20
 _DRAWN = 3
 
 
 def blur(
-    f_number: Annotated[float, typer.Option(help="Focal length over aperture.")],
-    focal_length: Annotated[str, typer.Option(help="With its unit: 9.6mm.")],
-    focus: Annotated[str, typer.Option(help="The distance in focus: 0.5m.")],
-    pixel: Annotated[str, typer.Option(help="Size of a pixel: 4.8um.")],
+    f_number: Annotated[float, Option(help="Focal length over aperture.")],
+    focal_length: Annotated[str, Option(help="With its unit: 9.6mm.")],
+    focus: Annotated[str, Option(help="The distance in focus: 0.5m.")],
+    pixel: Annotated[str, Option(help="Size of a pixel: 4.8um.")],
     range: Annotated[
-        tuple[str, str], typer.Option(help="Distances shown; metres unless a unit is given.")
+        tuple[str, str], Option(help="Distances shown; metres unless a unit is given.")
     ] = ("0.3", "4"),
-    out: Annotated[Path, typer.Option(help="Where the curve is drawn.")] = Path("blur.png"),
+    out: Annotated[Path, Option(help="Where the curve is drawn.")] = Path("blur.png"),
 ) -> None:
     """Print a thin lens's blur by distance and draw the curve (thesis, Fig. 2.5)."""
-    try:
-        lens = ThinLens(
-            f_number,
-            parse_length(focal_length, "--focal-length"),
-            parse_length(focus, "--focus"),
-            parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL),
-        )
-    except InputError as error:
-        problems = error.problems
-        raise InputError.of(
-            [replace(p, where=_OPTIONS.get(p.where, p.where)) for p in problems]
-        ) from None
+    lens = ThinLens(
+        f_number,
+        parse_length(focal_length, "--focal-length"),
+        parse_length(focus, "--focus"),
+        parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL),
+    )
     near, far = _range(range)
     if near <= lens.focal_length:
         what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"
@@ -57,13 +49,13 @@ def blur(
 
 def pairs(
     lens: Annotated[
-        Path | None, typer.Option(help="A measured lens as CSV; default: the thesis's.")
+        Path | None, Option(help="A measured lens as CSV; default: the thesis's.")
     ] = None,
     range: Annotated[
-        tuple[str, str], typer.Option(help="The working range; metres unless a unit is given.")
+        tuple[str, str], Option(help="The working range; metres unless a unit is given.")
     ] = ("1.5", "2.2"),
-    limit: Annotated[int, typer.Option(min=1, help="How many pairs are shown.")] = 20,
-    out: Annotated[Path, typer.Option(help="Where the best pairs are drawn.")] = Path("pairs.png"),
+    limit: Annotated[int, Option(min=1, help="How many pairs are shown.")] = 20,
+    out: Annotated[Path, Option(help="Where the best pairs are drawn.")] = Path("pairs.png"),
 ) -> None:
     """Rank pairs of voltage steps by how well their blur tells distances apart (thesis, 7.2.3)."""
     table = read_lens_table(lens)
@@ -77,8 +69,8 @@ def pairs(
 
 
 def sharpness(
-    source: Annotated[Path, typer.Argument(help="Folder with temperature, up and down.")],
-    out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
+    source: Annotated[Path, Argument(help="Folder with temperature, up and down.")],
+    out: Annotated[Path, Option(help="Folder for the figures.")] = Path("sharpness"),
 ) -> None:
     """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
     output_place(out, source)

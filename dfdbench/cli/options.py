@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.text import parse_json
@@ -58,19 +58,16 @@ def methods(incomplete: str) -> list[str]:
 
 
 DataSet = Annotated[
-    str, typer.Option(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
+    str, Option(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
 ]
 DataSetArgument = Annotated[
-    str,
-    typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
+    str, Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
 ]
 Method = Annotated[
-    str, typer.Option(help="A name, file.py:function or module:function.", autocompletion=methods)
+    str, Option(help="A name, file.py:function or module:function.", autocompletion=methods)
 ]
-Params = Annotated[
-    list[str] | None, typer.Option("--param", help="The method's NAME=VALUE; repeatable.")
-]
-Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
+Params = Annotated[list[str] | None, Option("--param", help="The method's NAME=VALUE; repeatable.")]
+Split = Annotated[str, Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
 
 def _known_protocol(name: str | None) -> str | None:
@@ -81,22 +78,21 @@ def _known_protocol(name: str | None) -> str | None:
 
 Protocol = Annotated[
     str | None,
-    typer.Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
+    Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
 ]
-Out = Annotated[str | None, typer.Option(help="Folder; default: below results/ or training/.")]
-Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
-Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all random draws.")]
+Out = Annotated[str | None, Option(help="Folder; default: below results/ or training/.")]
+Printed = Annotated[Format, Option(help="How the tables are printed.")]
+Seed = Annotated[int, Option(min=0, max=2**32 - 1, help="Seed of all random draws.")]
 Cache = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         envvar="DFDBENCH_CACHE",
         help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
-Workers = Annotated[int | None, typer.Option(min=1, max=1024, help="Number; default: one a core.")]
+Workers = Annotated[int | None, Option(min=1, max=1024, help="Number; default: one a core.")]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786."),
+    str | None, Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786.")
 ]
 
 
@@ -109,10 +105,10 @@ class FigureFormat(StrEnum):
 
 FigureFormats = Annotated[
     list[FigureFormat] | None,
-    typer.Option("--figure-format", help="Figures as PDF or SVG too; repeatable."),
+    Option("--figure-format", help="Figures as PDF or SVG too; repeatable."),
 ]
 Submit = Annotated[
-    bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")
+    bool, Option("--submit", help="Write the result into leaderboard/, for a pull request.")
 ]
 
 
@@ -137,8 +133,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
             values[name] = value_of(value, f"{option} {name}")
         else:
             problems.append(Problem("not a NAME=VALUE", where=option, got=text))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return values
 
 

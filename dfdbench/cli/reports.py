@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
+import dfdbench
 from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
 from dfdbench.cli import screen
@@ -16,13 +17,14 @@ from dfdbench.cli.options import FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, first_protocol
-from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
+from dfdbench.results.run_folder import PREVIOUS
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
-Dataset = Annotated[str | None, typer.Option(help="Store; default: where the runs found it.")]
+Dataset = Annotated[str | None, Option(help="Store; default: where the runs found it.")]
 
 
 #: A page, or one table of methods beside metrics.
@@ -31,20 +33,19 @@ _PAGES = ("html", "markdown")
 
 
 def report(
-    results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
+    results: Annotated[list[Path], Argument(help="Result files or runs' folders.")],
     out: Annotated[
-        Path | None, typer.Option(help="The page's folder (default: report), or a table's file.")
+        Path | None, Option(help="The page's folder (default: report), or a table's file.")
     ] = None,
     protocol: Protocol = None,
     format: Annotated[
-        ReportFormat,
-        typer.Option(help="A page, html or markdown; or a table of methods beside metrics."),
+        ReportFormat, Option(help="A page, html or markdown; or a table of methods beside metrics.")
     ] = "html",
     metric: Annotated[
-        list[str] | None, typer.Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
+        list[str] | None, Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw accuracy against seconds.")
+        Path | None, Option(metavar="FILE.png", help="Draw accuracy against seconds.")
     ] = None,
     figure_format: FigureFormats = None,
     dataset: Dataset = None,
@@ -54,11 +55,11 @@ def report(
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
         output_place(figure, *results, option="--figure")
-    paths, left_out = without_previous(_each_once(results))
-    for old, new in left_out:
-        both = f"`dfdbench compare {old} {new}` sets them side by side"
-        screen.say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = distinguished(open_saved_run(path, dataset) for path in paths)
+    once = {os.path.realpath(path / RESULT if path.is_dir() else path): path for path in results}
+    paths = [path for path in once.values() if not path.name.endswith(PREVIOUS)]
+    if paths and len(paths) < len(once):
+        screen.say(f"left out: earlier runs, NAME{PREVIOUS}; `dfdbench compare` takes two runs")
+    runs = distinguished(open_saved_run(path, dataset) for path in paths or once.values())
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
@@ -88,16 +89,12 @@ def _refuse_what_does_not_fit(
     figure: Path | None,
     figure_format: Sequence[str] | None,
 ) -> None:
-    if format not in _PAGES:
-        if figure_format:
-            what = "a table's figure has the form that its name says"
-            fix = f"--figure accuracy.{figure_format[0]}"
-            raise InputError(what, where="--figure-format", fix=fix)
-        return
-    for option, given in (("--metric", metric), ("--figure", figure)):
-        if given:
-            fix = "leave it out, or add --format table, latex or csv"
-            raise InputError("a page shows every metric and figure", where=option, fix=fix)
+    if format not in _PAGES and figure_format:
+        what, fix = "a table's figure has the form that its name says", "--figure FILE.pdf"
+        raise InputError(what, where="--figure-format", fix=fix)
+    if format in _PAGES and (metric or figure):
+        where, fix = "--metric, --figure", "leave it out, or add --format table, latex or csv"
+        raise InputError("a page shows every metric and figure", where=where, fix=fix)
 
 
 def _write_page(
@@ -120,21 +117,18 @@ def _write_page(
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A result file or a run's folder.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another on the same data.")],
+    first: Annotated[Path, Argument(metavar="A", help="A result file or a run's folder.")],
+    second: Annotated[Path, Argument(metavar="B", help="Another on the same data.")],
     protocol: Protocol = None,
-    most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
+    most: Annotated[int, Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Printed = Format.table,
     out: Annotated[
-        Path | None, typer.Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
+        Path | None, Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
     ] = None,
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    from dfdbench import api
-    from dfdbench.figures.style import write_figure
-
-    found = api.compare(first, second, protocol=protocol, dataset=dataset, most=most)
+    found = dfdbench.compare(first, second, protocol=protocol, dataset=dataset, most=most)
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
     (tables,) = found.tables.values()
@@ -145,10 +139,7 @@ def compare(
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
         screen.say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    with screen.writing(picture):
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        write_figure(figure, picture)
-    screen.say(f"panels       {picture}")
+    screen.save_figure(figure, picture)
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
@@ -156,12 +147,7 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
         a, b = (_stem(run.label) for run in (first, second))
         dataset = first.result.dataset
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
-    if out.is_dir() or not out.suffix:
-        return out / "compare.png"
-    if out.suffix.lower() not in screen.PICTURES:
-        what = f"not a folder and no picture ({', '.join(screen.PICTURES)}): {out.name}"
-        raise InputError(what, where="--out")
-    return out
+    return out / "compare.png" if out.is_dir() or not out.suffix else out
 
 
 def _stem(label: str) -> str:
@@ -169,26 +155,15 @@ def _stem(label: str) -> str:
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.=") else "_" for c in plain)[:80]
 
 
-def _each_once(paths: Sequence[Path]) -> list[Path]:
-    found: dict[Path, Path] = {}
-    for path in paths:
-        file = Path(os.path.realpath(path / RESULT if path.is_dir() else path))
-        if file in found:
-            screen.say(f"given twice, shown once: {path}")
-        else:
-            found[file] = path
-    return list(found.values())
-
-
 def leaderboard(
     context: typer.Context,
     check: Annotated[
-        bool, typer.Option("--check", help="Change nothing; fail if a file is wrong or stale.")
+        bool, Option("--check", help="Change nothing; fail if a file is wrong or stale.")
     ] = False,
     format: Annotated[
-        Format | None, typer.Option(help="How the rankings are printed; default: table.")
+        Format | None, Option(help="How the rankings are printed; default: table.")
     ] = None,
-    folder: Annotated[Path, typer.Option(help="The leaderboard's folder.")] = LEADERBOARD,
+    folder: Annotated[Path, Option(help="The leaderboard's folder.")] = LEADERBOARD,
 ) -> None:
     """Rank the results of the leaderboard, print the rankings and write its README."""
     if context.invoked_subcommand:
@@ -197,7 +172,7 @@ def leaderboard(
         raise InputError(
             "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
         )
-    board = open_board(folder)
+    board = dfdbench.leaderboard(folder)
     if check:
         board.require_written()
         print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
@@ -208,20 +183,19 @@ def leaderboard(
 
 
 def verify_rows(
-    rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
-    pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
+    rows: Annotated[list[Path], Argument(help="Files of leaderboard/results.")],
+    pairs: Annotated[int, Option(min=1, help="How many pairs are run again.")] = 5,
     seed: Annotated[
-        int | None,
-        typer.Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw."),
+        int | None, Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw.")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="How far a score may be off, 0 to 1.")
+        float, Option(help="How far a score may be off, 0 to 1.")
     ] = SCORE_TOLERANCE,
     trust: Annotated[
-        list[str] | None, typer.Option(metavar="ENTRY", help="Run this code, too; repeatable.")
+        list[str] | None, Option(metavar="ENTRY", help="Run this code, too; repeatable.")
     ] = None,
     weights: Annotated[
-        Path | None, typer.Option(help="Your copy of weights that are not shipped.")
+        Path | None, Option(help="Your copy of weights that are not shipped.")
     ] = None,
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""

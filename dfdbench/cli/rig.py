@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
@@ -27,17 +27,7 @@ from dfdbench.errors import (
 from dfdbench.figures.camera import overlay_figure
 from dfdbench.optics.sharpness import sharpest
 from dfdbench.results.output_place import output_place
-from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import Beams, depth_image, warp
-from dfdbench.rig.registration import (
-    NAME,
-    PREVIOUS,
-    Registration,
-    read_registration,
-    register,
-    sight,
-    write_registration,
-)
+from dfdbench.rig import geometry, lidar, registration
 from dfdbench.rig.sighting import Sighting, board_rays
 from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
@@ -50,16 +40,17 @@ _KNOWN_WELL = 3.0  # pixels
 
 
 def register_scenes(
-    scene: Annotated[str, typer.Argument(help="Scenes: k33, k00-k07, or all that are there.")],
-    source: Annotated[Path, typer.Option(help="Folder with raw captures.")],
+    scene: Annotated[str, Argument(help="Scenes: k33, k00-k07, or all that are there.")],
+    source: Annotated[Path, Option(help="Folder with raw captures.")],
     dataset: Annotated[
-        str, typer.Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
+        str, Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
     ] = "realworld",
-    focal_length: Annotated[str, typer.Option(help="Focal length of the camera.")] = "9.6mm",
-    pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
-    baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
+    focal_length: Annotated[str, Option(help="Focal length of the camera.")] = "9.6mm",
+    pixel: Annotated[str, Option(help="Size of a pixel.")] = "4.8um",
+    baseline: Annotated[str, Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool, typer.Option("--fresh", help=f"Estimate again, and keep the old as {PREVIOUS}.")
+        bool,
+        Option("--fresh", help=f"Estimate again, and keep the old as {registration.PREVIOUS}."),
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
@@ -71,7 +62,7 @@ def register_scenes(
     size = parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL)
     focal_pixels = parse_length(focal_length, "--focal-length") / size
     above = parse_length(baseline, "--baseline")
-    rig = CaptureRig(focal_pixels, (height, width), capture.crop_size, above)
+    rig = geometry.CaptureRig(focal_pixels, (height, width), capture.crop_size, above)
     names = manifest.scene_names if scene == "all" else chosen(scene, "", manifest.scene_names)
     there = {name: find_captured_scene(source, name, capture) for name in names}
     there = {name: files for name, files in there.items() if files or scene != "all"}
@@ -84,7 +75,7 @@ def register_scenes(
     )
     sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
     with progress("registering scenes") as step:
-        found, unregistered = register(sightings, rig, step)
+        found, unregistered = registration.register(sightings, rig, step)
     problems |= unregistered
 
     def draw(name: str) -> tuple[str, ...]:
@@ -111,7 +102,7 @@ class _Seen:
 
     files: RawScene
     ranges: NDArray[np.float64]
-    beams: Beams
+    beams: lidar.Beams
     frame: NDArray[np.uint8]
     frame_name: str
     sighting: Sighting | None
@@ -133,33 +124,34 @@ def _each(
 
 
 def _look(
-    files: RawScene | PublishedScene | None, place: Path, rig: CaptureRig, fresh: bool
+    files: RawScene | PublishedScene | None, place: Path, rig: geometry.CaptureRig, fresh: bool
 ) -> _Seen:
     if not isinstance(files, RawScene):
         raise SourceError.of(_not_raw(place))
     wrong = files.scan_problems()
-    if wrong:
-        raise SourceError.of(wrong)
+    SourceError.raise_if(wrong)
     ranges, beams = files.ranges(), files.beams()
     frame, frame_name = _sharp_frame(files)
     kept = files.registration.exists() and not fresh
-    sighting = None if kept else sight(frame, ranges, beams, rig)
+    sighting = None if kept else registration.sight(frame, ranges, beams, rig)
     return _Seen(files, ranges, beams, frame, frame_name, sighting)
 
 
-def _write(one: _Seen, found: Registration) -> None:
+def _write(one: _Seen, found: registration.Registration) -> None:
     others = f" and {found.boards - 1} other scenes" if found.boards > 1 else ""
     note = f"Estimated by dfdbench rig register from {one.frame_name}{others}."
     corners = board_rays(one.ranges, one.beams).corners()
-    write_registration(one.files.registration, found.matrix, corners, note)
+    registration.write_registration(one.files.registration, found.matrix, corners, note)
 
 
-def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -> tuple[str, ...]:
-    after = read_registration(one.files.registration)
+def _drawn(
+    name: str, one: _Seen, found: registration.Registration | None, rig: geometry.CaptureRig
+) -> tuple[str, ...]:
+    after = registration.read_registration(one.files.registration)
     rays = board_rays(one.ranges, one.beams)
-    levels, valid = depth_image(one.ranges, one.beams)
-    before = rays.matrix(Pose(), rig)
-    if not warp(levels, valid, after, (rig.crop_size,) * 2)[1].any():
+    levels, valid = lidar.depth_image(one.ranges, one.beams)
+    before = rays.matrix(geometry.Pose(), rig)
+    if not lidar.warp(levels, valid, after, (rig.crop_size,) * 2)[1].any():
         fix = "correct it by hand, or estimate it anew with --fresh"
         where = str(one.files.registration)
         raise SourceError("no LIDAR return falls on the image", where=where, fix=fix)
@@ -167,9 +159,12 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -
     # The whole frame is drawn, not its crop: the board's sides are what tells.
     y, x = rig.crop_offset
     to_frame = np.array([[1.0, 0, x], [0, 1, y], [0, 0, 1]])
-    named = {"before: LIDAR taken as parallel to the camera": before, "after: " + NAME: after}
+    named = {
+        "before: LIDAR taken as parallel to the camera": before,
+        "after: " + registration.NAME: after,
+    }
     depths = {
-        title: warp(levels, valid, to_frame @ matrix, rig.frame_size)
+        title: lidar.warp(levels, valid, to_frame @ matrix, rig.frame_size)
         for title, matrix in named.items()
     }
     figure = overlay_figure(one.frame, depths, f"{name}, {one.frame_name}, whole frame")
@@ -182,7 +177,7 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -
     return name, f"estimated {how}", agreed, f"± {found.known_to:.1f}", shift
 
 
-def _notes(found: Mapping[str, Registration]) -> tuple[str, ...]:
+def _notes(found: Mapping[str, registration.Registration]) -> tuple[str, ...]:
     loose = [name for name, one in found.items() if one.known_to > _KNOWN_WELL]
     unseen = [name for name, one in found.items() if one.agreement is None]
     said = {
@@ -224,16 +219,15 @@ _LARGEST_TURN = 10.0  # degrees
 
 
 def simulate_realworld(
-    out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
-    scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
-    steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
-    exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
+    out: Annotated[Path, Option(help="Folder to write the scenes into.")],
+    scenes: Annotated[str, Option(help="Which: k00-k07,k33.")] = "k00-k07",
+    steps: Annotated[str, Option(help="Voltage steps: 127-143.")] = "127-143",
+    exposures: Annotated[str, Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
-        str, typer.Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
+        str, Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
-    workers: Annotated[
-        int, typer.Option(min=1, max=1024, help="Scenes made at once.")
-    ] = os.cpu_count() or 1,
+    workers: Annotated[int, Option(min=1, max=1024, help="Scenes made at once.")] = os.cpu_count()
+    or 1,
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
     output_place(out)
@@ -258,7 +252,7 @@ def simulate_realworld(
     say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
-def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
+def simulate_lens(out: Annotated[Path, Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
     with writing(out):
@@ -267,7 +261,7 @@ def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into."
     say(f"next         dfdbench rig optics sharpness {out}")
 
 
-def _pose(text: str) -> Pose:
+def _pose(text: str) -> geometry.Pose:
     try:
         yaw, pitch, roll = map(float, text.split(","))
     except ValueError:
@@ -276,7 +270,7 @@ def _pose(text: str) -> Pose:
     if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
         what = f"the LIDAR would miss the board: {_LARGEST_TURN:g} degrees at most, not {text}"
         raise InputError(what, where="--turn")
-    return Pose(yaw, pitch, roll)
+    return geometry.Pose(yaw, pitch, roll)
 
 
 def capture_of(manifest: Manifest) -> Recording:

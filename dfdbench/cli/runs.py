@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Option
 
+import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
 from dfdbench.cli.screen import print_tables, progress, say
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
-    from dfdbench.report.objects import Run
     from dfdbench.results.record import Result
 
 
@@ -27,29 +29,28 @@ def run(
     protocol: options.Protocol = None,
     param: options.Params = None,
     images: Annotated[
-        str | None, typer.Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
+        str | None, Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
     fitted: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
+        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     out: options.Out = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
+        int | None, Option(min=1, help="Run only this many pairs, from the first.")
     ] = None,
     format: options.Printed = Format.table,
     no_predictions: Annotated[
-        bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
+        bool, Option("--no-predictions", help="Save no depth maps and no figures.")
     ] = False,
     no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Draw no figures; `report` can later.")
+        bool, Option("--no-figures", help="Draw no figures; `report` can later.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
+        bool, Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
     ] = False,
     seed: options.Seed = 0,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Pairs at once; times are not comparable then."),
+        int | None, Option(min=1, max=1024, help="Pairs at once; times are not comparable then.")
     ] = None,
     scheduler: options.Scheduler = None,
     cache: options.Cache = None,
@@ -57,18 +58,15 @@ def run(
     submit: options.Submit = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
-    from dfdbench import api
-    from dfdbench.datasets.dataset import open_dataset
-
     no = "--no-predictions" if no_predictions else "--no-figures" if no_figures else ""
     if no and figure_format:
         raise InputError(
             f"no figures are drawn with {no}", where="--figure-format", fix="leave out one of them"
         )
-    data = open_dataset(dataset, cache=cache)
+    data = dfdbench.open_dataset(dataset, cache=cache)
     param = [*(param or ()), *([f"images={images}"] if images else ())]
     with progress(f"running {method}") as step:
-        done = api.run(
+        done = dfdbench.run(
             method,
             data,
             split,
@@ -93,16 +91,16 @@ def tracks(
     dataset: options.DataSet = "demo",
     split: options.Split = "test",
     track: Annotated[
-        list[str] | None, typer.Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
+        list[str] | None, Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
     ] = None,
-    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    protocol: Annotated[str, Option(help="Scoring protocol of the table.")] = "valid",
     source: Annotated[
-        Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
+        Path | None, Option(help="Folder of the set's files, to build what is not built.")
     ] = None,
     out: options.Out = None,
     format: options.Printed = Format.table,
     given_blur: Annotated[
-        bool, typer.Option("--given-blur", help="Give it each track's blur; then it has no rank.")
+        bool, Option("--given-blur", help="Give it each track's blur; then it has no rank.")
     ] = False,
     seed: options.Seed = 0,
     cache: options.Cache = None,
@@ -110,12 +108,9 @@ def tracks(
     submit: options.Submit = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
-    from dfdbench import api
-    from dfdbench.datasets.catalog import find_manifest
-
     stem = find_manifest(dataset).file_stem
     name = folder_name(method, param) + "-given-blur" * given_blur
-    done = api.run_tracks(
+    done = dfdbench.run_tracks(
         method,
         dataset,
         split,
@@ -137,11 +132,11 @@ def tracks(
 def transfer(
     method: options.Method,
     dataset: Annotated[
-        list[str], typer.Option(help="A data set that is built; name two or more, each by its own.")
+        list[str], Option(help="A data set that is built; name two or more, each by its own.")
     ],
     param: options.Params = None,
     split: options.Split = "test",
-    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    protocol: Annotated[str, Option(help="Scoring protocol of the table.")] = "valid",
     out: options.Out = None,
     format: options.Printed = Format.table,
     seed: options.Seed = 0,
@@ -149,9 +144,7 @@ def transfer(
     figure_format: options.FigureFormats = None,
 ) -> None:
     """Fit a method on each of several data sets and test every fit on all of them."""
-    from dfdbench import api
-
-    done = api.run_transfer(
+    done = dfdbench.run_transfer(
         method,
         dataset,
         split,
@@ -171,7 +164,7 @@ def transfer(
 def score(
     predictions: Annotated[
         Path,
-        typer.Option(
+        Option(
             metavar="DIR",
             help="Folder of depth maps, npy, npz, PNG or TIFF: one file per pair, named as "
             "`dfdbench info NAME --pairs SPLIT` lists them.",
@@ -181,13 +174,13 @@ def score(
     split: options.Split = "test",
     unit: Annotated[
         Literal["levels", "metres"],
-        typer.Option(
+        Option(
             help="What arrays and TIFF files of floats hold. 8-bit images hold levels; 16-bit "
             "images levels times 256 or, with metres, millimetres."
         ),
     ] = "levels",
     method: Annotated[
-        str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
+        str | None, Option(help="The method's name in tables; default: the folder's name.")
     ] = None,
     protocol: options.Protocol = None,
     out: options.Out = None,
@@ -197,14 +190,11 @@ def score(
     submit: options.Submit = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
-    from dfdbench import api
-    from dfdbench.datasets.dataset import open_dataset
-
-    data = open_dataset(dataset, cache=cache)
+    data = dfdbench.open_dataset(dataset, cache=cache)
     name = method or os.path.basename(os.path.realpath(predictions))
     place = Path("results", f"{data.path.stem}-{split}", f"{folder_name(name, None)}-scored")
     with progress(f"scoring {name}", "the same command scores all of them anew") as step:
-        done = api.score(
+        done = dfdbench.score(
             predictions,
             data,
             split,
@@ -226,7 +216,7 @@ def folder_name(method: str, param: list[str] | None) -> str:
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
 
 
-def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
+def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
     """Draw and print a run, say where its files are, put it on the board; status 1 if pairs failed.
 
     `also` names forms of its figures beside PNG; None for no figures.
@@ -235,10 +225,9 @@ def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -
         say(note)
     if also is not None:
         done.draw(("png", *also))
-    if format is Format.table:
-        print_tables(done.tables(), format)
-    else:
-        print(done.as_text(format), end="")
+    # A sheet holds one kind of row.
+    tables = done.tables()
+    print_tables(tables[:1] if format is Format.csv else tables, format)
     if fitted := done.result.method.fitted_on:
         say(f"fitted       on {fitted}, in {done.result.method.fit_seconds:.1f} s")
     say(f"results      {done.folder}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import voltage_pair_sets
@@ -37,33 +38,30 @@ _PUBLISHED = "published"
 def experiment(
     name: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="repeatability, cross-validation, patch-size, noise, sampling-size, expansion, "
             "reduction, sharpest-step or voltage-pairs."
         ),
     ],
-    method: Annotated[training.Network, typer.Option(help="The network to train.")] = "dfd-net",
+    method: Annotated[training.Network, Option(help="The network to train.")] = "dfd-net",
     dataset: Annotated[
-        str | None,
-        typer.Option(help="A data set; default: middlebury, for voltage steps realworld."),
+        str | None, Option(help="A data set; default: middlebury, for voltage steps realworld.")
     ] = None,
     source: Annotated[
-        Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
+        Path | None, Option(help="Folder of the captures, where the voltage steps vary.")
     ] = None,
     rows: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="Of reduction: networks that `reduce` wrote, not Table D.2's."
-        ),
+        Option(metavar="DIR", help="Of reduction: networks that `reduce` wrote, not Table D.2's."),
     ] = None,
     config: training.Configuration = _PUBLISHED,
     changes: training.Changes = None,
     weights: training.Weights = None,
     values: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
+        str | None, Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option(min=1, help="Trainings a value; default: as the thesis.")
+        int | None, Option(min=1, help="Trainings a value; default: as the thesis.")
     ] = None,
     max_time: training.MaxTime = None,
     out: options.Out = None,
@@ -117,7 +115,7 @@ def _train_all(
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"
         with progress(label) as bar:
-            card = run_trial(trial, limit, device, training.stepping(bar))
+            card = run_trial(trial, limit, device, lambda *at: bar(*at[:2]))
         cards.append((trial.value, card))
         tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
         keep_tables(folder, tables)
@@ -198,25 +196,22 @@ def _listed(text: str | None) -> list[Any] | None:
 
 
 def reduce(
-    weights: Annotated[
-        str, typer.Option(metavar="FILE", help="Of a DfD-Net, a file or a shipped name.")
-    ],
+    weights: Annotated[str, Option(metavar="FILE", help="Of a DfD-Net, a file or a shipped name.")],
     dataset: options.DataSet = "middlebury",
     split: Annotated[
-        str, typer.Option(help="Sample the first pair of each scene of this split.")
+        str, Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
     level: Annotated[
-        int | None, typer.Option(help="Iterative rows F of level 1, 2 or 3, not ensemble rows B.")
+        int | None, Option(help="Iterative rows F of level 1, 2 or 3, not ensemble rows B.")
     ] = None,
     rounds: Annotated[
-        Literal["H", "L"] | None, typer.Option(help="Round to multiples of 8, up or down.")
+        Literal["H", "L"] | None, Option(help="Round to multiples of 8, up or down.")
     ] = None,
     config: training.Configuration = "published",
     changes: training.Changes = None,
     seed: options.Seed = 0,
     tuning: Annotated[
-        Literal["own", "neighbours"],
-        typer.Option(help="Whose inputs a neuron follows after 100 epochs."),
+        Literal["own", "neighbours"], Option(help="Whose inputs a neuron follows after 100 epochs.")
     ] = "own",
     out: options.Out = None,
     format: options.Printed = Format.table,
@@ -263,34 +258,34 @@ _BEST, _TABLE = "best.toml", "search.md"
 
 def architecture(
     dataset: options.DataSet = "middlebury",
-    split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
+    split: Annotated[str, Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
-        bool, typer.Option("--as-thesis", help="Select on the test split, as the thesis did.")
+        bool, Option("--as-thesis", help="Select on the test split, as the thesis did.")
     ] = False,
     hold_out: Annotated[
         int | None,
-        typer.Option(min=1, help="Scenes held out to select on.", show_default="a fifth of them"),
+        Option(min=1, help="Scenes held out to select on.", show_default="a fifth of them"),
     ] = None,
     gamma: Annotated[
-        float, typer.Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")
+        float, Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")
     ] = 0.3,
     variant: Annotated[
-        str, typer.Option(help="thesis, or author for what the author's programs do otherwise.")
+        str, Option(help="thesis, or author for what the author's programs do otherwise.")
     ] = "thesis",
     bounds: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="NAME=LOW:HIGH",
             help="Narrower than width=8:512, kernel=1:9, crop=12:64; repeatable.",
         ),
     ] = None,
-    particles: Annotated[int, typer.Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
-    iterations: Annotated[int, typer.Option(min=0, help="Moves after the start.")] = 50,
+    particles: Annotated[int, Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
+    iterations: Annotated[int, Option(min=0, help="Moves after the start.")] = 50,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Steps of each training at most; as --set steps=N.")
+        int | None, Option(min=1, help="Steps of each training at most; as --set steps=N.")
     ] = None,
     score_pairs: Annotated[
-        int | None, typer.Option(min=1, help="Pairs scored of each set; default: all.")
+        int | None, Option(min=1, help="Pairs scored of each set; default: all.")
     ] = None,
     max_time: training.MaxTime = None,
     config: training.Configuration = "published",
@@ -298,7 +293,7 @@ def architecture(
     seed: options.Seed = 0,
     out: options.Out = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Trainings at once; default: one, here.")
+        int | None, Option(min=1, max=1024, help="Trainings at once; default: one, here.")
     ] = None,
     scheduler: options.Scheduler = None,
     device: training.Device = "auto",

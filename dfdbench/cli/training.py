@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
 from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
 from dfdbench.cli.screen import print_tables, progress, save_figure, say
@@ -25,23 +24,23 @@ if TYPE_CHECKING:
 
 
 def train_command(
-    method: Annotated[Network, typer.Argument(help="The network to train.")],
+    method: Annotated[Network, Argument(help="The network to train.")],
     dataset: DataSet = "middlebury",
     split: Annotated[
-        str | None, typer.Option(help="The split to train on.", show_default="train")
+        str | None, Option(help="The split to train on.", show_default="train")
     ] = None,
     fold: Annotated[
-        str | None, typer.Option(help="Train on all scenes but this fold's, or this scene.")
+        str | None, Option(help="Train on all scenes but this fold's, or this scene.")
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
     weights: Weights = None,
     max_time: MaxTime = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue from the folder's checkpoint.")
+        bool, Option("--resume", help="Continue from the folder's checkpoint.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start over; the earlier training is removed.")
+        bool, Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
     seed: Seed = 0,
     out: Out = None,
@@ -76,7 +75,9 @@ def train_command(
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
+        outcome = train(
+            task, folder.path, limit, device, lambda done, steps, _: bar(done, steps), fresh
+        )
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     print_tables([card_table(outcome.card), patches_table(drawn)], None)
     _tell(folder, outcome)
@@ -176,7 +177,7 @@ _SECONDS = {"h": 3600, "m": 60, "s": 1}
 Network = Literal["dfd-net", "u-net"]
 Configuration = Annotated[
     str,
-    typer.Option(
+    Option(
         "--config",
         help="A TOML file, or published, published-realworld, demo, demo-fine, demo-u-net, robust "
         "or quick.",
@@ -184,14 +185,14 @@ Configuration = Annotated[
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Change a setting: docs/training.md."),
+    Option("--set", metavar="NAME=VALUE", help="Change a setting: docs/training.md."),
 ]
 Weights = Annotated[
-    str | None, typer.Option(metavar="FILE", help="Start from these, a file or a shipped name.")
+    str | None, Option(metavar="FILE", help="Start from these, a file or a shipped name.")
 ]
-MaxTime = Annotated[str | None, typer.Option(metavar="30m", help="Stop then: 90s, 30m, 1h30m.")]
-Threads = Annotated[int | None, typer.Option(min=1, max=MOST_THREADS, help="Default: one a core.")]
-Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+MaxTime = Annotated[str | None, Option(metavar="30m", help="Stop then: 90s, 30m, 1h30m.")]
+Threads = Annotated[int | None, Option(min=1, max=MOST_THREADS, help="Default: one a core.")]
+Device = Annotated[str, Option(help="auto, cpu, cuda or mps.")]
 
 
 def seconds_of(text: str | None) -> float | None:
@@ -222,12 +223,3 @@ def use_threads(threads: int | None) -> None:
         import torch
 
         torch.set_num_threads(threads)
-
-
-def stepping(bar: Callable[[int, int | None], None]) -> Callable[[int, int | None, float], None]:
-    """Return what a training calls with (done, total, loss): it moves a bar."""
-
-    def step(done: int, steps: int | None, loss: float) -> None:
-        bar(done, steps)
-
-    return step

@@ -148,14 +148,6 @@ class LazyGroup(TyperGroup):
             ctx.fail(f"No such command '{args[0]}'. Did you mean {' or '.join(near)}?")
         return super().resolve_command(ctx, args)
 
-    def make_context(self, *arguments: Any, **more: Any) -> Any:
-        """Read the command line; Ctrl-C meanwhile ends it with status 130."""
-        try:
-            return super().make_context(*arguments, **more)
-        except KeyboardInterrupt as stopped:
-            say_stopped(stopped)
-            raise typer.Exit(INTERRUPTED) from None
-
     def invoke(self, ctx: Any) -> Any:
         """Call the verb; Ctrl-C anywhere in it ends the command with status 130.
 

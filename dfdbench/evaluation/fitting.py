@@ -169,9 +169,8 @@ def fit_from(method: Method, folder: Path) -> Fit:
     if method.learner is None:
         raise MethodError("the method has no fit", where=method.entry, fix="leave out --fitted")
     fit_sha256(folder)
-    fit = read_fit(folder)
-    if fit.learned is not None:
-        restore(method, fit.learned)
+    fit = fit_again(method, folder)
+    assert fit is not None  # its file is there
     return fit
 
 
@@ -188,8 +187,8 @@ def fit_again(method: Method, folder: Path) -> Fit | None:
     if method.learner is None or not (folder / FIT).is_file():
         return None
     fit = read_fit(folder)
-    if fit.learned is not None:
-        restore(method, fit.learned)
+    assert fit.learned is not None  # `keep_fit` writes nothing else
+    restore(method, fit.learned)
     return fit
 
 
@@ -224,13 +223,8 @@ def read_fit(folder: Path) -> Fit:
 
 
 def _damaged(path: Path, got: str) -> ResultError:
-    return ResultError(
-        "what the method learned cannot be read",
-        where=str(path),
-        expected="numbers and arrays, as the run's first call kept them",
-        got=got,
-        fix="run it again with --fresh: the method is fitted anew",
-    )
+    fix = "run it again with --fresh: the method is fitted anew"
+    return ResultError(f"what the method learned cannot be read: {got}", where=str(path), fix=fix)
 
 
 def pack(learned: Learned, facts: dict[str, NDArray[Any]] | None = None) -> bytes:

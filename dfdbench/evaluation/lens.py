@@ -21,7 +21,8 @@ from dfdbench.system.strict import problems_of
 #: What `recipe` is called where the manifest's lens takes the place of a blur recipe.
 RIG = "rig"
 _SCALE = "scale"
-_NEEDED = ("focal_length", "defocus_f_number", "focus_distance", "pixel_pitch")
+#: In the order in which `ThinLens` takes them.
+_NEEDED = ("defocus_f_number", "focal_length", "focus_distance", "pixel_pitch")
 _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
 # In pixels; so narrow a kernel changes nothing, and a width of 0 is none.
@@ -125,7 +126,12 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     (256, 2.598, 17)
     """
     problems = [
-        Problem("unknown field of a lens", where=where, expected=_names(), got=name)
+        Problem(
+            "unknown field of a lens",
+            where=where,
+            expected=", ".join((*_LENS, _SCALE, *_OF_LAW)),
+            got=name,
+        )
         for name in given
         if name not in (*_LENS, _SCALE, *_OF_LAW)
     ]
@@ -136,11 +142,12 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
                 f"the lens is not known well enough: no {', '.join(lacking)}", where=where, fix=_SAY
             )
         )
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     rig, scale = _checked(given, where)
     try:
-        sigmas = np.maximum(_sigmas(rig, scale), _LEAST_SIGMA)
+        lens = ThinLens(*(getattr(rig, name) for name in _NEEDED))
+        blurred = lens.blur_sigma(scale.to_metres(np.arange(LEVELS)), rig.infocus_f_number)
+        sigmas = np.maximum(blurred, _LEAST_SIGMA)
         size = {"kernel_size": 2 * math.ceil(3 * float(sigmas.max())) + 1}
         rest = {name: given[name] for name in _OF_LAW if name in given}
         return law_of_fields({SIGMAS: sigmas.tolist(), **size, **rest})
@@ -165,19 +172,5 @@ def _checked(given: Mapping[str, Any], where: str) -> tuple[Rig, DepthScale]:
         got = f"near {scale.near:g}, far {scale.far:g}"
         where = f"{where}: {_SCALE}"
         problems.append(Problem("near is not before far", where=where, got=got))
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     return found[0], found[1]
-
-
-def _sigmas(rig: Rig, scale: DepthScale) -> np.ndarray[Any, np.dtype[np.float64]]:
-    assert rig.defocus_f_number
-    assert rig.focal_length
-    assert rig.focus_distance
-    assert rig.pixel_pitch
-    lens = ThinLens(rig.defocus_f_number, rig.focal_length, rig.focus_distance, rig.pixel_pitch)
-    return lens.blur_sigma(scale.to_metres(np.arange(LEVELS)), rig.infocus_f_number)
-
-
-def _names() -> str:
-    return ", ".join((*_LENS, _SCALE, *_OF_LAW))

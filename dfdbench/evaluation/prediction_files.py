@@ -1,6 +1,6 @@
 """Depth maps made elsewhere, one file per pair: found, read, checked, and turned into levels."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,6 @@ SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
 SIXTEEN_BIT = {"levels": 256.0, "metres": 1000.0}
 _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
-# In bytes, of a compressed array: 32 million pixels of float64.
-_LARGEST = 2**28
 # Of what is wrong with single files, so many are named: a wrong unit is wrong in all of them.
 _MOST = 20
 
@@ -57,16 +55,9 @@ class PredictionFiles:
     highest: float = 255.0
 
     def read(self, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return a pair's depth map in the data set's unit, shape (y, x).
-
-        Raises
-        ------
-        ResultError
-            Where the file has changed since it was checked.
-        """
+        """Return a pair's depth map in the data set's unit, shape (y, x)."""
         depth, _, wrong = _depth(self.files[pair], shape, self.unit, self.about)
-        if depth is None:
-            raise ResultError("the file has changed", where=str(self.files[pair]), got=wrong)
+        assert depth is not None, wrong  # it was read before
         return depth
 
 
@@ -96,8 +87,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     """
     about = store.manifest.depth
     problems = _unfit(folder, store, split, unit)
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     wanted = store.pairs(split)
     files, problems = _sorted_out(folder, store, wanted, split)
     pixels, beyond, highest = 0, 0, 0.0
@@ -114,8 +104,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     problems += wrong[:_MOST]
     if wrong[_MOST:]:
         problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
-    if problems:
-        raise ResultError.of(problems)
+    ResultError.raise_if(problems)
     chosen = {pair: files[pair] for pair in wanted}
     others = len(files) - len(chosen)
     return PredictionFiles(chosen, unit, about, others, beyond / pixels, highest)
@@ -214,23 +203,14 @@ def _read(path: Path, unit: Unit) -> NDArray[Any]:
         return np.asarray(load_array(path))
     if suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
-            name = _only(arrays.files)
-            size = arrays.zip.NameToInfo[f"{name}.npy"].file_size
-            if size > _LARGEST:
-                raise ValueError(f"{size:,} bytes once it is unpacked")
-            return np.asarray(arrays[name])
+            if len(arrays.files) != 1 and "depth" not in arrays:
+                raise ValueError(f"{len(arrays.files)} arrays, none of them called depth")
+            return np.asarray(arrays["depth" if "depth" in arrays else arrays.files[0]])
     with Image.open(path) as image:
         image.load()
         # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
         mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
         return _of_image(np.asarray(image), mode, unit)
-
-
-def _only(names: Iterable[str]) -> str:
-    there = list(names)
-    if len(there) != 1 and "depth" not in there:
-        raise ValueError(f"{len(there)} arrays, none of them called depth")
-    return there[0] if len(there) == 1 else "depth"
 
 
 def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:

@@ -20,11 +20,10 @@ from dfdbench.results.differences import change_tables
 from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, first_protocol, shown_protocol
-from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
+from dfdbench.results.run_tables import all_tables, run_score_table
 from dfdbench.results.saved_run import SavedRun, distinguished
-from dfdbench.results.summary import scene_labels, summarise
-from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table, as_html, listed
+from dfdbench.results.summary import summarise
+from dfdbench.tables.table import Table, as_html, listed
 
 if TYPE_CHECKING:
     from dfdbench.methods.measured_law import Calibration
@@ -132,15 +131,6 @@ class Run:
         store = self._first.store
         scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
         return all_tables(summarise(self.result, self.protocol), scenes, splits)
-
-    def as_text(self, format: Format) -> str:
-        """Return the run's tables as Markdown, LaTeX, CSV or JSON."""
-        if self._on_tracks or format not in (Format.csv, Format.json):
-            return render(self.tables(), format)
-        store = self._first.store
-        write = run_as_csv if format is Format.csv else run_as_json
-        labels = scene_labels(store.manifest.scenes) if store else None
-        return write(summarise(self.result, self.protocol), labels)
 
     @property
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:

@@ -98,7 +98,8 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     for board in found:
         if board.protocol != protocol:
             continue
-        members = _members_of(board, runs)
+        paths = [standing.entry.path for standing in board.standings]
+        members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         summaries = [(run, summarise(run.result, protocol)) for run in members]
         section = _section_of(board, summaries, runs[0].path.parent)
         shown += summaries
@@ -115,11 +116,6 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         _worst_first(shown),
         tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
     )
-
-
-def _members_of(board: ScoreBoard, runs: Sequence[SavedRun]) -> list[SavedRun]:
-    paths = [standing.entry.path for standing in board.standings]
-    return sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
 
 
 def _section_of(

@@ -1,7 +1,7 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name, scene_interval
@@ -76,19 +76,16 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
     UnknownNameError
         Where one of them was not scored under that protocol.
     """
-    problems = []
-    for what in ("name", "manifest_sha256", "fingerprint", "split"):
-        values = [str(getattr(result.dataset, what)) for result in (first, second)]
-        if values[0] != values[1]:
-            problems.append(
-                Problem(
-                    f"runs on different data are not comparable: {values[0]} and {values[1]}",
-                    where=f"dataset.{what}",
-                    fix="run both methods on the same built data set and split",
-                )
-            )
-    if problems:
-        raise ResultError.of(problems)
+    one, other = (result.dataset.model_dump() for result in (first, second))
+    ResultError.raise_if(
+        Problem(
+            f"runs on different data are not comparable: {one[what]} and {other[what]}",
+            where=f"dataset.{what}",
+            fix="run both methods on the same built data set and split",
+        )
+        for what in ("name", "manifest_sha256", "fingerprint", "split")
+        if one[what] != other[what]
+    )
     definitions = []
     for result in (first, second):
         require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
@@ -225,15 +222,9 @@ def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple
 
 
 def _as_record(difference: PairedDifference) -> dict[str, object]:
-    return {
-        "difference": difference.mean,
-        "low": difference.low,
-        "high": difference.high,
-        "wins": difference.wins,
-        "losses": difference.losses,
-        "ties": difference.ties,
-        "verdict": difference.verdict,
-    }
+    values = asdict(difference)
+    del values["scenes"]
+    return {"difference": values.pop("mean"), **values, "verdict": difference.verdict}
 
 
 def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterator[str]:

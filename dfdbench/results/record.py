@@ -5,24 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    JsonValue,
-    TypeAdapter,
-    ValidationError,
-    WithJsonSchema,
-    create_model,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.errors import ResultError, reason_of
-from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
+from dfdbench.metrics.metric import IN_METRES, METRICS, mean_of
 from dfdbench.metrics.protocol import (
     Unit,
     find_protocol,
@@ -55,41 +45,30 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 SCORED = "scored, not run"
 
 
-@cache
-def _score_model(name: str, metrics: tuple[Metric, ...]) -> type[Record]:
-    fields: dict[str, Any] = {
-        metric.name: (
-            Annotated[float, Field(allow_inf_nan=False, ge=metric.lowest, le=metric.highest)]
-            | None,
-            # Which metrics in metres there are a protocol's definition says.
-            None if metric.younger or metric.name in IN_METRES else ...,
-        )
-        for metric in metrics
-    }
-    what = "The metrics of one pair under one protocol; null where a metric is undefined."
-    return create_model(name, __base__=Record, __doc__=what, **fields)
+def by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
+    """Return the scores of a pair under a protocol if each is of a metric and within its bounds.
 
-
-def _models() -> tuple[type[Record], type[Record]]:
-    return (
-        _score_model("PairScores", tuple(METRICS.values())),
-        _score_model("PairScoresInMetres", tuple(IN_METRES.values())),
-    )
-
-
-def _by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
-    of_levels, of_metres = _models()
-    model = of_metres if scores.keys() & IN_METRES.keys() else of_levels
-    return model.model_validate(scores).model_dump(exclude_unset=True)
+    Raises
+    ------
+    ValueError
+        If a metric is lacking or unknown, or a score is out of bounds.
+    """
+    in_metres = bool(scores.keys() & IN_METRES.keys())
+    known = IN_METRES if in_metres else METRICS
+    # Which metrics in metres there are a protocol's definition says.
+    needed = () if in_metres else (name for name, metric in known.items() if not metric.younger)
+    if scores.keys() - known.keys() or {*needed} - scores.keys():
+        raise ValueError(f"metrics should be {', '.join(known)}, not {', '.join(scores)}")
+    for name, value in scores.items():
+        low, high = known[name].lowest, known[name].highest
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name} should be from {low:g} to {high:g}, not {value:g}")
+    return scores
 
 
 #: The scores of one pair under one protocol, by metric, all of levels or all of metres; None
 #: where a metric is undefined.
-PairScores = Annotated[
-    dict[str, float | None],
-    AfterValidator(_by_metric),
-    WithJsonSchema({"anyOf": [model.model_json_schema() for model in _models()]}),
-]
+PairScores = Annotated[dict[str, Finite | None], AfterValidator(by_metric)]
 
 
 def pair_scores(scores: Mapping[str, float]) -> dict[str, float | None]:
@@ -100,7 +79,7 @@ def pair_scores(scores: Mapping[str, float]) -> dict[str, float | None]:
     >>> pair_scores({"nrmse": 0.1, "nmae": 0.05, "ssim": math.nan})
     {'nrmse': 0.1, 'nmae': 0.05, 'ssim': None}
     """
-    return _by_metric({name: None if math.isnan(v) else v for name, v in scores.items()})
+    return by_metric({name: None if math.isnan(v) else v for name, v in scores.items()})
 
 
 class PairResult(Record):

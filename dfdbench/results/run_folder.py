@@ -52,7 +52,9 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
         Where the folder holds something else.
     """
     set_aside = None
-    if folder.exists() and any(folder.iterdir()):
+    # A kill may leave no more than the identity half written.
+    unfinished = f".{RUN_IDENTITY}."
+    if folder.exists() and not all(p.name.startswith(unfinished) for p in folder.iterdir()):
         if not (folder / RUN_IDENTITY).exists():
             what, fix = "the folder holds something else than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)

@@ -1,8 +1,6 @@
-"""Tables of a run, and the same as CSV and JSON: scores, extremes, times, scenes."""
+"""Tables of a run: scores, extremes, times, scenes."""
 
-import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.intervals import SCENES_TO_TELL
@@ -11,15 +9,17 @@ from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
-from dfdbench.tables.render import as_csv
 from dfdbench.tables.table import Table, counted
 
 EXTREMES = 5
 
 
-def run_tables(summary: RunSummary) -> list[Table]:
-    """Return a run's tables: scores, best and worst pairs, run times."""
-    tables = [run_score_table(summary)]
+def run_tables(summary: RunSummary, scenes: Sequence[Scene] = ()) -> list[Table]:
+    """Return a run's tables: scores, best and worst pairs, run times.
+
+    As data, the scores are also parted by what the scenes are labelled with.
+    """
+    tables = [run_score_table(summary, scenes)]
     if summary.ranked:
         tables.append(extremes_table(summary))
     if summary.ranked and not summary.result.method.scored:
@@ -30,7 +30,7 @@ def run_tables(summary: RunSummary) -> list[Table]:
     return tables
 
 
-def run_score_table(summary: RunSummary) -> Table:
+def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
     """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3."""
     result, groups = summary.result, summary.groups
     dataset = result.dataset
@@ -58,6 +58,7 @@ def run_score_table(summary: RunSummary) -> Table:
         align,
         tuple(_notes(result, groups)),
         _rules(groups),
+        tuple(_records(summary, scene_labels(scenes))),
         label=f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}",
     )
 
@@ -73,16 +74,12 @@ def extremes_table(summary: RunSummary) -> Table:
     top = summary.ranked[:EXTREMES]
     bottom = summary.ranked[len(top) :][-EXTREMES:]
     axes = summary.result.dataset.axes
-    rows = [
-        (
-            kind,
-            pair.scene,
-            *(str(pair.coordinates[axis]) for axis in axes),
-            *(score_text(pair.score(protocol, metric)) for metric in metrics),
-        )
-        for kind, pairs in (("top", top), ("bottom", bottom))
-        for pair in pairs
-    ]
+    rows, records = [], []
+    for kind, pair in [*(("top", pair) for pair in top), *(("bottom", pair) for pair in bottom)]:
+        scores = {name: pair.score(protocol, name) for name in metrics}
+        place = (str(pair.coordinates[axis]) for axis in axes)
+        rows.append((kind, pair.scene, *place, *map(score_text, scores.values())))
+        records.append({"of": kind, "pair": pair.id, **scores})
     return Table(
         f"best and worst pairs, protocol {title_of(protocol)}",
         ("", "scene", *axes, *(metric.heading for metric in metrics.values())),
@@ -90,6 +87,7 @@ def extremes_table(summary: RunSummary) -> Table:
         "ll" + "r" * (len(axes) + len(metrics)),
         (),
         frozenset({len(top) - 1}),
+        tuple(records),
     )
 
 
@@ -196,7 +194,11 @@ def all_tables(
     splits : sequence of Split
         Of the manifest.
     """
-    tables = [*run_tables(summary), spread_table(summary, splits), *scene_tables(summary, scenes)]
+    tables = [
+        *run_tables(summary, scenes),
+        spread_table(summary, splits),
+        *scene_tables(summary, scenes),
+    ]
     return [table for table in tables if table.rows]
 
 
@@ -297,71 +299,28 @@ def _listed(names: list[str]) -> str:
     return " ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]} ({len(names)})"
 
 
-Labels = Mapping[str, Mapping[str, str]]
-
-
-def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
-    """Return a run's scores as comma-separated values, a line a group and metric.
-
-    Parameters
-    ----------
-    summary : RunSummary
-        The run under a protocol.
-    labels : mapping of str to mapping, optional
-        What else parts the scenes, with each scene's label of it: a column and its groups.
-    """
-    dataset = summary.result.dataset
+def _records(
+    summary: RunSummary, labels: Mapping[str, Mapping[str, str]]
+) -> Iterator[dict[str, object]]:
+    """Yield a row for each group and metric; a place that does not part it is ``all``."""
+    axes, dataset = _labels(summary.result), summary.result.dataset
     run = {"method": summary.result.method.title, "dataset": dataset.name, "split": dataset.split}
-    rows = [{**run, "protocol": summary.protocol, **row} for row in _rows(summary, labels or {})]
-    return as_csv(tuple(rows[0]), [tuple(row.values()) for row in rows])
-
-
-def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
-    """Return the same rows as JSON, with the best and worst pairs; `labels` as for `run_as_csv`."""
-    result, protocol, order = summary.result, summary.protocol, summary.ranked
-    dataset = result.dataset
-
-    def line(pair: PairResult) -> dict[str, Any]:
-        scores = {name: pair.score(protocol, name) for name in metrics_of(protocol)}
-        return {"pair": pair.id, **scores}
-
-    content = {
-        "method": result.method.title,
-        "dataset": dataset.name,
-        "fingerprint": dataset.fingerprint,
-        "split": dataset.split,
-        "protocol": protocol,
-        "complete": result.complete,
-        "rows": _rows(summary, labels or {}),
-        "top": [line(pair) for pair in order[:EXTREMES]],
-        "bottom": [line(pair) for pair in order[EXTREMES:][-EXTREMES:]],
-        "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _rows(summary: RunSummary, labels: Labels) -> list[dict[str, object]]:
-    """Return a row for each group and metric; a place that does not part it is ``all``."""
-    axes = _labels(summary.result)
     groups: list[tuple[dict[str, object], ScoreGroup]] = [
         (dict(zip(axes, (group.block, group.row), strict=False)), group) for group in summary.groups
     ]
     for what, label_of in labels.items():
         found = summarise_scenes(summary.result, summary.protocol, label_of)
         groups += [({what: label}, group) for label, group in found.items()]
-    rows = []
     for place, group in groups:
         where = {name: place.get(name) for name in (*axes, *labels)}
         for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
-            rows.append(
-                {
-                    **{name: "all" if at is None else at for name, at in where.items()},
-                    "metric": metric,
-                    **{"mean": value.mean, "std": value.std},
-                    **{"min": value.minimum, "max": value.maximum},
-                    **{"low": value.low, "high": value.high, "interval": value.interval_is},
-                    **{"defined": value.defined, "evaluated": group.evaluated},
-                    "expected": group.expected,
-                }
-            )
-    return rows
+            yield {
+                **{**run, "protocol": summary.protocol},
+                **{name: "all" if at is None else at for name, at in where.items()},
+                "metric": metric,
+                **{"mean": value.mean, "std": value.std},
+                **{"min": value.minimum, "max": value.maximum},
+                **{"low": value.low, "high": value.high, "interval": value.interval_is},
+                **{"defined": value.defined, "evaluated": group.evaluated},
+                "expected": group.expected,
+            }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +16,8 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
-from dfdbench.results import run_folder
-from dfdbench.results.output_place import RUN_IDENTITY
+from dfdbench.results import output_place, run_folder, run_tables, summary, wording
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
-from dfdbench.results.run_tables import run_score_table
-from dfdbench.results.summary import ranked, summarise
-from dfdbench.results.wording import labelled, method_label, score_text
 from dfdbench.system.thumbnails import depth_map, gallery
 from dfdbench.tables.table import as_html, counted, listed
 
@@ -67,7 +64,7 @@ class SavedRun:
     @property
     def label(self) -> str:
         """The method with its parameters, and the place where that is needed."""
-        return labelled(method_label(self.result.method), self.place)
+        return wording.labelled(wording.method_label(self.result.method), self.place)
 
     def images(self, pair: PairResult | str) -> tuple[Capture, NDArray[np.float32]] | None:
         """Return a pair's images and the depth predicted for it, shape (y, x); None without.
@@ -81,8 +78,6 @@ class SavedRun:
         ------
         UnknownNameError
             Where the run has no pair of that name.
-        TypeError
-            Where it is neither.
         ResultError
             Where what lies beside the result are no depth maps of its pairs.
         """
@@ -91,8 +86,6 @@ class SavedRun:
             if pair not in records:
                 raise unknown_name("pair of the run", pair, records)
             pair = records[pair]
-        if not isinstance(pair, PairResult):
-            raise TypeError(f"a pair is named by its id or its record, not {pair!r}")
         if self.store is None:
             return None
         prediction = run_folder.read_prediction(
@@ -111,19 +104,19 @@ class SavedRun:
     def _repr_html_(self) -> str:
         protocol = shown_protocol(self.result)
         rows = []
-        for pair in ranked(self.result, protocol)[::-1][:_WORST]:
+        for pair in summary.ranked(self.result, protocol)[::-1][:_WORST]:
             if (found := self.images(pair)) is None:
                 continue
             images, prediction = found
             (infocus, _), *others = images.thumbnails()
             scores = ", ".join(
-                f"{metric.title} {score_text(pair.score(protocol, name))}"
+                f"{metric.title} {wording.score_text(pair.score(protocol, name))}"
                 for name, metric in metrics_of(protocol).items()
             )
             depth = depth_map(prediction, images.valid | True, f"prediction: {scores}")
             rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
         worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
-        return as_html(run_score_table(summarise(self.result, protocol))) + worst
+        return as_html(run_tables.run_score_table(summary.summarise(self.result, protocol))) + worst
 
 
 def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
@@ -186,7 +179,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
-    if (folder / RUN_IDENTITY).is_file():
+    if (folder / output_place.RUN_IDENTITY).is_file():
         what = "this run was stopped before its end; the pairs that it finished are kept"
         fix = "the same command that began it finishes it"
         return Problem(what, where=str(folder), fix=fix)
@@ -197,10 +190,10 @@ def _no_run(folder: Path) -> Problem:
 
 
 def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
-    """Return the runs, each with the folder's name in its label where labels would be the same.
+    """Return the runs, each with its place in its label where labels would be the same.
 
-    Where the folders are called the same too, as much of the path is said as tells them apart.
-    Runs on other data or another split never stand in one table and need no telling.
+    The place is said from the folder that they share. Runs on other data or another split never
+    stand in one table and need no telling.
 
     Parameters
     ----------
@@ -214,55 +207,13 @@ def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
         alike.setdefault((data.fingerprint, data.split, run.label), []).append(number)
     for numbers in alike.values():
         if len(numbers) > 1:
-            places = _shortest([_place(runs[number].path) for number in numbers])
+            places = [_place(runs[number].path) for number in numbers]
+            shared = os.path.commonpath(places)
             for number, place in zip(numbers, places, strict=True):
-                runs[number] = replace(runs[number], place=place)
+                runs[number] = replace(runs[number], place=os.path.relpath(place, shared))
     return runs
-
-
-def without_previous(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[Path, Path]]]:
-    """Part off the runs that were set aside for a newer one that is given too.
-
-    A pattern such as ``results/demo-1-test/*`` names both, and means the newer.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Result files or runs' folders.
-
-    Returns
-    -------
-    list of Path
-        Those that are left, in their order.
-    list of (Path, Path)
-        Each one left out, and the newer one of it.
-    """
-    given = {_folder(path): path for path in paths}
-    kept, left_out = [], []
-    for path in paths:
-        folder = _folder(path)
-        newer = given.get(folder.with_name(folder.name.removesuffix(run_folder.PREVIOUS)))
-        if folder.name.endswith(run_folder.PREVIOUS) and newer is not None:
-            left_out.append((path, newer))
-        else:
-            kept.append(path)
-    return kept, left_out
-
-
-def _folder(path: Path) -> Path:
-    return (path.parent if path.name == RESULT else path).absolute()
 
 
 def _place(file: Path) -> Path:
     file = file.absolute()
     return file.parent if file.name == RESULT else file.with_suffix("")
-
-
-def _shortest(places: Sequence[Path]) -> list[str]:
-    """Return the ends of paths, as long as need be for no two to be the same."""
-    longest = max(len(place.parts) for place in places)
-    for count in range(1, longest + 1):
-        ends = ["/".join(place.parts[-count:]) for place in places]
-        if len({*ends}) == len(ends):
-            break
-    return ends

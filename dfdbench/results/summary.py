@@ -210,19 +210,12 @@ def _group(
         return _statistic(defined, seed) if averaged else Statistic(None, None, len(defined))
 
     undefined = sum(None in pair.scores[protocol].values() for pair in evaluated)
-    return ScoreGroup(
-        block,
-        row,
-        len(pairs),
-        len(evaluated),
-        failed,
-        undefined,
-        {
-            name: statistic([pair.score(protocol, name) for pair in evaluated])
-            for name in metrics_of(protocol)
-        },
-        statistic([pair.seconds for pair in evaluated]),
-    )
+    counts = len(pairs), len(evaluated), failed, undefined
+    scores = {
+        name: statistic([pair.score(protocol, name) for pair in evaluated])
+        for name in metrics_of(protocol)
+    }
+    return ScoreGroup(block, row, *counts, scores, statistic([pair.seconds for pair in evaluated]))
 
 
 def _statistic(defined: Sequence[tuple[str, float]], seed: int | None) -> Statistic:
@@ -230,14 +223,7 @@ def _statistic(defined: Sequence[tuple[str, float]], seed: int | None) -> Statis
         return Statistic(None, None, 0)
     scenes, numbers = zip(*defined, strict=True)
     interval = None if seed is None else scene_interval(numbers, scenes, seed)
+    std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
     low, high = interval or (None, None)
-    return Statistic(
-        mean_of(numbers),
-        float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None,
-        len(numbers),
-        low,
-        high,
-        len(set(scenes)),
-        min(numbers),
-        max(numbers),
-    )
+    ends = min(numbers), max(numbers)
+    return Statistic(mean_of(numbers), std, len(numbers), low, high, len({*scenes}), *ends)

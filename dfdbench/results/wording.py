@@ -28,13 +28,8 @@ def method_label(method: MethodRecord) -> str:
     >>> method_label(record)
     'local (window=9)'
     """
-    name = method.name
-    # What would read like the parameters that follow a name is told apart by quotes.
-    if " (" in name or ", given " in name or name.startswith('"') or name != name.strip():
-        name = json.dumps(name, ensure_ascii=False)
-    title = name + method.title.removeprefix(method.name)
     settings = _settings(method)
-    return f"{title} ({settings})" if settings else title
+    return f"{method.title} ({settings})" if settings else method.title
 
 
 def labelled(label: str, place: str) -> str:

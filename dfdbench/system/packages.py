@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import EntryPoint, distributions, entry_points, version
+from importlib.metadata import EntryPoint, entry_points, version
 
 from dfdbench.errors import InputError, Problem
 
@@ -51,31 +51,9 @@ def needed() -> Iterator[None]:
 def offered_as(group: str) -> dict[str, EntryPoint]:
     """Return what installed packages offer in a group of entry points, by name; none is imported.
 
-    Raises
-    ------
-    InputError
-        Where a package's list of them cannot be read, whichever group it is about; it is named.
-
     Examples
     --------
     >>> offered_as("dfdbench.nothing")
     {}
     """
-    try:
-        return {point.name: point for point in entry_points(group=group)}
-    except Exception as error:
-        what = f"what an installed package offers cannot be read: {type(error).__name__}: {error}"[
-            :150
-        ]
-        where = f"{_unreadable()}: entry_points.txt"
-        fix = "install that package anew, or remove it"
-        raise InputError(what, where=where, fix=fix) from error
-
-
-def _unreadable() -> str:
-    for package in distributions():
-        try:
-            list(package.entry_points)
-        except Exception:
-            return str(package.metadata["Name"])
-    return "a package"
+    return {point.name: point for point in entry_points(group=group)}

@@ -33,11 +33,8 @@ _LATEX |= dict(
 _LATEX |= dict(zip("°²³…", [r"$^\circ$", r"$^2$", r"$^3$", r"\dots{}"], strict=True))
 _LATEX |= {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
-# What LaTeX's own fonts have besides letters with accents; of those the ogonek is lacking.
-_LETTERS = "ßæœøłıÆŒØŁ"
-_LAST_ACCENTED = "\u017e"
-_OGONEK = "0328"
-_LONGEST_LABEL = 60
+# Of what is not ASCII, the letters that we know LaTeX's own fonts to have.
+_LETTERS = {*map(chr, range(0xC0, 0x100))} - {*"ÐðÞþ×÷"} | {*"œłıŒŁčćěńřšžČĆĚŃŘŠŽ"}
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
@@ -75,8 +72,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
             {"title": table.title, "rows": _records(table), "notes": table.notes}
             for table in tables
         ]
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        return spelt_out_json(text) + "\n"
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
     write = as_latex if format is Format.latex else as_markdown
     return "\n".join(write(table) for table in tables)
 
@@ -104,7 +100,8 @@ def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
         )
     for number, row in enumerate(table.rows):
         shown.add_row(*map(_rich_cell, row), end_section=number in table.rules)
-    return Text(spelt_out(table.title), style="bold italic"), shown, *notes
+    title = Text(spelt_out(table.title), style="bold italic")
+    return (title, shown, *notes) if table.rows else (title, *notes)
 
 
 def _rich_cell(text: str) -> Text:
@@ -275,17 +272,14 @@ def latex_text(text: str) -> str:
 
 
 def latex_label(text: str) -> str:
-    """Return a table's label: the first words of a text.
+    """Return a table's label: the words of a text.
 
     Examples
     --------
     >>> latex_label("demo-1, split test, protocol thesis")
     'tab:demo-1-split-test-protocol-thesis'
     """
-    name = "-".join(re.findall(r"[a-z0-9]+", text.lower()))
-    if len(name) > _LONGEST_LABEL:
-        name = name[: _LONGEST_LABEL + 1].rpartition("-")[0] or name[:_LONGEST_LABEL]
-    return f"tab:{name}"
+    return "tab:" + "-".join(re.findall(r"[a-z0-9]+", text.lower()))
 
 
 def _letter(letter: str) -> str:
@@ -294,16 +288,8 @@ def _letter(letter: str) -> str:
     category = unicodedata.category(letter)
     if category[0] in "CZ":
         return " "
-    if letter.isascii() or letter in _LETTERS or _accented(letter):
-        return letter
-    return f"{{[}}U+{ord(letter):04X}{{]}}"
-
-
-def _accented(letter: str) -> bool:
-    parts = unicodedata.decomposition(letter).split()
-    return (
-        letter <= _LAST_ACCENTED and len(parts) == 2 and parts[0] < "0080" and parts[1] != _OGONEK
-    )
+    plain = letter.isascii() or letter in _LETTERS
+    return letter if plain else f"{{[}}U+{ord(letter):04X}{{]}}"
 
 
 def spelt_out(text: str) -> str:
@@ -318,17 +304,6 @@ def spelt_out(text: str) -> str:
     local\u200b \x1b[2J
     """
     return text if text.isprintable() else "".join(map(_spelt, text))
-
-
-def spelt_out_json(text: str) -> str:
-    r"""Return equal JSON with invisible characters as escapes.
-
-    Examples
-    --------
-    >>> print(spelt_out_json('{"name": "local\u200b"}'))
-    {"name": "local\u200b"}
-    """
-    return "".join(c if _is_shown(c) else json.dumps(c)[1:-1] for c in text)
 
 
 def _spelt(letter: str) -> str:

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dfdbench.board import submission
+from dfdbench.board import cards, ranking, submission
 from dfdbench.board.board import leaderboard
-from dfdbench.board.cards import load_cards
-from dfdbench.board.ranking import ScoreBoard
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from dfdbench.results.wording import knew_blur
@@ -48,7 +46,7 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(words)).strip("-") or "unnamed"
     if not any(
         card.is_of(method.name, method.entry, method.parameters) and card.given_blur == given
-        for card in load_cards(folder).values()
+        for card in cards.load_cards(folder).values()
     ):
         add_card(folder, name, method.name, parameters=method.parameters, given_blur=given)
     return submission.submit(results, folder)
@@ -69,7 +67,7 @@ def add(folder: Path, name: str, value: float, **changes: Any) -> Path:
     return submit(make_demo_result(score, name, **changes), folder)
 
 
-def only_board(folder: Path) -> ScoreBoard:
+def only_board(folder: Path) -> ranking.ScoreBoard:
     (board,) = leaderboard(folder).boards
     return board
 

@@ -1,14 +1,12 @@
 """A leaderboard as a whole: read, checked, shown, and the one that this repository holds."""
 
 import json
-import os
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from dfdbench.board.board import MARKER, leaderboard
+from dfdbench.board.board import leaderboard
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.metrics.protocol import RELEASED
@@ -16,7 +14,6 @@ from tests.board.made_boards import add, add_card, scored, submit
 from tests.board.made_tracks import make_tracks
 from tests.made_results import make_demo_result
 
-HERE = Path(__file__).parents[2]
 NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")
 
 
@@ -151,14 +148,6 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     ]
 
 
-def test_a_wrong_card_is_told_beside_a_wrong_row(tmp_path: Path) -> None:
-    add(tmp_path, "mine", 0.1).write_text("{")
-    (tmp_path / "methods/torn.toml").write_text("title = ")
-    with pytest.raises(ResultError) as caught:
-        leaderboard(tmp_path)
-    assert [Path(problem.where).stem for problem in caught.value.problems] == ["torn", "mine"]
-
-
 def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> None:
     # A pair that no row has a score of is undefined for its ground truth, and no mistake.
     for name in ("one", "two"):
@@ -173,22 +162,3 @@ def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> Non
         ResultError, match=r"two has no nrmse under thesis.*illumination2/exposure2"
     ):
         leaderboard(tmp_path)
-
-
-@pytest.mark.parametrize("name", ["README.md", "note.md", "fingerprints.json", "published/a.json"])
-def test_what_is_no_text_file_in_the_folder_is_told(tmp_path: Path, name: str) -> None:
-    folder = tmp_path / "board"
-    add(folder, "mine", 0.1)
-    path = folder / name
-    path.parent.mkdir(exist_ok=True)
-    makes: tuple[Callable[[], object], ...] = (
-        path.mkdir,
-        lambda: os.mkfifo(path),
-        lambda: path.write_bytes(MARKER.encode() + b"\xff\xfe"),
-    )
-    for make in makes:
-        make()
-        with pytest.raises(ResultError) as caught:
-            leaderboard(folder).write()
-        assert str(path) in caught.value.problems[0].where
-        path.rmdir() if path.is_dir() else path.unlink()

@@ -1,7 +1,6 @@
 """Cards of methods: what they must say, and that no two share a name or a method."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -35,22 +34,6 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     assert any(text.startswith("the name is that of our own local") for text in found)
     assert any(text.startswith("cannot read the card") for text in found)
     assert len(found) == 5
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("authors", []),
-        ("code", "my computer"),
-        ("takes", "video"),
-        ("parameters", "9"),
-        ("colour", "red"),
-    ],
-)
-def test_a_field_that_is_wrong_is_named(tmp_path: Path, field: str, value: Any) -> None:
-    add_card(tmp_path, "mine", **{field: value})
-    (found,) = problems(tmp_path)
-    assert f"mine.toml: {field})" in found
 
 
 def test_a_card_is_found_by_entry_and_parameters(tmp_path: Path) -> None:

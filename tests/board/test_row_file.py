@@ -35,14 +35,6 @@ def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
     assert list(read_row(saved(tmp_path, results)).results) == results
 
 
-def test_what_is_common_to_the_runs_is_kept_once(tmp_path: Path) -> None:
-    path = saved(tmp_path, list(make_tracks().values()))
-    text = path.read_text("utf-8")
-    assert text.count('"Kitchen/view1/illumination1/exposure0"') == 1
-    assert text.count('"platform"') == 1
-    assert path.stat().st_size < 170_000
-
-
 def drop_pair(content: dict[str, Any]) -> None:
     del content["pairs"][0]
     for run in content["runs"]:
@@ -70,14 +62,10 @@ SCORE = (*RUN, "scores", "thesis", "nrmse", 3)
     ("tamper", "told"),
     [
         (drop_pair, "not those of demo-1, split test: Kitchen/view1/illumination1/exposure0"),
-        (change("pairs", 0, to="Kitchen"), "not those of demo-1"),
         (change("dataset", to="demmo-1"), "unknown data set"),
-        (change("split", to="tset"), "unknown split"),
         (change("suites", to=["tracks-9"]), "no such suite"),
         (change("status", to="reproduced"), "unknown field"),
         (change(*SCORE, to=-0.1), "nrmse should be from 0 to 255"),
-        (change(*SCORE, to="0.1"), "valid number"),
-        (change(*RUN, "scores", "thesis", "ssim", 0, to=1.5), "ssim should be from -1 to 1"),
         (change(*RUN, "scores", "thesis", "nmae", to=[]), "0 places for 54 pairs"),
         (change(*RUN, "scores", to={"mine": {}}), "no such protocol"),
         (change(*RUN, "scores", "thesis", to={}), "metrics should be nrmse"),
@@ -154,7 +142,3 @@ def test_scenes_that_weights_were_trained_on_are_named(
     found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
     what = f"the weights were trained on scenes of the test, {scenes}"
     assert found == ([what] if scenes else [])
-
-
-def test_a_method_without_weights_may_know_the_training_mean() -> None:
-    assert not training_problems("demo-1, split train", None, "demo-1", "all", "here")

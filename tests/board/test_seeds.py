@@ -47,9 +47,3 @@ def test_what_no_commit_holds_is_not_run(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(InputError, match="not a seed"):
             draw_seed(tmp_path, seed)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_torn_list_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "seeds.json").write_text('[{"seed": "x"}]')
-    with pytest.raises(ResultError, match=r"list of seeds.*seeds\.json"):
-        read_draws(tmp_path)

@@ -5,17 +5,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board.ranking import Entry, ScoreBoard, boards
-from dfdbench.board.tables import (
-    board_folds_table,
-    board_tables,
-    lighting_table,
-    link_to,
-    runs_table,
-    scenes_table,
-    standings_table,
-    tracks_table,
-)
+from dfdbench.board import ranking, tables
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import PairResult, Result
@@ -30,8 +20,8 @@ def by_name(pair: Pair) -> float:
     return 0.01 * len(pair.scene)
 
 
-def board_of(*results: Result) -> ScoreBoard:
-    (board,) = boards([Entry.of(result, HERE) for result in results])
+def board_of(*results: Result) -> ranking.ScoreBoard:
+    (board,) = ranking.boards([ranking.Entry.of(result, HERE) for result in results])
     return board
 
 
@@ -62,7 +52,7 @@ def default_lighting(split: str) -> Result:
 @pytest.mark.parametrize("scenes", ["abc", "abcdef"])
 def test_few_scenes_are_no_95_per_cent(scenes: str) -> None:
     values = {(scene, 1, 1, 0): 0.1 * (1 + n) for n, scene in enumerate(scenes)}
-    table = standings_table(board_of(make_result(values)), HERE.parent)
+    table = tables.standings_table(board_of(make_result(values)), HERE.parent)
     name = "95 %" if len(scenes) > 5 else "range of scene means"
     assert table.columns[4] == name
     assert table.records[0]["interval"] == name
@@ -73,15 +63,15 @@ def test_few_scenes_are_no_95_per_cent(scenes: str) -> None:
 def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.1, parameters={"window": 9, "recipe": "text"})
     board = only_board(tmp_path)
-    (record,) = standings_table(board, tmp_path).records
+    (record,) = tables.standings_table(board, tmp_path).records
     assert record["nrmse"] == board.standings[0].scores["nrmse"]
     assert record["nrmse exposure 2"] == pytest.approx(0.102 + 0.002 / 3)
     assert record["result"] == "results/demo-1-test/mine-9-text.json"
     assert (tmp_path / str(record["result"])).exists()
-    (row,) = runs_table(board, tmp_path).rows
+    (row,) = tables.runs_table(board, tmp_path).rows
     assert row[:3] == ("mine-9-text", "window=9, recipe=text", "nothing")
     assert getattr(row[0], "target", "") == record["result"]
-    assert link_to(tmp_path / "a/b.json", tmp_path / "c") == "../a/b.json"
+    assert tables.link_to(tmp_path / "a/b.json", tmp_path / "c") == "../a/b.json"
 
 
 def test_notes_say_what_a_constant_reaches_and_what_other_data_sets_trained() -> None:
@@ -89,28 +79,34 @@ def test_notes_say_what_a_constant_reaches_and_what_other_data_sets_trained() ->
     net = make_demo_result(lambda pair: 0.1, "net")
     trained = {"trained_on": "middlebury-default-1, split train"}
     net = net.model_copy(update={"method": net.method.model_copy(update=trained)})
-    table = standings_table(board_of(constant, net), HERE.parent)
+    table = tables.standings_table(board_of(constant, net), HERE.parent)
     assert any(note.startswith("Compare SSIM with 0.80, which a constant") for note in table.notes)
     assert any(note.startswith("middlebury-default-1: ") for note in table.notes)
     assert [row[2] for row in table.rows] == ["trained on middlebury-default-1", "nothing"]
-    alone = standings_table(board_of(net), HERE.parent)
+    alone = tables.standings_table(board_of(net), HERE.parent)
     assert not any("constant" in note for note in alone.notes)
 
 
 def test_why_a_row_has_no_rank_is_said() -> None:
     part = limited(make_demo_result(lambda pair: 0.1, "part"), 7)
-    table = standings_table(board_of(part), HERE.parent)
+    table = tables.standings_table(board_of(part), HERE.parent)
     assert table.rows[0][:4] == ("–", "part", "nothing", "(0.1000)")
     assert table.records[0]["nrmse"] is None
     assert any(note.startswith("part: 7 of 54 pairs evaluated") for note in table.notes)
     flat = make_result({("a", 1, 1, 0): None})
-    assert "mine: NRMSE is defined for no pair" in standings_table(board_of(flat), HERE).notes
+    assert (
+        "mine: NRMSE is defined for no pair" in tables.standings_table(board_of(flat), HERE).notes
+    )
     given = make_tracks(labels=["gain-1"], uses=["recipe"])["gain-1"]
-    assert any("given a blur" in note for note in standings_table(board_of(given), HERE).notes)
+    assert any(
+        "given a blur" in note for note in tables.standings_table(board_of(given), HERE).notes
+    )
 
 
 def test_lightings_are_means_of_their_pairs() -> None:
-    table = lighting_table(board_of(make_demo_result(lambda pair: 0.1 * pair.at["exposure"])))
+    table = tables.lighting_table(
+        board_of(make_demo_result(lambda pair: 0.1 * pair.at["exposure"]))
+    )
     assert table.rows[0] == ("mine", "NRMSE ↓", "0.0000", "0.1000", "0.2000", "0.1000")
     assert [row[0] for row in table.rows] == ["mine", "", ""]
     assert table.records[1]["overall"] == pytest.approx(0.05)
@@ -118,51 +114,38 @@ def test_lightings_are_means_of_their_pairs() -> None:
 
 def test_a_row_is_the_mean_of_a_scene_and_a_column_a_method() -> None:
     worse = make_demo_result(lambda pair: by_name(pair) + 0.1 * pair.at["exposure"], "worse")
-    table = scenes_table(board_of(make_demo_result(by_name, "better"), worse))
+    table = tables.scenes_table(board_of(make_demo_result(by_name, "better"), worse))
     assert table.columns == ("scene", "better", "worse")
     assert table.rows[0] == ("Kitchen", "0.0700", "0.1700")
     assert [row[0] for row in table.rows] == ["Kitchen", "Library", "Market"]
     assert table.records[0]["worse"] == pytest.approx(0.17)
 
 
-def test_a_scene_with_a_failed_pair_has_no_mean() -> None:
-    result = make_demo_result(by_name)
-    first = result.pairs[0].model_copy(update={"status": "failed", "scores": {}})
-    table = scenes_table(board_of(result.model_copy(update={"pairs": [first, *result.pairs[1:]]})))
-    assert [row[1] for row in table.rows] == ["–", "0.0700", "0.0600"]
-
-
 def test_folds_are_those_that_the_split_holds_whole() -> None:
     manifest = find_manifest("middlebury-default")
-    table = board_folds_table(board_of(default_lighting("all")))
+    table = tables.scenes_table(board_of(default_lighting("all")), folds=True)
     assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
     for fold, record in zip(manifest.folds, table.records, strict=True):
         expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
         assert record["mine"] == pytest.approx(expected + 3)
 
 
-@pytest.mark.parametrize("result", [default_lighting("Art"), make_demo_result(by_name)])
-def test_without_folds_there_is_no_row(result: Result) -> None:
-    assert not board_folds_table(board_of(result)).rows
-    assert "fold" not in [table.columns[0] for table in board_tables(board_of(result), HERE)]
-
-
 def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
-    (board,) = boards([Entry.of(scored("theirs", 0.01), HERE)], ranked=False)
-    (table,) = board_tables(board, HERE.parent)
+    (board,) = ranking.boards([ranking.Entry.of(scored("theirs", 0.01), HERE)], ranked=False)
+    (table,) = tables.board_tables(board, HERE.parent)
     assert table.title.endswith("protocol thesis: scored, not run")
     assert table.rows[0][:4] == ("–", "theirs (scored, not run)", "not known", "0.0100")
     assert getattr(table.rows[0][1], "target", "") == HERE.name
 
 
-def tracked(folder: Path, *rows: tuple[str, dict[str, Any]]) -> ScoreBoard:
+def tracked(folder: Path, *rows: tuple[str, dict[str, Any]]) -> ranking.ScoreBoard:
     for name, facts in rows:
         submit(list(make_tracks(name, 0.25, **facts).values()), folder)
     return only_board(folder)
 
 
 def test_a_row_shows_clean_beside_the_mean_of_each_track(tmp_path: Path) -> None:
-    table = tracks_table(tracked(tmp_path, ("mine", {})), tmp_path)
+    table = tables.tracks_table(tracked(tmp_path, ("mine", {})), tmp_path)
     assert table.title == "demo-1, split test, tracks-1, protocol valid: NRMSE ↓"
     assert table.columns[2:11] == (
         "clean", "noise", "psf", "law", "occlusion", "shift", "gain", "camera", "mean of tracks",
@@ -186,7 +169,7 @@ def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path
         ("other", {"trained_on": "middlebury-default-1, split train", **weights}),
         ("robust", {"trained_on": "demo-1, split train, random tracks", **weights}),
     )
-    assert {row[1]: row[11:] for row in tracks_table(board, tmp_path).rows} == {
+    assert {row[1]: row[11:] for row in tables.tracks_table(board, tmp_path).rows} == {
         "fitted": ("this track", "–"),
         "clean": ("–", "clean"),
         "other": ("–", "clean middlebury-default-1"),
@@ -196,6 +179,6 @@ def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path
 
 def test_why_a_row_on_tracks_has_no_rank_is_said(tmp_path: Path) -> None:
     board = tracked(tmp_path, ("solver", {"uses": ["recipe"]}), ("part", {"labels": ALL[:-1]}))
-    notes = "\n".join(tracks_table(board, tmp_path).notes)
+    notes = "\n".join(tables.tracks_table(board, tmp_path).notes)
     assert "solver-given: no rank." in notes
     assert "part: no rank without all of camera" in notes

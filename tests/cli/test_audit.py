@@ -4,7 +4,6 @@ import tomllib
 from pathlib import Path
 
 import jsonschema
-import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
@@ -14,8 +13,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
-from tests.cli.conftest import build
-from tests.conftest import TINY_TOML, shared_data_folder, write_png
+from tests.conftest import TINY_TOML, shared_data_folder
 
 
 def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
@@ -185,31 +183,6 @@ def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
 
 
 @pytest.mark.slow
-def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
-    dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
-) -> None:
-    # Distances 251, 247 and 244 are the near levels 4, 8 and 11 after Eq. 7.1; 155 is 100.
-    far = TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"')
-    # Scenes of the same name from another place are other scenes.
-    far = far.replace('url = "https://example.org/tiny"', 'url = "https://example.org/far"')
-    random = np.random.default_rng(8)
-    for number, scene in enumerate(("One", "Two", "Three")):
-        for view in (1, 5):
-            depth = np.full((24, 30 + number), 155, np.uint8)
-            depth[: 3 * number, :3] = (251, 247, 244)
-            write_png(tiny_folder / scene / f"disp{view}.png", depth)
-            for exposure in (0, 1):
-                image = random.integers(0, 256, (*depth.shape, 3)).astype(np.uint8)
-                write_png(tiny_folder / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
-    other = build(far, tiny_folder, tmp_path / "far.zarr")
-    outcome = dfdbench("audit coverage", uneven, "--test-dataset", other, "--criterion", "thesis")
-    assert outcome.status == 1
-    for levels in ("4", "8", "11"):
-        assert any(line.split()[:2] == [levels, "missing"] for line in outcome.out.splitlines())
-    assert "Eq. 7.1" in outcome.out
-
-
-@pytest.mark.slow
 def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: str) -> None:
     ran = dfdbench.fine("run --method learned:Elsewhere --dataset", uneven, "--split", "K2")
     path = Path("results/uneven-K2/learned-Elsewhere/result.json")
@@ -230,45 +203,6 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     other = dfdbench("audit coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
     assert "what is wrong is not coverage" in other.out
     assert other.status == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "options"),
-    [("local", ["--train", "all"]), ("local", ["--fold", "Three"]), ("learned:Elsewhere", [])],
-)
-def test_a_run_on_what_trained_its_method_is_a_leak(
-    dfdbench: Command, uneven: str, method: str, options: list[str]
-) -> None:
-    """Elsewhere says that all but K2 trained it, One and Two: it is tested on Two."""
-    dfdbench("run --method", method, "--dataset", uneven, "--split", "K1", "--out", "run")
-    dfdbench.refused(
-        "the same scene in training and test",
-        "audit coverage",
-        uneven,
-        "--result",
-        "run/result.json",
-        *options,
-    )
-    errors = json.loads(Path("run/coverage/errors.json").read_text())
-    assert {leak["kind"] for leak in errors["leaks"]} == {"scene"}
-    assert "say nothing of scenes that are new" in errors["conclusion"]
-    assert json.loads(Path("run/coverage/coverage.json").read_text())["covered"] is False
-    warnings = load_result(Path("run/result.json")).warnings
-    assert any("leak:" in warning for warning in warnings) == (method != "local")
-
-
-@pytest.mark.slow
-def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven: str) -> None:
-    def conclusion(method: str, *options: str) -> str:
-        dfdbench("run --method", method, "--dataset", uneven, "--split", "K2", "--out", method)
-        dfdbench("audit coverage", uneven, "--result", f"{method}/result.json", *options)
-        return str(json.loads(Path(method, "coverage/errors.json").read_text())["conclusion"])
-
-    assert "hard for other reasons" in conclusion("learned:Untrained")
-    assert "gather where training lacks" in conclusion("learned:Untrained", "--train", "Two")
-    assert "is not known" in conclusion("learned:Silent")
-    assert "gather where training lacks" in conclusion("learned:Silent", "--fold", "K2")
 
 
 @pytest.mark.parametrize(
@@ -294,32 +228,20 @@ def test_a_damaged_store_is_an_error_and_no_verdict(
         (["audit", "coverage"], "no data set is named"),
         (["audit", "coverage", "STORE", "--fold", "K1", "--train", "Two"], "a fold says both"),
         (["audit", "coverage", "STORE", "--fold", "K7"], "did you mean K"),
-        (["audit", "coverage", "STORE", "--fold", "all"], "unknown fold or scene"),
-        (["audit", "coverage", "STORE", "--fold", "train"], "unknown fold or scene"),
         (
             ["audit", "coverage", "STORE", "--each", "fold", "--test", "Two"],
             "--each takes no split",
         ),
         (["audit", "coverage", "STORE", "--each", "fold", "--fold", "K1"], "leave out --fold"),
         (["audit", "coverage", "STORE", "--result", "none.json"], "cannot read the result"),
-        (["audit", "coverage", "STORE", "--result", "learned.py"], "the result is damaged"),
         (["audit", "coverage", "STORE", "--out", ""], "no place is named"),
         (["audit", "coverage", "STORE", "--out", "learned.py"], "another place with --out"),
-        (["audit", "coverage", "STORE", "--out", "learned.py/in"], "another place with --out"),
         (["audit", "coverage", "learned.py"], "a file, and not a data set"),
         (["audit", "coverage", "STORE", "--density-factor", "inf"], "a density factor is"),
-        (["audit", "coverage", "STORE", "--allow", "nan"], "--allow"),
-        (
-            ["audit", "split", "STORE", "--folds", "2", "--density-factor", "nan"],
-            "--density-factor",
-        ),
-        (["audit", "split", "STORE", "--folds", "2", "--allow", "nan"], "--allow"),
         (["audit", "split", "STORE"], "ask for one thing"),
         (["audit", "split", "STORE", "--test-scenes", "3"], "--test-scenes 1 or 2"),
         (["audit", "split", "STORE", "--folds", "9"], "choose 2 to"),
         (["audit", "difficulty", "STORE", "--split", "tset"], "did you mean test"),
-        (["audit", "difficulty", "STORE", "--noise", "inf"], "--noise"),
-        (["audit", "difficulty", "STORE", "--noise", "0.5"], "--noise"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(

@@ -19,7 +19,7 @@ from tests.conftest import TINY_TOML
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
-from tests.site import Site, served
+from tests.site import Site
 
 
 def test_missing_pairs_fail_the_build_unless_allowed(
@@ -143,43 +143,6 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     assert dfdbench("build tiny-1.toml --allow-missing").status == 0
 
 
-def test_a_mirror_that_has_nothing_is_named(dfdbench: Command, site: Site) -> None:
-    wrong = f"{site.address}/nothing"
-    built = dfdbench.fine("build tiny-1.toml --mirror", wrong)
-    assert f"warning: the mirror lacks 17 files, such as 404 {wrong}" in built.err
-    (site.folder / BELOW).rename(site.folder / "gone")
-    nowhere = dfdbench.refused(
-        "no file of tiny is there", "build tiny-1.toml --mirror", wrong, "--cache", "empty"
-    )
-    assert f"({wrong})" in nowhere.err
-
-
-@pytest.mark.slow
-def test_mirrors_come_from_the_command_line_or_the_environment(
-    dfdbench: Command, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with served(tmp_path / "server/data") as mirror:
-        dfdbench.fine("build tiny-1.toml --mirror", mirror.address)
-        assert len(mirror.requests) == 17
-        monkeypatch.setenv("DFDBENCH_MIRROR", f"{site.address}/nothing {mirror.address}")
-        dfdbench.fine("build tiny-1.toml --cache other")
-        assert len(mirror.requests) == 34
-    assert not site.asked_for(f"/{BELOW}/One/disp1.png")
-
-
-@pytest.mark.slow
-def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
-    dfdbench: Command, shared_data: Path
-) -> None:
-    folder = str(shared_data / "middlebury/ThirdSize")
-    built = dfdbench.fine("build middlebury-default --source", folder)
-    assert "54 pairs of 27 scenes" in built.out
-    ran = dfdbench.fine("run --method constant --dataset middlebury-default --out out")
-    assert "PARTIAL" not in ran.out
-    assert "(6 of 6 pairs)" in " ".join(ran.out.split())
-    dfdbench.refused("No such option", "build middlebury --source", folder, "--default-lighting")
-
-
 @pytest.mark.slow
 def test_a_cluster_builds_and_runs(
     dfdbench: Command, site: Site, cluster: str, tmp_path: Path
@@ -206,7 +169,7 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "file of that name is there" in dfdbench("new-dataset", str(folder)).err
     built = dfdbench.fine("build mine-1.toml --source", str(folder))
     assert "built mine-1: 4 pairs of 4 scenes" in built.out
-    assert "what lays one image on the other" in dfdbench("info", store_of(built.out)).out
+    assert "what the source found out" in dfdbench("info", store_of(built.out)).out
     ran = dfdbench.fine("run --method mymodule:predict --dataset mine-1.toml")
     assert "protocol valid" in ran.out
     assert "train (own): 3 pairs" in dfdbench("info mine-1.toml").out
@@ -249,15 +212,6 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     assert "missing: 2 of 4 pairs" in built.err
     assert "no pair at all    desk, door" in built.err
     dfdbench.fine("build mine-1.toml --source", str(folder), "--allow-missing")
-
-
-def test_an_unbuilt_set_says_how_to_build_it(dfdbench: Command, tmp_path: Path) -> None:
-    folder = make_folder(tmp_path / "mine")
-    assert dfdbench("new-dataset", str(folder)).status == 0
-    dfdbench.refused(
-        "dfdbench build mine-1.toml --source DIR", "run --method constant --dataset mine-1.toml"
-    )
-    assert "name the folder: --source DIR" in dfdbench("build mine-1.toml").err
 
 
 def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 import pytest
 
 import dfdbench as package
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.store_place import own_stores
 from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
@@ -95,37 +94,6 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     assert lines[0] == "Art/view1/illumination1/exposure0"
 
 
-def test_info_prints_croissant_of_a_name_and_of_a_store(
-    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
-) -> None:
-    told = json.loads(dfdbench("info demo --croissant").out)
-    assert (told["name"], told["version"]) == ("demo-1", "1.0.0")
-    store = str(tmp_path / "tiny.zarr")
-    dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
-    assert json.loads(dfdbench("info", store, "--croissant").out)["name"] == "tiny-1"
-
-
-def test_info_shows_whatever_another_packages_source_found_out(
-    tiny_store: Dataset, dfdbench: Command
-) -> None:
-    about = Path(str(tiny_store.path)) / "One/zarr.json"
-    content = json.loads(about.read_text())
-    content["attributes"]["found"] = {
-        "view1": {"down": 0.5, "right": -1.25},
-        "view5": {"down": 0.5},
-        "lens": ["f/2.8", 10**400],
-        "note": "\u202e" + 300 * "a",
-    }
-    about.write_text(json.dumps(content))
-    shown = dfdbench("info", str(tiny_store.path)).out
-    assert "what lays one image on the other" in shown
-    assert "-1.25" in shown
-    assert "what the source found out" in shown
-    assert '["f/2.8", 1000' in shown
-    assert "\u202e" not in shown
-    assert "…" in shown
-
-
 def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,12 +109,6 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     assert told["trains on cpu in"].split(":")[0] in ("float32", "bf16")
     assert told["NUMBA_NUM_THREADS"] == "1"
     assert Path(told["compiled code"]).is_dir()
-
-
-def test_a_cache_that_is_not_there_yet_is_none_the_worse(dfdbench: Command, tmp_path: Path) -> None:
-    found = dfdbench("doctor --cache", str(tmp_path / "a" / "b"))
-    assert (found.status, "nothing" in found.out) == (0, True)
-    assert not (tmp_path / "a").exists()
 
 
 def test_an_extra_that_is_absent_says_how_to_have_it(

@@ -32,7 +32,7 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
         ((*BLUR, "--pixel", "4.8um", "--range", "4", "1"), "the range is empty"),
         (("rig", "optics", "pairs", "--lens", "none.csv"), "cannot read the lens table"),
         (("rig", "optics", "pairs", "--range", "5", "6"), "0.4 to 4 m"),
-        ((*BLUR, "--pixel", "4.8um", "--out", "/proc/no/blur.png"), "cannot write the figure"),
+        ((*BLUR, "--pixel", "4.8um", "--out", "/proc/no/blur.png"), "cannot write the answer"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(
@@ -41,27 +41,12 @@ def test_a_mistake_ends_with_a_message_and_status_2(
     dfdbench.refused(told, *arguments)
 
 
-def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
-    Path("README.md").write_text("precious")
-    lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
-    dfdbench.refused("not a picture's name", "rig optics blur", *lens, "--out", "README.md")
-    assert Path("README.md").read_text() == "precious"
-
-
-@pytest.mark.parametrize("cell", ["nan", "inf"])
-def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
-    Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
-    dfdbench.refused("not numbers of", "rig optics pairs --lens lens.csv")
-    Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
-    assert dfdbench("rig optics pairs --lens lens.csv").status == 2
-
-
 @pytest.mark.parametrize(
     ("given", "told"),
     [
         (["--pixel", "4.8m"], "1mm at most"),
-        (["--f-number", "-1"], "--f-number"),
-        (["--focus", "1mm"], "--focus"),
+        (["--f-number", "-1"], "f_number"),
+        (["--focus", "1mm"], "focus_distance"),
         (["--range", "5mm", "8mm"], "within the focal length"),
         (["--out", "blur.jpg"], "not a picture's name"),
     ],

@@ -14,7 +14,6 @@ from tests.made_folder import make_folder
 
 #: The options that name a place to write to; `build --store` has a test of its own.
 OUTPUTS = {"out", "png", "figure"}
-SEARCH = "thesis search architecture --dataset STORE --split test --bounds crop=12:16"
 LENS = "rig optics blur --f-number 2 --focal-length 9.6mm --focus 0.5m --pixel 4.8um"
 # HELD is replaced by the store, then by a run.
 COMMANDS = {
@@ -113,42 +112,3 @@ def test_no_command_writes_into_what_it_reads(
         "this command would write into", *command.replace("STORE", str(tiny_store.path)).split()
     )
     assert content(Path()) == before
-
-
-@pytest.mark.parametrize("command", ["run", "tracks", "score --predictions ."])
-def test_a_url_is_no_folder_to_write_into(
-    dfdbench: Command, tiny_store: Dataset, command: str
-) -> None:
-    method = [] if command.startswith("score") else ["--method", "constant"]
-    dataset = "demo" if command == "tracks" else str(tiny_store.path)
-    dfdbench.refused(
-        "writes on this machine only",
-        *command.split(),
-        *method,
-        "--dataset",
-        dataset,
-        "--out",
-        "s3://bucket/x",
-    )
-    assert not Path("s3:").exists()
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "report LOOP",
-        "score --predictions LOOP --dataset STORE",
-        "build demo --store LOOP",
-        "build demo --store LOOP/x.zarr",
-        "run --method constant --dataset STORE --out LOOP",
-        "run --method constant --dataset reference://x",
-        "audit difficulty STORE --noise 999999999999999999999",
-    ],
-)
-def test_places_that_lead_nowhere_end_with_status_2(
-    dfdbench: Command, tiny_store: Dataset, command: str
-) -> None:
-    Path("LOOP").symlink_to("LOOP")
-    done = dfdbench(*command.replace("STORE", str(tiny_store.path)).split())
-    assert done.status == 2
-    assert "Traceback" not in done.err

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.methods.networks.weights import build_network, save_weights
 from tests.cli.command import QUICK, Command
 from tests.conftest import write_png
-from tests.methods.made_weights import card, save_small
+from tests.methods.made_weights import save_small
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
@@ -104,45 +103,6 @@ def test_reduced_networks_are_written_trained_and_compared(
     )
 
 
-def test_users_mistakes_end_with_status_2_reduction(dfdbench: Command, tiny_store: Dataset) -> None:
-    small = str(save_small(Path("mine.safetensors")))
-    unet = {"filters": [2, 4, 8, 16, 32]}
-    made = card(method="u-net", architecture=unet)
-    save_weights(Path("unet.safetensors"), build_network("u-net", unet), made)
-    wide = {"filters": [*[4] * 6, 50, 4, 50, *[4] * 8, 256]}
-    save_weights(Path("wide.safetensors"), build_network("dfd-net", wide), card(architecture=wide))
-    Path("none.safetensors").write_text("nothing")
-    dataset = ["--dataset", str(tiny_store.path), *HERE]
-    for arguments, told in (
-        (["--weights", "unet.safetensors"], "another architecture"),
-        (["--weights", "wide.safetensors"], "fewer pixels than filters"),
-        (["--weights", "none.safetensors"], "cannot be read"),
-        (["--weights", "nowhere.safetensors"], "no such weights"),
-        (["--weights", small, "--level", "4"], "there is no level 4"),
-        (["--weights", small, "--split", "tset"], "test"),
-        (["--weights", small, "--config", "publisht"], "no such configuration"),
-    ):
-        dfdbench.refused(told, "thesis reduce", *arguments, *dataset)
-    assert not Path("training").exists()
-
-
-def test_unknown_rows_are_named_before_anything_is_trained(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
-    dataset = ["--dataset", str(tiny_store.path), *HERE]
-    Path("rows").mkdir()
-    Path("rows/original.toml").write_text("crop = 16\nsteps = 1\n")
-    for arguments, told in (
-        (["reduction", "--rows", "rows", "--values", "B-09-01"], "unknown row"),
-        (["reduction", "--rows", "nowhere"], "lacks original.toml"),
-        (["reduction", "--values", "B-09-01", *FEW], "B-01-01"),
-        (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
-        (["noise", "--rows", "rows"], "has no rows"),
-    ):
-        dfdbench.refused(told, "thesis experiment", *arguments, *dataset)
-    assert not Path("training").exists()
-
-
 pytest.importorskip("torch", reason="needs the extra nets")
 
 
@@ -182,15 +142,12 @@ def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: 
     for arguments, message in (
         (["--bounds=width=8:64"], "the folder holds another search"),
         (["--gamma=0.5"], "gamma"),
-        (["--variant=author"], "another search"),
         (["--variant=autor", "--out=x"], "did you mean author"),
         (["--bounds=width=8-64"], "width=8:512"),
         (["--bounds=crop=12:64", "--out=x"], "at most 24"),
         (["--as-thesis", "--hold-out=1"], "holds no scenes out"),
         (["--set=crop=16"], "chooses this itself"),
         (["--split=train"], "too few to hold"),
-        (["--scheduler=tcp://127.0.0.1:9", "--workers=2"], "own number of workers"),
-        (["--max-time=30"], "as 90s, 30m or 1h30m"),
     ):
         dfdbench.refused(message, *search, "--out", str(FOLDER), *arguments)
     assert log.read_text() == before

@@ -1,5 +1,4 @@
 import gc
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,8 @@ from typer.testing import CliRunner
 
 from dfdbench.api import run as evaluate
 from dfdbench.cli import app
-from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.errors import InputError, ResultError, StoreError, UnknownNameError
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.frame import frame_of
@@ -127,28 +126,6 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
         again.images("Desk")
 
 
-def test_what_is_not_there_is_named(tiny_store: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="dfdbench build demo"):
-        evaluate("constant", "demo", cache=tmp_path)
-    with pytest.raises(UnknownNameError, match="constnat"):
-        evaluate("constnat", tiny_store)
-    with pytest.raises(UnknownNameError, match="tset"):
-        evaluate("constant", tiny_store, "tset")
-
-
-@pytest.mark.parametrize("limit", [0, -1])
-def test_less_than_one_pair_is_no_limit(tiny_store: Dataset, limit: int) -> None:
-    with pytest.raises(InputError, match="no number of pairs"):
-        evaluate(grey, tiny_store, limit=limit)
-
-
-def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Dataset) -> None:
-    pairs = open_dataset(str(tiny_store.path)).captures("test")
-    with pytest.raises(InputError, match=r"captures\.dataset"):
-        evaluate(grey, pairs)  # type: ignore[arg-type]
-    assert evaluate(grey, pairs.dataset, limit=1).result.dataset.evaluated == 1
-
-
 def test_it_scores_as_a_run_does_and_says_that_nothing_was_run(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
@@ -195,19 +172,3 @@ def test_what_looks_like_another_unit_is_said(tiny_store: Dataset, tmp_path: Pat
     assert done.result.method.scored == "metres"
     (told,) = [text for text in done.result.warnings if "beyond" in text]
     assert told.endswith("of all pixels lie beyond 0.5 to 2 m and count as the end")
-
-
-def test_pairs_that_the_store_lacks_are_asked_of_nobody(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
-    write_all(tiny_store, "test", tmp_path / "made", lambda stem, d: np.save(f"{stem}.npy", d))
-    shutil.rmtree(Path(str(tiny_store.path)) / "Three")
-    partial = Dataset(tiny_store.path)
-    with pytest.raises(StoreError, match="has lost scenes"):
-        score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m")
-    # As of a build that was lacking the scene's files.
-    lacking = partial.manifest.pairs_of_scene("Three")
-    partial.attributes["missing_pairs"] = [pair.id for pair in lacking]
-    result = score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m").result
-    assert [pair.status for pair in result.pairs].count("missing") == 3
-    assert result.averages is None

@@ -14,7 +14,7 @@ from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluation.fitting import FIT, Fit, fit_method, keep_fit, read_fit, training_pairs
+from dfdbench.evaluation.fitting import FIT, fit_method, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
@@ -210,18 +210,6 @@ def test_a_set_without_training_pairs_says_what_to_do(
     assert fit_method(store, load_for(store, mean, {}), "K2", 0) is not None
 
 
-def test_a_store_without_its_training_scenes_says_what_to_build(
-    tiny_folder: Path, tmp_path: Path, mean: str
-) -> None:
-    for png in (tiny_folder / "One").rglob("*.png"):
-        png.unlink()
-    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Dataset(tmp_path / "s.zarr")
-    with pytest.raises(StoreError, match=r"no pair of tiny-1, split train[\s\S]*build tiny"):
-        run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
-
-
 class Stopped:
     """Is being fitted when the user has had enough."""
 
@@ -242,28 +230,6 @@ def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
     said = capsys.readouterr().err
     assert "stopped; mine was being fitted: the same command begins the fit anew" in said
     assert "goes on" not in said
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"learned.level": np.array(np.nan)}, "not finite: nan"),
-        ({"seconds": np.array(np.nan)}, "damaged"),
-        ({"seconds": np.array(-1.0)}, "damaged"),
-    ],
-)
-def test_numbers_that_are_none_are_not_taken_back(
-    tmp_path: Path, changes: dict[str, Any], told: str
-) -> None:
-    keep_fit(tmp_path, Fit("tiny-1, split train", 0.5, {"level": 90.0}))
-    path = tmp_path / FIT
-    assert read_fit(tmp_path).learned == {"level": 90.0}
-    with np.load(path) as arrays:
-        content = dict(arrays)
-    np.savez(path, **(content | changes))
-    with pytest.raises(ResultError, match=told) as caught:
-        read_fit(tmp_path)
-    assert "--fresh" in caught.value.problems[0].fix
 
 
 def test_what_one_run_learned_is_used_in_another(

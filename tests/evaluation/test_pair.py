@@ -9,7 +9,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.pair import PRINTED, PairEvaluator, RemoteEvaluator
+from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
@@ -20,11 +20,6 @@ def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
     result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
     assert result.pairs[0].numbers["energy"] > 0
-
-
-def printing(infocus: Any, defocus: Any) -> Any:
-    print("one line\nand another")
-    return infocus[..., 0]
 
 
 def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(
@@ -53,11 +48,6 @@ def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Dataset) -> N
     assert (record.error or "").startswith("raised RuntimeError: out of memory (made_methods.py:")
     assert (record.scores, record.prediction_sha256) == ({}, None)
     assert evaluate(second)[0].status == "ok"
-
-
-def test_what_it_printed_is_counted_and_begun(tiny_store: Dataset) -> None:
-    record, _ = PairEvaluator(tiny_store, method(printing), 0)(tiny_store.pairs("One")[0])
-    assert record.warnings[0] == f"{PRINTED} 21 characters: one line"
 
 
 def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:

@@ -19,7 +19,7 @@ from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import RESULT, load_result
-from dfdbench.results.run_folder import PREDICTIONS, read_prediction, read_store_place
+from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS
 from tests.evaluation.made_methods import Counting, grey, method
@@ -137,17 +137,6 @@ def test_a_run_takes_nothing_over_from_another_method(
     assert run(None).reused == 7
 
 
-def test_other_versions_start_over_and_are_named(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
-    monkeypatch.setattr(np, "__version__", "1.0")
-    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-    assert run.reused == 0
-    assert run.because[0].startswith("numpy was ")
-    assert run.because[0].endswith(" and is 1.0")
-
-
 def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "mixed.py").write_text(MIXED.replace("import mixed_helper", ""))
     (tmp_path / "coef.json").write_text("10")
@@ -224,39 +213,11 @@ def test_pairs_that_the_store_lacks_are_missing(
         run_method(Dataset(other), method(Counting()), "test", tmp_path / "o")
 
 
-def test_without_predictions_nothing_but_scores_is_kept(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
-    run = run_method(
-        tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(keep_predictions=False)
-    )
-    assert run.result.complete
-    assert not (tmp_path / "out/predictions.zarr").exists()
-    pair = tiny_store.pairs("test")[0]
-    assert read_prediction(tmp_path / "out", pair, tiny_store.shape_of(pair.scene)) is None
-
-
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(ResultError, match="something else"):
         run_method(tiny_store, method(Counting()), "test", tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
-
-
-def test_two_runs_do_not_mix(tiny_store: Dataset, tmp_path: Path) -> None:
-    seen: list[str] = []
-
-    def starting_another(infocus: Any, defocus: Any) -> Any:
-        try:
-            run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-        except ResultError as error:
-            seen.append(str(error))
-        return infocus[..., 0]
-
-    run = run_method(tiny_store, method(starting_another), "test", tmp_path / "out")
-    assert run.result.complete
-    assert len(seen) == 8
-    assert "another run is writing" in seen[0]
 
 
 def test_kept_depth_maps_are_found_by_their_coordinates(
@@ -303,15 +264,6 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
-
-
-def test_a_run_leaves_no_lock_and_notes_where_the_data_lie(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
-    run_method(tiny_store, method(Counting()), "test", tmp_path / "runs/out")
-    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["out"]
-    assert read_store_place(tmp_path / "runs/out") == str(tiny_store.path)
-    assert str(tmp_path) not in (tmp_path / "runs/out" / RESULT).read_text()
 
 
 def test_what_a_method_does_to_the_process_ends_with_its_call(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import shutil
+import zipfile
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -168,23 +168,10 @@ def _shipped(name: str) -> Callable[[Bench, Path], None]:
     return _written((resources.files("dfdbench.manifests") / name).read_bytes())
 
 
-def _image(suffix: str, bits: int = 8) -> Callable[[Bench, Path], None]:
-    def make(bench: Bench, path: Path) -> None:
-        image = photograph(1, (20, 24))
-        done, content = cv2.imencode(suffix, image.astype(np.uint16) * 257 if bits > 8 else image)
-        assert done
-        path.write_bytes(content.tobytes())
-
-    return make
-
-
-def _depth(suffix: str) -> Callable[[Bench, Path], None]:
-    def make(bench: Bench, path: Path) -> None:
-        done, content = cv2.imencode(suffix, photograph(1, (20, 24))[..., 0])
-        assert done
-        path.write_bytes(content.tobytes())
-
-    return make
+def _image(bench: Bench, path: Path) -> None:
+    shown = photograph(1, (20, 24))
+    image = shown.astype(np.uint16) * 257 if path.stem == "deep" else shown
+    assert cv2.imwrite(str(path), image[..., 0] if path.stem == "depth" else image)
 
 
 def _ranges(bench: Bench, path: Path) -> None:
@@ -201,12 +188,19 @@ def _folder(bench: Bench, path: Path) -> None:
     make_folder(path)
 
 
+def _archive(bench: Bench, path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"):
+            archive.writestr(name, b"some bytes" * 9)
+
+
 _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "tiny-1.toml": _written(TINY_TOML),
     "demo-1.toml": _shipped("demo-1.toml"),
     "realworld-1.toml": _shipped("realworld-1.toml"),
     "mine-1.toml": _written(FOLDER_TOML),
     "mine": _folder,
+    "files.zip": _archive,
     "mine.py": _written(_METHODS),
     "site": _tiny,
     "tiny.zarr": _tiny,
@@ -222,19 +216,14 @@ _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "lens.csv": _shipped("realworld-1/lens_blur_radius_px.csv"),
     "beams.csv": _shipped("realworld-1/os1_beams.csv"),
     "told.toml": _written("sigma_min = 0.2\nsigma_step = 0.006\nlevels = 256\nkernel_size = 11\n"),
-    "law.toml": functools.partial(
-        lambda bench, path: path.write_text(
-            f"sigmas = {[0.3 + 0.01 * level for level in range(256)]}\nkernel_size = 21\n"
-            "exponent = 2.0\nnoise = [1.0]\n"
-        )
+    "law.toml": _written(
+        f"sigmas = {[0.3 + 0.01 * level for level in range(256)]}\nkernel_size = 21\n"
+        "exponent = 2.0\nnoise = [1.0]\n"
     ),
-    "sharp.png": _image(".png"),
-    "deep.png": _image(".png", 16),
-    "sharp.jpg": _image(".jpg"),
-    "sharp.tiff": _image(".tiff"),
-    "depth.png": _depth(".png"),
-    "depth.jpg": _depth(".jpg"),
-    "depth.tiff": _depth(".tiff"),
+    **dict.fromkeys(
+        ("sharp.png", "deep.png", "sharp.jpg", "sharp.tiff", "depth.png", "depth.jpg"), _image
+    ),
+    "depth.tiff": _image,
     "ranges.bin": _ranges,
     "ranges.npy": _ranges,
     "registration.toml": _registration,

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
-import os
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any
 
 from tests.fuzz import mutation as m
 from tests.fuzz.arguments import command_line
 from tests.fuzz.bench import SEARCH, TRAIN, Bench
 from tests.fuzz.readers import READERS
-
-Change = Callable[[Random, bytes], bytes]
 
 
 @dataclass(frozen=True)
@@ -63,85 +58,6 @@ def _as_bytes(kept: dict[str, str]) -> bytes:
     return kept["text"].encode() if "text" in kept else base64.b64decode(kept["base64"])
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A class of inputs: which files are changed how, and who reads them.
-
-    Parameters
-    ----------
-    files : tuple of str
-        Sound files, as patterns below the bench; one of them is changed.
-    change : callable
-        Makes a file's new content of its old one.
-    calls : tuple of str
-        Command lines, or readers in brackets; `FILE` stands for the file, `ITEM` for what it lies
-        in.
-    """
-
-    files: tuple[str, ...]
-    change: Change
-    calls: tuple[str, ...]
-
-    def make(self, name: str, bench: Bench, random: Random, sound: int | None) -> Given:
-        """Return an input: that of a call and the sound file, or a spoiled one."""
-        pattern = random.choice(self.files) if sound is None else self.files[0]
-        item = bench.item(pattern.partition("/")[0])
-        below = pattern.partition("/")[2]
-        files = sorted(f for f in item.glob(below) if f.is_file()) if below else [item]
-        file = random.choice(files) if sound is None else files[0]
-        place = file.relative_to(bench.place).as_posix()
-        content = file.read_bytes()
-        call = random.choice(self.calls) if sound is None else self.calls[sound]
-        words = [w.replace("FILE", place).replace("ITEM", item.name) for w in call.split()]
-        changed = self.change(random, content) if sound is None else content
-        return Given(name, tuple(words), {place: changed})
-
-
-def _mended(random: Random, content: bytes) -> bytes:
-    """Change a result, then mend its averages: more than those is to be looked at."""
-    value = m.changed_tree(random, json.loads(content))
-    if random.random() < 0.8 and isinstance(value, dict):
-        _repair(value)
-    return m.as_json(value)
-
-
-def _repair(value: dict[str, Any]) -> None:
-    from dfdbench.results.record import Result, average
-
-    try:
-        loaded = Result.model_validate({**value, "averages": None})
-        whole = average(loaded.pairs, list(loaded.protocol_names)) if loaded.complete else None
-        value["averages"] = whole
-        value["dataset"]["evaluated"] = sum(pair.status == "ok" for pair in loaded.pairs)
-        value["dataset"]["expected"] = len(loaded.pairs)
-    except Exception:  # Whatever is wrong with it is for what is tested to tell.
-        return
-
-
-def _lines_of_json(random: Random, content: bytes) -> bytes:
-    if content.startswith(b"{\n"):
-        return m.changed_json(random, content)
-    lines = content.split(b"\n")
-    number = random.randrange(len(lines))
-    if lines[number].startswith(b"{") and random.random() < 0.8:
-        lines[number] = m.changed_json(random, lines[number])
-        return b"\n".join(lines)
-    return m.changed_bytes(random, content)
-
-
-#: What is put in place of a file, by the content that stands for it.
-OTHER_KINDS: dict[bytes, Callable[[Path], object]] = {
-    b"(folder)": Path.mkdir,
-    b"(pipe)": os.mkfifo,
-    b"(device)": lambda path: path.symlink_to("/dev/zero"),
-    b"(loop)": lambda path: path.symlink_to(path.name),
-}
-
-
-def _another_kind(random: Random, content: bytes) -> bytes:
-    return random.choice([*OTHER_KINDS])
-
-
 _REPORTS = (
     "report ITEM --format table",
     "report ITEM --out page",
@@ -163,8 +79,6 @@ _STORES = (
     "audit difficulty ITEM --split Two",
     "build tiny-1.toml --source site --store ITEM --workers 1",
 )
-_MAPS = ("[maps] FILE tiny.zarr",)
-_BOARD = ("leaderboard --folder ITEM", "leaderboard --folder ITEM --format json")
 # Without figures, which would take all of the time.
 _AGAIN = "run --method constant --dataset tiny.zarr --out ITEM --no-predictions"
 _SHOWN = (
@@ -173,115 +87,98 @@ _SHOWN = (
     "compare ITEM other --out panels.png",
 )
 
-KINDS: dict[str, Kind] = {
-    "manifest": Kind(
-        ("tiny-1.toml", "demo-1.toml", "mine-1.toml", "realworld-1.toml"),
-        m.changed_toml,
+#: By class: sound files, as patterns below the bench, one of which is changed as its suffix asks
+#: for; and who reads it, command lines or readers in brackets, where `FILE` stands for the file and
+#: `ITEM` for what it lies in.
+KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "manifest": (
+        "tiny-1.toml demo-1.toml mine-1.toml realworld-1.toml",
         ("info FILE", "info FILE --pairs all", "build FILE --source site --store out.zarr"),
     ),
-    "manifest of captures": Kind(
-        ("mine-1.toml",), m.changed_toml, ("build FILE --source mine --store out.zarr --workers 1",)
+    "manifest of captures": (
+        "mine-1.toml",
+        ("build FILE --source mine --store out.zarr --workers 1",),
     ),
-    "store": Kind(("tiny.zarr/zarr.json", "tiny.zarr/*/zarr.json"), m.changed_json, _STORES),
-    "array of a store": Kind(("tiny.zarr/*/*/zarr.json",), m.changed_json, _STORES),
-    "chunk of a store": Kind(("tiny.zarr/*/*/c/**/[0-9]",), m.changed_bytes, _STORES),
-    "result": Kind(("run/result.json",), _mended, _REPORTS),
-    "predictions of a run": Kind(("run/predictions.zarr/**/zarr.json",), m.changed_json, _SHOWN),
-    "run to go on with": Kind(
-        ("run/pairs.jsonl", "run/run.json", "run/store.txt"), _lines_of_json, (_AGAIN,)
+    "store": (
+        "tiny.zarr/zarr.json tiny.zarr/*/zarr.json tiny.zarr/*/*/zarr.json "
+        "tiny.zarr/*/*/c/**/[0-9]",
+        _STORES,
     ),
-    "fit": Kind(
-        ("fitted/fit.npz",),
-        m.changed_bytes,
+    "result": ("run/result.json", _REPORTS),
+    "predictions of a run": ("run/predictions.zarr/**/zarr.json", _SHOWN),
+    "run to go on with": ("run/pairs.jsonl run/run.json run/store.txt", (_AGAIN,)),
+    "fit": (
+        "fitted/fit.npz",
         ("run --method mine.py:Fitted --dataset tiny.zarr --out fitted --no-predictions",),
     ),
-    "depth maps": Kind(("maps/**/*.npy",), m.changed_npy, _MAPS),
-    "depth maps as images": Kind(("maps/**/*.png", "maps/**/*.np[yz]"), m.changed_bytes, _MAPS),
-    "leaderboard": Kind(("board/results/*/*.json",), m.changed_json, _BOARD),
-    "card of a method": Kind(("board/methods/*.toml",), m.changed_toml, _BOARD),
-    "lists of the leaderboard": Kind(
-        ("board/*.json", "board/published/*.json"), m.changed_json, _BOARD
+    "depth maps": ("maps/**/*.npy maps/**/*.png maps/**/*.npz", ("[maps] FILE tiny.zarr",)),
+    "leaderboard": (
+        "board/results/*/*.json board/methods/*.toml board/*.json board/published/*.json",
+        ("leaderboard --folder ITEM", "leaderboard --folder ITEM --format json"),
     ),
-    "kinds of files on the leaderboard": Kind(
-        ("board/*.json", "board/results/*/*.json", "board/published/*.json"), _another_kind, _BOARD
-    ),
-    "configuration": Kind(("quick.toml",), m.changed_toml, ("[configuration] FILE",)),
-    "experiment": Kind(
-        ("quick.toml",),
-        m.changed_toml,
+    "configuration": ("quick.toml", ("[configuration] FILE",)),
+    "experiment": (
+        "quick.toml",
         (
             "thesis experiment noise --dataset tiny.zarr --config FILE --values 1 --repeats 1 "
             "--max-time 1s --device cpu --threads 1 --out out",
         ),
     ),
-    "weights": Kind(("weights.safetensors",), m.changed_safetensors, ("[weights] FILE",)),
-    "training to go on with": Kind(
-        ("training/checkpoint.pt",), m.changed_bytes, (TRAIN + " --resume",)
-    ),
-    "search to go on with": Kind(
-        ("search/positions.csv", "search/search.json"),
-        lambda random, content: (
-            m.changed_json(random, content)
-            if content[:1] == b"{"
-            else m.of_text(m.changed_cells)(random, content)
-        ),
+    "weights": ("weights.safetensors", ("[weights] FILE",)),
+    "training to go on with": ("training/checkpoint.pt", (TRAIN + " --resume",)),
+    "search to go on with": (
+        "search/positions.csv search/search.json",
         (SEARCH + " --max-time 1s",),
     ),
-    "lens table": Kind(
-        ("lens.csv",),
-        m.of_text(m.changed_cells),
-        ("[lens] FILE", "rig optics pairs --lens FILE --range 1.5 2.2"),
-    ),
-    "beams": Kind(("beams.csv",), m.of_text(m.changed_cells), ("[beams] FILE",)),
-    "ranges": Kind(("ranges.bin",), m.changed_bytes, ("[ranges] FILE",)),
-    "ranges as an array": Kind(("ranges.npy",), m.changed_npy, ("[ranges] FILE",)),
-    "registration": Kind(("registration.toml",), m.changed_toml, ("[registration] FILE",)),
-    "recipe": Kind(("told.toml", "law.toml"), m.changed_toml, ("[recipe] FILE",)),
-    "PNG": Kind(
-        ("sharp.png", "deep.png"), m.changed_png, ("[photograph] FILE", "[png-photograph] FILE")
-    ),
-    "PNG of depth": Kind(("depth.png",), m.changed_png, ("[depth] FILE", "[png-depth] FILE")),
-    "JPEG": Kind(("sharp.jpg",), m.changed_bytes, ("[photograph] FILE",)),
-    "JPEG of depth": Kind(("depth.jpg",), m.changed_bytes, ("[depth] FILE",)),
-    "TIFF": Kind(("sharp.tiff",), m.changed_bytes, ("[photograph] FILE",)),
-    "TIFF of depth": Kind(("depth.tiff",), m.changed_bytes, ("[depth] FILE",)),
-    "checksums": Kind(("tiny-1.lock",), m.of_text(m.changed_text), ("[checksums] FILE",)),
+    "lens table": ("lens.csv", ("[lens] FILE", "rig optics pairs --lens FILE --range 1.5 2.2")),
+    "beams": ("beams.csv", ("[beams] FILE",)),
+    "ranges": ("ranges.bin ranges.npy", ("[ranges] FILE",)),
+    "registration": ("registration.toml", ("[registration] FILE",)),
+    "recipe": ("told.toml law.toml", ("[recipe] FILE",)),
+    "PNG": ("sharp.png deep.png", ("[png-photograph] FILE",)),
+    "photograph": ("sharp.png deep.png sharp.jpg sharp.tiff", ("[photograph] FILE",)),
+    "PNG of depth": ("depth.png", ("[png-depth] FILE",)),
+    "depth": ("depth.png depth.jpg depth.tiff", ("[depth] FILE",)),
+    "archive": ("files.zip", ("[archive] FILE",)),
+    "checksums": ("tiny-1.lock", ("[checksums] FILE",)),
 }
-#: Classes that are no file of the bench.
-ARCHIVE, ARGUMENTS = "zip archive", "arguments"
-NAMES = (*KINDS, ARCHIVE, ARGUMENTS)
+#: The class that is no file of the bench.
+ARGUMENTS = "arguments"
+NAMES = (*KINDS, ARGUMENTS)
 # They also compile, once, what takes longer than any of the spoiled ones may.
-_SOUND_LINES = {
-    ARGUMENTS: (
-        "list",
-        "doctor",
-        "check-method local",
-        "run --method graph-cuts --dataset tiny.zarr --split Two --limit 1 --out out",
-        "score --predictions maps --dataset tiny.zarr --method mine --out out",
-        "audit split tiny.zarr --test-scenes 1",
-        "rig optics pairs --lens lens.csv --range 1.5 2.2",
-    )
-}
+_SOUND_LINES = (
+    "list",
+    "doctor",
+    "check-method local",
+    "run --method graph-cuts --dataset tiny.zarr --split Two --limit 1 --out out",
+    "score --predictions maps --dataset tiny.zarr --method mine --out out",
+    "audit split tiny.zarr --test-scenes 1",
+    "rig optics pairs --lens lens.csv --range 1.5 2.2",
+)
 
 
 def sound_inputs(name: str) -> range:
     """Return the numbers of the inputs of a class that are sound, and must succeed."""
-    calls = KINDS[name].calls if name in KINDS else _SOUND_LINES.get(name, ("",))
+    calls = _SOUND_LINES if name == ARGUMENTS else KINDS[name][1]
     return range(1 - len(calls), 1)
 
 
 def make(name: str, seed: int, number: int, bench: Bench) -> Given:
     """Return an input of a class by its number; from 1 on they are spoiled."""
-    random = Random(f"{seed}/{name}/{number}")
+    random, sound = Random(f"{seed}/{name}/{number}"), number <= 0
     if name == ARGUMENTS:
-        words = command_line(random) if number > 0 else _SOUND_LINES[name][-number].split()
-        return Given(name, tuple(words))
-    if name == ARCHIVE:
-        names = ["One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"]
-        content = m.sound_zip(names)
-        content = m.changed_bytes(random, content) if number > 0 else content
-        return Given(name, ("[archive]", "files.zip"), {"files.zip": content})
-    return KINDS[name].make(name, bench, random, None if number > 0 else -number)
+        return Given(name, tuple(_SOUND_LINES[-number].split() if sound else command_line(random)))
+    patterns, calls = KINDS[name][0].split(), KINDS[name][1]
+    pattern = patterns[0] if sound else random.choice(patterns)
+    item = bench.item(pattern.partition("/")[0])
+    below = pattern.partition("/")[2]
+    files = sorted(f for f in item.glob(below) if f.is_file()) if below else [item]
+    file = files[0] if sound else random.choice(files)
+    call = calls[-number] if sound else random.choice(calls)
+    place, content = file.relative_to(bench.place).as_posix(), file.read_bytes()
+    words = [w.replace("FILE", place).replace("ITEM", item.name) for w in call.split()]
+    change = m.CHANGES.get(file.suffix, m.changed_bytes)
+    return Given(name, tuple(words), {place: content if sound else change(random, content)})
 
 
 def is_reader(call: tuple[str, ...]) -> bool:

@@ -38,10 +38,8 @@ def test_what_is_sound_succeeds(worker: Worker, name: str) -> None:
 _BAD = {
     "import os; os.abort()": "ends Python",
     "while True: pass": "hangs: 10 seconds of the processor",
-    "x = bytes(2**31)": "MemoryError",
     "raise KeyError('depth')": "KeyError",
     "open('/dfdbench-outside', 'w')": "writes outside its folder: open /dfdbench-outside",
-    "open('.result.json.a1b2c3d4', 'w')": "left behind: .result.json.a1b2c3d4",
     "open('result.json', 'w').write('{')": "half written: result.json",
 }
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from dfdbench.errors import DfdbenchError
 from tests.fuzz.bench import ITEMS, Bench
 from tests.fuzz.guard import LIBRARIES, Guard
-from tests.fuzz.inputs import ARGUMENTS, OTHER_KINDS, Given, is_reader, make, read
+from tests.fuzz.inputs import ARGUMENTS, Given, is_reader, make, read
 
 #: Verbs that answer with status 1: no, or a pair failed.
 _ANSWER_NO = {"audit", "verify", "run", "tracks", "check-method", "score"}
@@ -108,11 +108,7 @@ class Tester:
                 self.bench.copy(name, folder)
         for name, content in given.files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            if content in OTHER_KINDS:
-                (folder / name).unlink(missing_ok=True)
-                OTHER_KINDS[content](folder / name)
-            else:
-                (folder / name).write_bytes(content)
+            (folder / name).write_bytes(content)
 
 
 def _tried(given: Given, folder: Path, sound: bool) -> Iterator[str]:

@@ -25,15 +25,9 @@ from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
 from dfdbench.results.differences import change_tables
 from dfdbench.results.record import RESULT, Result, load_result
-from dfdbench.results.run_tables import (
-    run_as_csv,
-    run_as_json,
-    run_tables,
-    scene_tables,
-    spread_table,
-)
+from dfdbench.results.run_tables import run_tables, scene_tables, spread_table
 from dfdbench.results.saved_run import open_saved_run
-from dfdbench.results.summary import scene_labels, summarise
+from dfdbench.results.summary import summarise
 from tests.evaluation.made_predictions import in_metres
 
 HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
@@ -81,10 +75,8 @@ def test_a_metric_more_is_in_every_table_figure_and_page(
     assert standings.records[0]["mae_levels"] == (result.averages or {})["valid"]["mae_levels"]
     assert HEADING in {row[1] for row in lighting_table(board).rows}
     assert HEADING in {row[0] for row in change_tables(result, result, "valid")[0].rows}
-    assert ",mae_levels," in run_as_csv(summary, scene_labels(scenes))
-    content = json.loads(run_as_json(summary))
-    assert [row["mean"] > 1 for row in content["rows"] if row["metric"] == "mae_levels"][-1]
-    assert content["top"][0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
+    assert "mae_levels" in {row["metric"] for row in scores.records}
+    assert extremes.records[0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
 
     run = open_saved_run(folder, str(tiny_store.path))
     drawn = score_figure(result, "valid")
@@ -144,7 +136,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
         assert [row[1] for row in lighting_table(board).rows] == wanted
         changed = change_tables(result, result, protocol)[0]
         assert [row[0] for row in changed.rows if row[0]] == wanted
-        assert json.loads(run_as_json(summary))["top"][0].keys() >= set(metrics_of(protocol))
+        assert extremes.records[0].keys() >= set(metrics_of(protocol))
         run = open_saved_run(folder, str(tiny_store.path))
         figures = [
             score_figure(result, protocol),
@@ -192,7 +184,7 @@ def test_scores_of_other_metrics_are_refused(
     there["valid"] = scores if "nrmse" in scores else there["valid"] | scores
     (tmp_path / "run" / RESULT).write_text(json.dumps(content))
     wrong = next(iter(scores.keys() - {"nrmse", "nmae"}), "ssim")
-    with pytest.raises(ResultError, match=rf"pairs\[0\]\.scores\.valid\.{wrong}"):
+    with pytest.raises(ResultError, match=rf"pairs\[0\]\.scores\.valid\).*{wrong}"):
         load_result(tmp_path / "run")
 
 

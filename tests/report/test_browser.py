@@ -152,38 +152,9 @@ def test_a_name_runs_no_script(page: webdriver.Chrome) -> None:
     assert HOSTILE in page.find_element(By.TAG_NAME, "table").text
 
 
-def test_dark_mode_turns_page_and_plots(page: webdriver.Chrome) -> None:
-    colours = {}
-    for scheme in ("light", "dark"):
-        feature = {"name": "prefers-color-scheme", "value": scheme}
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-        colours[scheme] = (
-            ask(page, "getComputedStyle(document.body).backgroundColor"),
-            ask(page, "getComputedStyle(document.querySelector('.plot svg text')).fill"),
-        )
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    assert colours["light"][0] == "rgb(255, 255, 255)"
-    assert colours["dark"][0] == "rgb(13, 17, 23)"
-    assert colours["light"][1] != colours["dark"][1]
-
-
 def test_a_phone_scrolls_no_page_sideways(page: webdriver.Chrome) -> None:
     size = {"width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": True}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     width = ask(page, "document.documentElement.scrollWidth")
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert width <= 390
-
-
-def test_on_paper_truth_prediction_and_error_stand_side_by_side(page: webdriver.Chrome) -> None:
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    try:
-        pair = shown(page)[0]
-        places = [
-            pair.find_element(By.CSS_SELECTOR, f".{name}").rect
-            for name in ("truth", "prediction", "error")
-        ]
-        assert places[0]["x"] < places[1]["x"] < places[2]["x"]
-        assert not pair.find_element(By.CSS_SELECTOR, ".toggle").is_displayed()
-    finally:
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})

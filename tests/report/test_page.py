@@ -78,11 +78,6 @@ def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path
     assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == 4
 
 
-def test_no_form_no_file(tmp_path: Path) -> None:
-    assert page.write_plots(content(), tmp_path, ()) == [[], []]
-    assert not list(tmp_path.iterdir())
-
-
 class Tags(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -132,25 +127,11 @@ def test_each_pair_has_its_pictures_and_each_picture_stands_once(
 
 
 @pytest.mark.slow
-def test_the_same_runs_give_the_same_page(
-    html_page: Path, saved_runs: list[SavedRun], tmp_path: Path
-) -> None:
-    before = html_page.read_bytes()
-    again = page.write_html(saved_runs, "thesis", tmp_path)
-    assert again.read_bytes() == before
-
-
-@pytest.mark.slow
 def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
     text = page.write_html([bare], "thesis", tmp_path).read_text("utf-8")
     assert "No pictures of constant: no depth maps lie beside the result." in text
     assert "<article" not in text
-
-
-def test_a_protocol_that_was_not_scored(saved_runs: list[SavedRun], tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError):
-        page.write_html(saved_runs, "theses", tmp_path)
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
@@ -159,12 +140,6 @@ def decoded(address: str) -> NDArray[np.uint8]:
     image = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR_RGB)
     assert image is not None
     return np.asarray(image, np.uint8)
-
-
-def test_a_photo_keeps_its_colours() -> None:
-    image = np.zeros((32, 40, 3), np.uint8)
-    image[..., 0] = 200
-    assert np.abs(decoded(page.photo(image)).astype(int) - image).max() < 12
 
 
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:

@@ -1,9 +1,6 @@
-from typing import Any
-
 import numpy as np
 import pytest
 
-from dfdbench.errors import UnknownNameError
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
@@ -22,21 +19,6 @@ def test_a_row_a_pair_with_its_place_and_scores() -> None:
     assert frame.loc["One/view1/illumination1/exposure0", "nmae"] == 0.1
     assert frame["nrmse"].isna().tolist() == [False, True, False]
     assert frame.groupby("scene")["nrmse"].mean().to_dict() == {"One": 0.2, "Two": 0.1}
-
-
-def test_pairs_that_were_not_run_are_there_without_numbers() -> None:
-    result = make_result(SCORES)
-    blank: dict[str, Any] = {"status": "not-run", "scores": {}, "seconds": None}
-    first = result.pairs[0].model_copy(update=blank)
-    frame = frame_of(result.model_copy(update={"pairs": [first, *result.pairs[1:]]}), "thesis")
-    assert frame["status"].tolist() == ["not-run", "ok", "ok"]
-    assert frame["nrmse"].isna().tolist() == [True, True, False]
-    assert frame["seconds"].dtype == float
-
-
-def test_a_protocol_it_was_not_scored_under_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="valid"):
-        frame_of(make_result(SCORES), "valid")
 
 
 def test_any_number_of_runs_are_one_long_table() -> None:

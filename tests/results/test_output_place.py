@@ -21,16 +21,12 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("place", "why"),
     [
         ("set.zarr", "a built data set"),
-        ("set.zarr/scene/report", "a built data set"),
         ("link/report", "a built data set"),
         ("run", "a run"),
-        ("run/result.json", "a run"),
         ("photos/../run/figures", "a run"),
         ("photos", "one of its inputs"),
-        ("photos/report", "one of its inputs"),
         ("alone.json", "one of its inputs"),
         ("s3://bucket/report", "on this machine only"),
-        (Path("s3://bucket/report"), "on this machine only"),
         (" ", "no place is named"),
     ],
 )

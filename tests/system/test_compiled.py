@@ -49,13 +49,6 @@ def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) 
     assert "NUMBA_CACHE_DIR" in done.stderr
 
 
-def test_the_variable_names_the_place(tmp_path: Path) -> None:
-    done = call(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
-    assert done.stderr == ""
-    assert done.stdout.startswith(f"6 6 {tmp_path / 'cache'}")
-    assert list((tmp_path / "cache").rglob("*.nbi"))
-
-
 def test_all_that_is_compiled_is_compiled_by_it() -> None:
     others = [path for path in PACKAGE.rglob("*.py") if path.name != "compiled.py"]
     found = [path for path in others if re.search(r"\bn?jit\(", path.read_text("utf-8"))]

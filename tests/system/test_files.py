@@ -3,7 +3,6 @@ from __future__ import annotations
 import errno
 import multiprocessing
 import os
-import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -28,23 +27,6 @@ def test_a_failed_write_leaves_the_old_file(
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_a_file_that_cannot_be_written_is_told_by_its_own_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: object, **where: object) -> None:
-        raise PermissionError(13, "Permission denied", f"{where['dir']}/{where['prefix']}mmcn1sby")
-
-    path = tmp_path / "t.tex"
-    (tmp_path / "folder.tex").mkdir()
-    with pytest.raises(IsADirectoryError) as replaced:
-        files.write_whole(tmp_path / "folder.tex", "text")
-    assert replaced.value.filename == str(tmp_path / "folder.tex")
-    monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(PermissionError) as said:
-        files.write_whole(path, "text")
-    assert said.value.filename == str(path)
-
-
 def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "device").symlink_to("/dev/zero")
@@ -66,17 +48,6 @@ def test_a_file_is_read_up_to_a_bound(tmp_path: Path) -> None:
         files.read_whole(path, 5)
 
 
-def test_a_small_file_takes_little_memory_whatever_its_bound(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    path.write_bytes(b"ab")
-    tracemalloc.start()
-    try:
-        assert files.read_whole(path, files.LARGEST_ARRAY) == b"ab"
-        assert tracemalloc.get_traced_memory()[1] < 2**20
-    finally:
-        tracemalloc.stop()
-
-
 TAKEN = StoreError("taken")
 
 
@@ -95,11 +66,6 @@ def test_only_one_holds_a_place_and_no_lock_file_stays(tmp_path: Path) -> None:
     with files.hold(lock, TAKEN):
         pass
     assert not lock.exists()
-
-
-def test_a_disk_that_refuses_the_lock_is_not_reported_as_another_writer(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="name too long"), files.hold(tmp_path / ("a" * 300), TAKEN):
-        pass
 
 
 def take_turns(folder: str, turns: int) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import dfdbench
 from dfdbench.errors import InputError
-from dfdbench.system.packages import PACKAGE_VERSION, needed, offered_as
+from dfdbench.system.packages import PACKAGE_VERSION, needed
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,11 +20,6 @@ def test_the_version_is_that_of_the_project_and_of_the_face() -> None:
     assert dfdbench.__version__ == PACKAGE_VERSION
 
 
-def test_what_to_cite_names_the_version() -> None:
-    assert f"\nversion: {PACKAGE_VERSION}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
-    assert f"version = {{{PACKAGE_VERSION}}}" in (ROOT / "docs/questions.md").read_text("utf-8")
-
-
 def test_an_absent_library_of_an_extra_names_it() -> None:
     with pytest.raises(InputError, match=r"dfdbench\[nets\]"), needed():
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
@@ -33,19 +28,3 @@ def test_an_absent_library_of_an_extra_names_it() -> None:
 def test_other_absent_modules_are_not_hidden() -> None:
     with pytest.raises(ModuleNotFoundError), needed():
         raise ModuleNotFoundError("No module named 'numpyy'", name="numpyy")
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe[", b"[dfdbench.methods]\nnothing\n"])
-def test_the_package_whose_list_cannot_be_read_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
-) -> None:
-    folder = tmp_path / "broken-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (folder / "entry_points.txt").write_bytes(b"[dfdbench.methods]\nfine = mine:predict\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    assert offered_as("dfdbench.methods")["fine"].value == "mine:predict"
-    (folder / "entry_points.txt").write_bytes(content)
-    with pytest.raises(InputError, match="cannot be read") as said:
-        offered_as("dfdbench.methods")
-    assert said.value.problems[0].where == "broken: entry_points.txt"

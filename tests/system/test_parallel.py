@@ -69,32 +69,9 @@ def test_answers_come_in_the_items_order_and_progress_counts_up(pool: Pool) -> N
     assert said[1::2] == [(done, 12) for done in range(1, 13)]
 
 
-def test_progress_alone_is_told_too_and_of_nothing_none() -> None:
-    said: list[tuple[int, int]] = []
-    Threads(2).map(square_slowly, [3, 4], on_done=lambda *done: said.append(done))
-    Threads(2).map(square_slowly, [], on_done=lambda *done: said.append(done))
-    assert said == [(1, 2), (2, 2)]
-
-
-def test_what_failed_is_not_told_as_done() -> None:
-    said: list[tuple[int, int]] = []
-    with pytest.raises(ValueError, match="no 2"):
-        Threads(1).map(
-            lambda item: fail(item) if item == 2 else item,
-            [1, 2, 3],
-            on_done=lambda *done: said.append(done),
-        )
-    assert (2, 3) not in said
-
-
 def test_errors_come_through(pool: Pool) -> None:
     with pytest.raises(ValueError, match=r"no [12]"):
         pool.map(fail, [1, 2])
-
-
-def test_threads_work_at_once() -> None:
-    barrier = threading.Barrier(2, timeout=10)
-    assert len(Threads(2).map(lambda _: barrier.wait(), range(2))) == 2
 
 
 @pytest.mark.slow

