@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.realworld import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest

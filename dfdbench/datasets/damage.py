@@ -1,7 +1,5 @@
 """What a store's files may not say: found before they are taken at their word."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Hashes of what arrays hold, whatever file they lie in."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

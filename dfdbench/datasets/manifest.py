@@ -1,7 +1,5 @@
 """A manifest: what a data set consists of, frozen."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 from collections.abc import Iterator
@@ -210,7 +208,7 @@ def simulated_label(name: str, simulated: bool) -> str:
 class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
-    `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
+    `degradation` is ``clean`` in every file; `dfdbench.datasets.catalog.with_track` names another.
     `pair_images` are the two images of a stack that a method of pairs gets, the in-focus one first.
     `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or

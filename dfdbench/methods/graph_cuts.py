@@ -1,7 +1,5 @@
 """Graph cuts: the thesis's classical method, with its energy and faster solvers for it."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Import what an entry names, and say what is wrong where that fails."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib

@@ -1,7 +1,5 @@
 """The methods ``dfd-net`` and ``u-net``: trained networks; needs the extra ``nets``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """What a user sets of a method: blur recipes, and the content of files that are named."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Rational filters: a normalised ratio of two images as a polynomial in the blur."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

@@ -289,9 +289,9 @@ def make_method(
         of itself cannot be read.
     """
     # Here, so that a list of the names needs no numpy.
+    from dfdbench.methods.calling import as_method
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
-    from dfdbench.methods.torch_method import as_method
 
     fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
     given, recorded = read_parameters(parameters, fits)

@@ -1,7 +1,5 @@
 """Graph cuts for a defocus image that is nothing but a rounded blur of the in-focus image."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

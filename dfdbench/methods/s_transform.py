@@ -1,7 +1,5 @@
 """The S-transform: how much the blur's variance grew, from a Laplacian and a difference."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

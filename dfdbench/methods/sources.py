@@ -6,8 +6,6 @@ heard of through Python's audit hook, while the method is loaded, fitted and cal
 written in C opens by itself, or another process, is not heard of.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import functools

@@ -4,8 +4,6 @@ Its rays show where the board's sides must be; the image has candidates for each
 the LIDAR is turned until rays that hit the board are inside the outline and others outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -3,8 +3,6 @@
 It gives what the rig would write, and the truth that the pipeline must find again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from statistics import NormalDist

@@ -1,7 +1,5 @@
 """Write simulated captures as the rig would: scenes with a LIDAR, and the lens test (7.2.1)."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Sequence

@@ -4,11 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.building.build_plan import plan_build
+from dfdbench.building.build import plan_build
 from dfdbench.building.obtaining import obtain, voltage_pair_sets
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, SourceError
 from tests.conftest import write_png
 

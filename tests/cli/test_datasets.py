@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 import dfdbench as package
+from dfdbench.datasets.catalog import own_stores
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.store_place import own_stores
 from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
 from tests.site import Site

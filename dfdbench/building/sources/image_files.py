@@ -1,7 +1,5 @@
 """Read photographs (PNG, JPEG, TIFF) and depth files (also npy, npz, pfm); reject damaged ones."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The images of a capture: which files they are, in which order, and what is known of each."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -12,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.building.sources.depth_values import in_unit_of
+from dfdbench.building.sources.captured_images import in_unit_of
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import (
     ANY_ENDING,

@@ -6,8 +6,6 @@
 This is the thesis's Eq. 4.2 with integer terms (Boykov, Veksler and Zabih, PAMI 2001).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

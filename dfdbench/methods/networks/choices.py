@@ -1,7 +1,5 @@
 """What may be chosen of DfD-Net, checked: filters, their sizes, activations, normalization."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A network's weights in one file, with a card that says where they come from."""
 
-from __future__ import annotations
-
 import hashlib
 from importlib.resources import files
 from pathlib import Path

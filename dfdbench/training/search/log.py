@@ -1,7 +1,5 @@
 """Train and score the networks of a search, and keep the log of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """What is searched, on what, and how its networks are selected; checked before the first begins."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

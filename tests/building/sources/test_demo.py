@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.demo import DemoScenes, photograph_light
+from dfdbench.building.sources.demo import SCENES, DemoScenes, photograph_light
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -100,3 +100,17 @@ def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset)
     at = {"view": 5, "illumination": 3, "exposure": 1}
     assert np.array_equal(few.infocus[0, 0, 0], scene["images"].sel(at).values[0])
     assert np.array_equal(few.depth[0], scene["depth"].sel(view=5).values, equal_nan=True)
+
+
+def test_training_and_test_share_no_photograph(demo_store: Dataset) -> None:
+    manifest: Manifest = demo_store.manifest
+    used = {
+        split: {
+            surface.texture.photograph
+            for scene in manifest.scenes_of(split)
+            for surface in SCENES[scene]
+        }
+        for split in ("train", "test")
+    }
+    assert not used["train"] & used["test"]
+    assert set(SCENES) == set(manifest.scene_names)

@@ -12,7 +12,7 @@ import pytest
 
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
-from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.interface import SceneError
 from dfdbench.datasets.catalog import find_manifest
