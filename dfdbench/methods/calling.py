@@ -56,8 +56,7 @@ def as_method(found: Any) -> Any:
     """
     # What has not loaded PyTorch is no network.
     torch = sys.modules.get("torch")
-    # By its type: what a user wrote may say of itself that it is anything.
-    is_network = torch is not None and issubclass(type(found), torch.nn.Module)
+    is_network = torch is not None and isinstance(found, torch.nn.Module)
     return TorchMethod(found) if is_network else found
 
 
@@ -70,7 +69,7 @@ def without_gradient(returned: Any) -> Any:
     [1, 2]
     """
     torch = sys.modules.get("torch")
-    is_tensor = torch is not None and issubclass(type(returned), torch.Tensor)
+    is_tensor = torch is not None and isinstance(returned, torch.Tensor)
     return returned.detach().cpu() if is_tensor else returned
 
 
@@ -112,7 +111,7 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
     'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
     """
     copies = [image.copy() for image in images]
-    printed = _Printed()
+    printed = io.StringIO()
     depth, error = None, ""
     numbers: dict[str, float] = {}
     begin = time.perf_counter()
@@ -130,27 +129,11 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
         error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, error = _checked(returned, images[0].shape[-3:-1], unit)
+        depth, error = check_depth(returned, images[0].shape[-3:-1], unit)
         if len(numbers) > _MOST_NUMBERS:
             error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
             depth, numbers = None, {}
     return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
-
-
-class _Printed(io.StringIO):
-    """What a method prints, which stays there where the method closes its standard output."""
-
-    def close(self) -> None:
-        pass
-
-
-def _checked(
-    returned: Any, shape: tuple[int, ...], unit: Unit
-) -> tuple[NDArray[np.float32] | None, str]:
-    try:
-        return check_depth(returned, shape, unit)
-    except (Exception, SystemExit) as error:
-        return None, f"returned a {type(returned).__name__} that breaks: {describe(error)}"
 
 
 def check_depth(
