@@ -282,16 +282,6 @@ class Manifest(StrictRecord):
         """Every scene's name, in the manifest's order."""
         return tuple(scene.name for scene in self.scenes)
 
-    @property
-    def split_names(self) -> tuple[str, ...]:
-        """What may be asked for as a split: splits, the folds' tests, ``all``, single scenes."""
-        return (
-            *(split.name for split in self.splits),
-            *(fold.name for fold in self.folds),
-            ALL_PAIRS,
-            *self.scene_names,
-        )
-
     def scenes_of(self, split: str) -> tuple[str, ...]:
         """Return the names of the scenes in a split, in the manifest's order.
 

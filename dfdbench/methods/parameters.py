@@ -166,8 +166,7 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
             continue
         what = f"a parameter that no result can keep: {writable(str(value))[:80]}"
         problems.append(Problem(what, where=f"parameter {writable(name)}", expected=expected))
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
 
 
 def _strings(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

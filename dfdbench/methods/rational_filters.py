@@ -88,8 +88,7 @@ class RationalFilters(Calibrated):
         self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = False
     ) -> None:
         problems = odd_window("window", window)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         super().__init__(recipe, prior)
         self._window = (window, window)
 

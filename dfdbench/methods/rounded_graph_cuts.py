@@ -129,8 +129,7 @@ def _check(infocus: Array, defocus: Array) -> None:
         problems.append(
             Problem(f"sizes differ, {infocus.shape} and {defocus.shape}", where="defocus")
         )
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -76,8 +76,7 @@ class STransform:
         self, recipe: BlurRecipe | BlurLaw | None = None, smoothing: float = 2.5, window: int = 9
     ) -> None:
         problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         self._recipe = recipe
         self._smoothing = float(smoothing)
         self._window = (window, window)

@@ -294,11 +294,11 @@ def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
             outline[number] = other
             best = max(best, _turned(sighting, outline, rig), key=lambda one: one.agreement)
     if best.agreement < _DOUBTFUL:
-        raise SourceError(
-            f"only {100 * best.agreement:.1f} % of the LIDAR's rays agree with the board's outline "
-            f"in the image, not {100 * _DOUBTFUL:.0f} %",
-            fix=_BY_HAND,
+        share = (
+            f"only {100 * best.agreement:.1f} % of the LIDAR's rays, not {100 * _DOUBTFUL:.0f} %"
         )
+        what = f"{share}, agree with the board's outline in the image"
+        raise SourceError(what, fix=_BY_HAND)
     return best
 
 

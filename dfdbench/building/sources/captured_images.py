@@ -1,14 +1,15 @@
 """One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph
+from dfdbench.building.sources.interface import gathered
 from dfdbench.building.sources.matching import find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
@@ -143,7 +144,6 @@ def _short(number: Any) -> str:
 
 Image = NDArray[Any]
 Mask = NDArray[np.bool_]
-Returned = TypeVar("Returned")
 #: The bytes of a file, and its name for messages.
 File = tuple[bytes, str]
 
@@ -190,26 +190,24 @@ def captured_images(
         With everything that is wrong: damaged files, sizes that differ, depth in another unit, an
         alignment that is not found, a crop beyond the image.
     """
-    tries = _Tries([])
+    problems: list[Problem] = []
     is_pair = files.images is None
+    bits, rotation = files.image_bits, files.exif_rotation
     read: list[tuple[Image, str]] = []
     for content, where in photographs:
-        image = tries.to(
-            read_photograph, content, where, files.image_bits, files.exif_rotation, not is_pair
-        )
-        if image is not None:
-            read.append((image, where))
+        with gathered(problems):
+            read.append((read_photograph(content, where, bits, rotation, not is_pair), where))
     sized = list(read)
     found = None
     if depth is not None:
-        values = tries.to(read_depth_file, *depth, files.exif_rotation)
-        if values is not None:
+        with gathered(problems):
+            values = read_depth_file(*depth, rotation)
             sized.append((values, depth[1]))
-            found = tries.to(depth_of, values, files, about, depth[1])
+            found = depth_of(values, files, about, depth[1])
     for image, where in sized[1:]:
-        tries.to(_require_size, image, where, *sized[0], depth is not None and where == depth[1])
-    if tries.problems:
-        raise SourceError.of(tries.problems)
+        is_depth = depth is not None and where == depth[1]
+        problems += _odd_size(image, where, *sized[0], is_depth)
+    SourceError.raise_if(problems)
     if found is None:
         found = np.full(read[0][0].shape[:2], np.nan, np.float32)
     warnings = _swapped(read) if is_pair else ()
@@ -219,20 +217,6 @@ def captured_images(
     if depth is not None and not np.isfinite(known).any():
         raise SourceError("no depth is known inside the crop", where=depth[1])
     return CapturedImages(_in_one(laid)[:, *kept], known, told, warnings)
-
-
-@dataclass(frozen=True)
-class _Tries:
-    """Calls functions and gathers what they raise."""
-
-    problems: list[Problem]
-
-    def to(self, step: Callable[..., Returned], *arguments: Any) -> Returned | None:
-        try:
-            return step(*arguments)
-        except SourceError as error:
-            self.problems.extend(error.problems)
-            return None
 
 
 def _laid_on_the_first(
@@ -257,8 +241,7 @@ def _laid_on_the_first(
                 Problem(p.what, where=moved, expected=p.expected, got=p.got, fix=p.fix)
                 for p in error.problems
             ]
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return [first, *others], covered, tuple(told)
 
 
@@ -330,15 +313,13 @@ def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:
     return (f"{where}: the defocus image is the sharper one, are the two swapped?",)
 
 
-def _require_size(image: Image, where: str, first: Image, named: str, is_depth: bool) -> None:
+def _odd_size(
+    image: Image, where: str, first: Image, named: str, is_depth: bool
+) -> Iterator[Problem]:
     if image.shape[:2] != first.shape[:2]:
-        raise SourceError(
-            "size differs",
-            where=where,
-            expected=f"{_sides(first)} as {named}",
-            got=_sides(image),
-            fix="resample the depth map onto the image" if is_depth else "",
-        )
+        expected, got = f"{_sides(first)} as {named}", _sides(image)
+        fix = "resample the depth map onto the image" * is_depth
+        yield Problem("size differs", where=where, expected=expected, got=got, fix=fix)
 
 
 def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice, slice]:
@@ -346,13 +327,8 @@ def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice,
         return slice(None), slice(None)
     bottom, right = crop.y + crop.height, crop.x + crop.width
     if bottom > shape[0] or right > shape[1]:
-        raise SourceError(
-            "the crop reaches beyond the image",
-            where=where,
-            expected=f"within {shape[0]} rows, {shape[1]} columns",
-            got=f"rows to {bottom}, columns to {right}",
-            fix="mend [files.crop]",
-        )
+        what = f"the crop reaches to row {bottom} and column {right} of {shape[0]} and {shape[1]}"
+        raise SourceError(what, where=where, fix="mend [files.crop]")
     return slice(crop.y, bottom), slice(crop.x, right)
 
 

@@ -238,12 +238,6 @@ class Energy:
                 return False
         return True
 
-    @property
-    def is_convex(self) -> bool:
-        """Whether V is convex in the label difference, so that split and jump cuts are exact."""
-        slopes = np.diff(self.smoothness.astype(np.int64))
-        return bool(slopes[0] >= 0 and np.all(np.diff(slopes) >= 0))
-
     def edge_weights(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Give the weights of all edges to the right and downward, each (y, x) int32.
 

@@ -172,8 +172,7 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
         for one, other in EQUAL
         if numbers[one] != numbers[other]
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return numbers
 
 

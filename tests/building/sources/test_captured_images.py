@@ -66,7 +66,7 @@ def test_a_crop_is_the_same_of_all(scene: Path) -> None:
     whole, part = made(scene), made(scene, crop={"x": 10, "y": 5, "width": 40, "height": 30})
     for of, kept in ((whole.images[1], part.images[1]), (whole.depth, part.depth)):
         np.testing.assert_array_equal(of[5:35, 10:50], kept)
-    with pytest.raises(SourceError, match="crop reaches beyond"):
+    with pytest.raises(SourceError, match="the crop reaches to"):
         made(scene, crop={"x": 60, "y": 0, "width": 40, "height": 30})
 
 
