@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captured_files import CapturedFiles
@@ -214,9 +214,6 @@ class Manifest(StrictRecord):
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
-
-    # Its fields are checked one by one: see `dfdbench.datasets.manifest_file`.
-    model_config = ConfigDict(defer_build=True)
 
     schema_version: Literal[1]
     name: Name

@@ -1,15 +1,13 @@
-"""Read a manifest from TOML and check it whole, so that one problem hides no other."""
+"""Read a manifest from TOML: first its fields are checked, all of them, then all of it."""
 
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from dfdbench.datasets.captured_files import (
     BY_IMAGE,
@@ -45,39 +43,35 @@ _STORE_FILE = "zarr.json"
 Finding = tuple[str, str]
 
 
-def check_sections(sections: dict[str, Any], file: str) -> Iterator[Problem]:
-    """Yield what contradicts itself in a manifest, as far as its sections are sound."""
-    for check, needs in _CHECKS:
-        if all(need in sections for need in needs):
-            yield from (Problem(what, where=f"{file}: {field}") for field, what in check(sections))
+def _contradictions(manifest: Manifest) -> Iterator[Finding]:
+    """Yield what contradicts itself in a manifest whose fields are sound."""
+    checks = (_check_scenes, _check_axes, _check_exclusions, _check_splits, _check_folds)
+    for check in (*checks, _check_metres, _check_files, _check_patterns, _check_checksums):
+        yield from check(manifest)
 
 
-def _unknown(field: str, kind: str, got: str, known: list[str]) -> Finding:
+def _unknown(field: str, kind: str, got: str, known: Iterable[str]) -> Finding:
     near = unknown_name(kind, got, known).problems[0]
     return field, f"unknown {kind} {got}: {near.fix or near.expected}"
 
 
-def _names_of(sections: dict[str, Any]) -> list[str]:
-    return [scene.name for scene in sections["scenes"]]
-
-
-def _check_scenes(sections: dict[str, Any]) -> Iterator[Finding]:
-    names = _names_of(sections)
+def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
+    names = manifest.scene_names
     for name, times in Counter(names).items():
         if times > 1:
             yield "scenes", f"scene {name} is listed twice"
         if name.casefold() == _STORE_FILE:
             yield "scenes", f"scene {name} is named as a file of the store"
-    sources = [source.name for source in sections["sources"]]
-    for number, scene in enumerate(sections["scenes"]):
+    sources = [source.name for source in manifest.sources]
+    for number, scene in enumerate(manifest.scenes):
         if scene.source not in sources:
             yield _unknown(f"scenes[{number}].source", "source", scene.source, sources)
-    if len(names) != sections["scene_count"]:
-        yield "scene_count", f"{len(names)} scenes are listed, not {sections['scene_count']}"
+    if len(names) != manifest.scene_count:
+        yield "scene_count", f"{len(names)} scenes are listed, not {manifest.scene_count}"
 
 
-def _check_axes(sections: dict[str, Any]) -> Iterator[Finding]:
-    axes = sections["axes"]
+def _check_axes(manifest: Manifest) -> Iterator[Finding]:
+    axes = manifest.axes
     for axis, values in axes.items():
         if axis in _STORE_NAMES or not _AXIS.fullmatch(axis):
             others = ", ".join(_STORE_NAMES)
@@ -85,28 +79,28 @@ def _check_axes(sections: dict[str, Any]) -> Iterator[Finding]:
             f"and none of {others}"
         if len(set(values)) != len(values):
             yield f"axes.{axis}", f"a value is listed twice: {values}"
-    table = sections["table"]
-    named = [("depth.axes", axis) for axis in sections["depth"].axes]
+    table = manifest.table
+    named = [("depth.axes", axis) for axis in manifest.depth.axes]
     named += [("table.blocks", table.blocks)]
     named += [("table.rows", table.rows)] if table.rows else []
-    named += [("default_lighting", axis) for axis in sections["default_lighting"] or {}]
+    named += [("default_lighting", axis) for axis in manifest.default_lighting or {}]
     for field, axis in named:
         if axis not in axes:
-            yield _unknown(field, "axis", axis, list(axes))
-    for axis, value in (sections["default_lighting"] or {}).items():
+            yield _unknown(field, "axis", axis, axes)
+    for axis, value in (manifest.default_lighting or {}).items():
         if value not in axes.get(axis, [value]):
             yield f"default_lighting.{axis}", f"no such value: {value}, only {axes[axis]}"
 
 
-def _check_exclusions(sections: dict[str, Any]) -> Iterator[Finding]:
-    axes = sections["axes"]
-    real = set(grid_of_pairs(tuple(_names_of(sections)), axes))
+def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
+    axes = manifest.axes
+    real = set(grid_of_pairs(manifest.scene_names, axes))
     seen: set[Pair] = set()
-    for number, exclusion in enumerate(sections["exclusions"]):
+    for number, exclusion in enumerate(manifest.exclusions):
         field = f"exclusions[{number}]"
         for axis in exclusion.coordinates:
             if axis not in axes:
-                yield _unknown(f"{field}.coordinates", "axis", axis, list(axes))
+                yield _unknown(f"{field}.coordinates", "axis", axis, axes)
         pairs = list(excluded_pairs([exclusion], axes))
         for pair in pairs:
             if pair not in real:
@@ -116,18 +110,18 @@ def _check_exclusions(sections: dict[str, Any]) -> Iterator[Finding]:
         seen.update(pairs)
         if len(pairs) != exclusion.pairs:
             yield f"{field}.pairs", f"{len(pairs)} pairs are excluded, not {exclusion.pairs}"
-    if len(real - seen) != sections["pair_count"]:
-        left, stated = len(real - seen), sections["pair_count"]
+    if len(real - seen) != manifest.pair_count:
+        left, stated = len(real - seen), manifest.pair_count
         yield "pair_count", f"{left} pairs are left after the exclusions, not {stated}"
 
 
-def _check_splits(sections: dict[str, Any]) -> Iterator[Finding]:
-    axes, scenes = sections["axes"], _names_of(sections)
-    excluded = Counter(pair.scene for pair in excluded_pairs(sections["exclusions"], axes))
-    grid = Counter(pair.scene for pair in grid_of_pairs(tuple(scenes), axes))
+def _check_splits(manifest: Manifest) -> Iterator[Finding]:
+    axes, scenes = manifest.axes, manifest.scene_names
+    excluded = Counter(pair.scene for pair in excluded_pairs(manifest.exclusions, axes))
+    grid = Counter(pair.scene for pair in grid_of_pairs(scenes, axes))
     taken: dict[tuple[str, str], str] = {}
     names: set[str] = {ALL_PAIRS, *scenes}
-    for number, split in enumerate(sections["splits"]):
+    for number, split in enumerate(manifest.splits):
         field = f"splits[{number}]"
         if split.name in names:
             yield f"{field}.name", f"split name is taken: {split.name}"
@@ -146,33 +140,33 @@ def _check_splits(sections: dict[str, Any]) -> Iterator[Finding]:
             yield f"{field}.pairs", f"{pairs} pairs, not {split.pairs}"
 
 
-def _check_folds(sections: dict[str, Any]) -> Iterator[Finding]:
-    if not sections["folds"]:
+def _check_folds(manifest: Manifest) -> Iterator[Finding]:
+    if not manifest.folds:
         return
-    scenes = _names_of(sections)
-    tested = Counter(scene for fold in sections["folds"] for scene in fold.test_scenes)
+    scenes = manifest.scene_names
+    tested = Counter(scene for fold in manifest.folds for scene in fold.test_scenes)
     for scene in tested:
         if scene not in scenes:
             yield _unknown("folds", "scene", scene, scenes)
     for scene in scenes:
         if tested[scene] != 1:
             yield "folds", f"{scene} is not in one fold, but in {tested[scene]}"
-    names = {split.name for split in sections["splits"]} | {ALL_PAIRS, *scenes}
-    for number, fold in enumerate(sections["folds"]):
+    names = {split.name for split in manifest.splits} | {ALL_PAIRS, *scenes}
+    for number, fold in enumerate(manifest.folds):
         if fold.name in names:
             yield f"folds[{number}].name", f"name is taken: {fold.name}"
         names.add(fold.name)
 
 
-def _check_checksums(sections: dict[str, Any]) -> Iterator[Finding]:
-    scenes = _names_of(sections)
-    for path in sections["checksums"]:
+def _check_checksums(manifest: Manifest) -> Iterator[Finding]:
+    scenes = manifest.scene_names
+    for path in manifest.checksums:
         if path.split("/")[0] not in scenes:
             yield _unknown(f'checksums."{path}"', "scene", path.split("/")[0], scenes)
 
 
-def _check_metres(sections: dict[str, Any]) -> Iterator[Finding]:
-    depth, rig, files = sections["depth"], sections["rig"], sections["files"]
+def _check_metres(manifest: Manifest) -> Iterator[Finding]:
+    depth, rig, files = manifest.depth, manifest.rig, manifest.files
     scale, given = depth.scale, files is not None and files.depth_unit is not None
     for field, bounds in (("depth.scale", scale), ("rig", rig)):
         if bounds and bounds.near and bounds.far and bounds.near >= bounds.far:
@@ -197,15 +191,15 @@ def _check_metres(sections: dict[str, Any]) -> Iterator[Finding]:
         yield "depth.scale", f"{what}: {levels}"
 
 
-def _check_files(sections: dict[str, Any]) -> Iterator[Finding]:
-    files: CapturedFiles | None = sections["files"]
-    if sections["reader"] != FOLDER:
+def _check_files(manifest: Manifest) -> Iterator[Finding]:
+    files = manifest.files
+    if manifest.reader != FOLDER:
         return
     if files is None:
         yield "files", "section is missing"
         return
-    if sections["recipe"] is not None:
-        yield "recipe", f"captured defocus has no blur recipe: leave out {sections['recipe']}"
+    if manifest.recipe is not None:
+        yield "recipe", f"captured defocus has no blur recipe: leave out {manifest.recipe}"
     there = set(files.patterns)
     if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
         got = listed(sorted(there))
@@ -223,9 +217,9 @@ def _check_files(sections: dict[str, Any]) -> Iterator[Finding]:
         yield "files.images", f"{what}; got {files.images}"
 
 
-def _check_patterns(sections: dict[str, Any]) -> Iterator[Finding]:
+def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
     """Yield the patterns that lead outside the folder, to nothing known, or to one file twice."""
-    files: CapturedFiles | None = sections["files"]
+    files = manifest.files
     if files is None:
         return
     paths = files.patterns | ({"inside": files.inside} if files.inside else {})
@@ -238,24 +232,26 @@ def _check_patterns(sections: dict[str, Any]) -> Iterator[Finding]:
     ]
     facts = {name: str(getattr(files, name) or "") for name in BY_IMAGE}
     for name, pattern in (files.patterns | facts).items():
-        found += _unknown_places(sections, name, pattern)
+        found += _unknown_places(manifest, files, name, pattern)
     for axis in files.axis_names:
-        if axis not in sections["axes"]:
+        if axis not in manifest.axes:
             found.append(("files.axis_names", f"no such axis: {axis}"))
-    for number, scene in enumerate(sections["scenes"]):
-        for name in {"scene", *sections["axes"]} & set(scene.names):
+    for number, scene in enumerate(manifest.scenes):
+        for name in {"scene", *manifest.axes} & set(scene.names):
             found.append((f"scenes[{number}].names", f"{name} stands for something else"))
-    yield from found or _shared_files(sections)
+    yield from found or _shared_files(manifest, files)
 
 
-def _unknown_places(sections: dict[str, Any], what: str, pattern: str) -> Iterator[Finding]:
-    axes = sections["depth"].axes if what == "depth" else sections["axes"]
+def _unknown_places(
+    manifest: Manifest, files: CapturedFiles, what: str, pattern: str
+) -> Iterator[Finding]:
+    axes = manifest.depth.axes if what == "depth" else manifest.axes
     columns: set[str] | None = set()
     if what in ("images", *BY_IMAGE):
-        columns = sections["files"].table_columns
+        columns = files.table_columns
     known = {"scene", *axes, *(columns or ())} | ({IMAGE} if what == "images" else set())
     for name in dict.fromkeys(places_in(pattern)):
-        lacking = [scene.name for scene in sections["scenes"] if name not in scene.names]
+        lacking = [scene.name for scene in manifest.scenes if name not in scene.names]
         if columns is not None and name not in known and lacking:
             kind = "an axis of the depth" if what == "depth" else "an axis"
             need = f"it is neither {kind} nor a name that each scene gives under names"
@@ -263,13 +259,13 @@ def _unknown_places(sections: dict[str, Any], what: str, pattern: str) -> Iterat
             yield f"files.{what}", f"nothing is known by the name {{{name}}}: {need}; {without}"
 
 
-def _shared_files(sections: dict[str, Any]) -> Iterator[Finding]:
+def _shared_files(manifest: Manifest, files: CapturedFiles) -> Iterator[Finding]:
     # Two captures of the same images would count one twice.
     seen: dict[tuple[str, ...], str] = {}
-    patterns = [p for n, p in sections["files"].patterns.items() if n not in ("depth", "metadata")]
-    for scene in sections["scenes"]:
-        for pair in grid_of_pairs((scene.name,), sections["axes"]):
-            values = sections["files"].values_of(scene.name, scene.names, pair.at)
+    patterns = [p for n, p in files.patterns.items() if n not in ("depth", "metadata")]
+    for scene in manifest.scenes:
+        for pair in grid_of_pairs((scene.name,), manifest.axes):
+            values = files.values_of(scene.name, scene.names, pair.at)
             images = tuple(fill_known(pattern, values) for pattern in patterns)
             if len(set(images)) < len(images):
                 yield f"files, {pair.id}", f"in-focus and defocus image are one file, {images[0]}"
@@ -279,20 +275,6 @@ def _shared_files(sections: dict[str, Any]) -> Iterator[Finding]:
                 what = f"{other} and {pair.id} have the same images, {' and '.join(images)}"
                 yield "files", f"{what}: patterns need {{scene}} and each axis with several values"
                 return
-
-
-#: Each check, and the sections that it needs to be sound.
-_CHECKS: tuple[tuple[Callable[[dict[str, Any]], Iterator[Finding]], tuple[str, ...]], ...] = (
-    (_check_scenes, ("scenes", "sources", "scene_count")),
-    (_check_axes, ("axes", "depth", "table", "default_lighting")),
-    (_check_exclusions, ("axes", "scenes", "exclusions", "pair_count")),
-    (_check_splits, ("axes", "scenes", "exclusions", "splits")),
-    (_check_folds, ("scenes", "splits", "folds")),
-    (_check_metres, ("depth", "rig", "files")),
-    (_check_files, ("reader", "files", "recipe")),
-    (_check_patterns, ("files", "scenes", "axes", "depth")),
-    (_check_checksums, ("scenes", "checksums")),
-)
 
 
 def read_manifest(path: str | Path) -> Manifest:
@@ -336,10 +318,13 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     except ValueError as error:
         raise ManifestError("not a TOML file", where=file, got=str(error)) from error
     raw["toml"] = text
-    sections, problems = _validate_sections(raw, file)
-    problems += check_sections(sections, file)
-    ManifestError.raise_if(problems)
-    return Manifest.model_construct(None, **sections)
+    try:
+        manifest = Manifest.model_validate(raw)
+    except ValidationError as error:
+        raise ManifestError.of(problems_of(error, "wrong value", file=file)) from error
+    found = _contradictions(manifest)
+    ManifestError.raise_if(Problem(what, where=f"{file}: {field}") for field, what in found)
+    return manifest
 
 
 def released_sha256(manifest: Manifest) -> str | None:
@@ -355,33 +340,3 @@ def released_sha256(manifest: Manifest) -> str | None:
     # Not from `released_manifests`: every worker opens stores, and parsing all of them takes long.
     file = resources.files("dfdbench.manifests") / f"{manifest.file_stem}.toml"
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
-
-
-def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], list[Problem]]:
-    # Section by section, so that one broken field does not hide what is wrong in the others.
-    sections: dict[str, Any] = {}
-    problems: list[Problem] = []
-    for name, field in Manifest.model_fields.items():
-        if name not in raw:
-            if field.is_required():
-                problems.append(Problem("field is missing", where=f"{file}: {name}"))
-            else:
-                sections[name] = field.get_default(call_default_factory=True)
-            continue
-        try:
-            sections[name] = _adapter(name).validate_python(raw[name], strict=True)
-        except ValidationError as error:
-            problems += problems_of(error, "wrong value", file=file, section=name)
-    problems += [
-        Problem("unknown field", where=f"{file}: {name}")
-        for name in raw
-        if name not in Manifest.model_fields
-    ]
-    return sections, problems
-
-
-@cache
-def _adapter(field: str) -> TypeAdapter[Any]:
-    known = Manifest.model_fields[field]
-    annotation: Any = Annotated[known.annotation, known]
-    return TypeAdapter(annotation)

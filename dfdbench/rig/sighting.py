@@ -294,10 +294,8 @@ def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
             outline[number] = other
             best = max(best, _turned(sighting, outline, rig), key=lambda one: one.agreement)
     if best.agreement < _DOUBTFUL:
-        share = (
-            f"only {100 * best.agreement:.1f} % of the LIDAR's rays, not {100 * _DOUBTFUL:.0f} %"
-        )
-        what = f"{share}, agree with the board's outline in the image"
+        share, least = 100 * best.agreement, 100 * _DOUBTFUL
+        what = f"only {share:.1f} % of the rays agree with the board's outline, not {least:.0f} %"
         raise SourceError(what, fix=_BY_HAND)
     return best
 

@@ -18,7 +18,7 @@ from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import InputError, SourceError, UnknownNameError
+from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
 
@@ -196,23 +196,6 @@ def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None
     assert report.fingerprint == MIDDLEBURY_DEFAULT_FINGERPRINT
 
 
-def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
-    known = known_fingerprints(Path(__file__).parents[2] / "leaderboard")
-    assert known["demo-1"] == [DEMO_FINGERPRINT]
-    assert known["middlebury-default-1"] == [MIDDLEBURY_DEFAULT_FINGERPRINT]
-    sets = ("demo-1", "middlebury-default-1")
-    assert known["dfd-indoor-1"] == [DFD_INDOOR_FINGERPRINT]
-    labels = [
-        f"{track.name}-{number + 1}"
-        for track in TRACKS.values()
-        for number in range(len(track.severities))
-    ]
-    on_tracks = {f"{name}@{label}" for name in sets for label in labels}
-    assert set(known) == {"dfd-indoor-1", "realworld-sim-1", *sets} | on_tracks
-    # Every severity of every track is data of its own.
-    assert len({value for values in known.values() for value in values}) == len(known)
-
-
 DEMO, CAPTURED = find_manifest("demo"), find_manifest("realworld")
 
 
@@ -249,17 +232,18 @@ def test_a_link_to_the_sets_own_place_is_that_place(tmp_path: Path) -> None:
     refuse_another_set(DEMO, other, "text", None, tmp_path / "cache")
 
 
-def test_an_unknown_recipe_is_told() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean text"):
-        plan_build(DEMO, "my.zarr", "txt")
-
-
-def test_python_callers_keep_to_it_too(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
-    source = open_source(tiny_manifest, tiny_folder)
-    place = default_store(tiny_manifest)
-    with pytest.raises(InputError, match="name its place"):
-        build_store(tiny_manifest, source, place, "text")
-    assert not place.parent.exists()
+def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
+    known = known_fingerprints(Path(__file__).parents[2] / "leaderboard")
+    assert known["demo-1"] == [DEMO_FINGERPRINT]
+    assert known["middlebury-default-1"] == [MIDDLEBURY_DEFAULT_FINGERPRINT]
+    sets = ("demo-1", "middlebury-default-1")
+    assert known["dfd-indoor-1"] == [DFD_INDOOR_FINGERPRINT]
+    labels = [
+        f"{track.name}-{number + 1}"
+        for track in TRACKS.values()
+        for number in range(len(track.severities))
+    ]
+    on_tracks = {f"{name}@{label}" for name in sets for label in labels}
+    assert set(known) == {"dfd-indoor-1", "realworld-sim-1", *sets} | on_tracks
+    # Every severity of every track is data of its own.
+    assert len({value for values in known.values() for value in values}) == len(known)

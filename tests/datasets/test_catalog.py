@@ -11,9 +11,7 @@ from dfdbench.datasets.catalog import (
     own_stores,
     place_of,
     released_manifests,
-    with_track,
 )
-from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, ManifestError, UnknownNameError
 from tests.conftest import TINY_TOML
 
@@ -153,11 +151,3 @@ def test_near_misses_are_named(name: str, said: str) -> None:
 def test_a_captured_set_refuses_and_says_so(label: str) -> None:
     with pytest.raises(InputError, match=f"(?s)captured.*realworld@{label}"):
         find_manifest(f"realworld@{label}")
-
-
-def test_a_manifest_s_file_names_no_track() -> None:
-    text = TINY_TOML.replace('degradation = "clean"', 'degradation = "camera-2"')
-    with pytest.raises(ManifestError, match="degradation"):
-        parse_manifest(text.encode(), "tiny-1.toml")
-    tiny = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    assert with_track(tiny, "camera-2").degradation == "camera-2"

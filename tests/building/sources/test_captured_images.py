@@ -161,12 +161,6 @@ def test_another_unit_is_told_with_the_one_that_fits(unit: float, fix: str) -> N
     assert "mend near and far" in caught.value.problems[0].fix
 
 
-def test_a_scene_just_beyond_the_bounds_asks_for_wider_ones() -> None:
-    with pytest.raises(SourceError, match="or other bounds") as caught:
-        depth_of(np.full((2, 2), 400.0), files(), INVERSE, "d.png")
-    assert caught.value.problems[0].fix == "widen near and far under [depth.scale]"
-
-
 def test_files_may_hold_levels() -> None:
     plain = INVERSE.model_copy(update={"scale": None})
     values = np.array([[0, 7, 255, 9]], float)

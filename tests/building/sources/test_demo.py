@@ -85,15 +85,6 @@ def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_on
         assert found in str(caught.value)
 
 
-def test_other_axes_are_told() -> None:
-    with pytest.raises(SourceError, match="other axes"):
-        DemoScenes(with_axes(aperture=[1]))
-    manifest = find_manifest("demo")
-    depth = manifest.depth.model_copy(update={"axes": ["exposure"]})
-    with pytest.raises(SourceError, match="other axes"):
-        DemoScenes(manifest.model_copy(update={"depth": depth}))
-
-
 def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset) -> None:
     few = DemoScenes(with_axes(view=[5], illumination=[3], exposure=[1])).read("Attic")
     scene = demo_store.to_xarray("Attic")

@@ -1,7 +1,5 @@
 """Captured sets that their manifest describes: whole, in part, and not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from pathlib import Path

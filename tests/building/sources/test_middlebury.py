@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import shutil
 import subprocess
 import zipfile
@@ -53,14 +51,6 @@ def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> 
     assert source.read("One").infocus.shape == (2, 24, 30, 3)
     missing = manifest.pairs("test")
     assert "https://example.org/tiny/Two/view1.png" in source.missing_help(missing)
-
-
-def test_default_images_stand_for_no_lighting(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    (tiny_folder / "One/Illum1/Exp1/view1.png").rename(tiny_folder / "One/view1.png")
-    source = MiddleburyScenes(tiny_manifest, tiny_folder)
-    missing = set(tiny_manifest.pairs()) - set(source.available_pairs())
-    assert [pair.id for pair in missing] == ["One/view1/illumination1/exposure1"]
-    assert "middlebury-default" in source.missing_help(tuple(missing))
 
 
 def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> None:
@@ -130,14 +120,6 @@ def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> No
     with pytest.raises(SourceError, match="no such file") as caught:
         files.read("disp1.png")
     assert caught.value.problems[0].where == f"{packed}, disp1.png"
-
-
-def test_without_an_archive_the_folder_is_named(tmp_path: Path) -> None:
-    files = SceneFiles("One", tmp_path, None)
-    assert not files.has("view1.png")
-    with pytest.raises(SourceError, match="no such file") as caught:
-        files.read("view1.png")
-    assert caught.value.problems[0].where == str(tmp_path / "view1.png")
 
 
 @pytest.mark.parametrize("above", ["", "ThirdSize", "scenes2005/ThirdSize"])
@@ -353,8 +335,3 @@ def test_what_is_no_archive_is_set_aside_and_its_files_come_one_by_one(
     assert aside[0].startswith("Two-2views.zip.")
     source = open_source(default, done.folder)
     assert build_store(default, source, tmp_path / "a.zarr").pairs == 6
-
-
-def test_archives_on_disk_are_a_source(default: Manifest, site: Site) -> None:
-    source = open_source(default, archives(site).parent / "zip-2views")
-    assert len(source.available_pairs()) == 6

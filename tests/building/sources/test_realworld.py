@@ -9,12 +9,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.realworld import (
-    PublishedScene,
-    RawScene,
-    RealworldFolder,
-    find_captured_scene,
-)
+from dfdbench.building.sources.realworld import PublishedScene, RawScene, RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -251,15 +246,6 @@ def touch(*paths: Path) -> None:
         path.touch()
 
 
-def test_the_layout_is_told_by_the_folder_of_frames(tmp_path: Path) -> None:
-    touch(tmp_path / "k00/frames/x", tmp_path / "k01/left/x", tmp_path / "k02")
-    assert isinstance(find_captured_scene(tmp_path, "k00", CAPTURE), RawScene)
-    assert isinstance(find_captured_scene(tmp_path, "k01", CAPTURE), PublishedScene)
-    # A file is no scene.
-    assert find_captured_scene(tmp_path, "k02", CAPTURE) is None
-    assert find_captured_scene(tmp_path, "k03", CAPTURE) is None
-
-
 def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None:
     frames = tmp_path / "frames"
     touch(*(frames / f"exp_10/image_{step}_10.00_{n}.png" for step in (129, 141) for n in (0, 1)))
@@ -272,15 +258,6 @@ def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None
     names = [path.name for path in scene.images(10, 141)]
     assert names == ["image_141_10.00_0.png", "image_141_10.00_1.png"]
     assert scene.images(10, 130) == scene.images(20, 141) == []
-
-
-def test_frames_of_one_image_are_counted(tmp_path: Path) -> None:
-    for number in range(CAPTURE.frames - 1):
-        frame = np.zeros((*CAPTURE.frame_size, 3), np.uint8)
-        write_png(tmp_path / f"frames/exp_10/image_129_10.00_{number}.png", frame)
-    (problem,) = RawScene(tmp_path, CAPTURE).image_problems(10, 129)
-    assert problem.what == f"only {CAPTURE.frames - 1} of {CAPTURE.frames} frames"
-    assert problem.where.endswith("frames/exp_10/image_129_10.00_*.png")
 
 
 def test_a_scenes_own_calibration_comes_before_its_folders(tmp_path: Path) -> None:
@@ -308,22 +285,3 @@ def test_of_published_depth_maps_the_scaled_one_is_taken(tmp_path: Path) -> None
     assert np.array_equal(found, levels)
     # 0 and 255 say that nothing came back.
     assert np.argwhere(~valid).tolist() == [[0, 0], [0, 1]]
-
-
-@pytest.mark.parametrize("damage", ["lidar", "registration"])
-def test_what_depth_lacks_is_told_with_what_to_do(
-    captures: Path, tmp_path: Path, damage: str
-) -> None:
-    shutil.copytree(captures / "k03", tmp_path / "k03")
-    if damage == "lidar":
-        shutil.rmtree(tmp_path / "k03/lidar")
-    else:
-        (tmp_path / "k03" / REGISTRATION).unlink()
-    (problem,) = raw_scene(tmp_path, "k03").depth_problems()
-    if damage == "lidar":
-        assert (problem.what, problem.where) == (
-            "scene has no lidar/lidar_rng_00000.bin",
-            str(tmp_path / "k03"),
-        )
-    else:
-        assert problem.fix == f"dfdbench rig register k03 --source {tmp_path}"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -134,23 +132,6 @@ def test_a_network_without_the_layers_is_named() -> None:
     del cut.activate
     with pytest.raises(MethodError, match="layer 2"):
         tap(cut, INFOCUS, DEFOCUS)
-
-
-def test_a_sample_of_fewer_pixels_than_filters_is_named_by_layer() -> None:
-    wide = DfDNet((*[8] * 6, 9, 4, 9, *[8] * 8, 256)).eval()
-    with pytest.raises(InputError, match=r"(?s)fewer pixels.* of 9 \(layer 34") as caught:
-        tap(wide, INFOCUS[:8, :16], DEFOCUS[:8, :16])
-    assert [problem.where for problem in caught.value.problems] == ["layer 34", "layer 29"]
-    with pytest.raises(InputError, match="at least 4 x 4"):
-        tap(wide, INFOCUS[:3], DEFOCUS[:3])
-
-
-def test_outputs_that_are_no_numbers_are_named() -> None:
-    broken = network()
-    with torch.no_grad():
-        broken.up_1.weight.fill_(float("inf"))  # type: ignore[operator]
-    with pytest.raises(InputError, match="layer 15"):
-        tap(broken, INFOCUS, DEFOCUS)
 
 
 def on_vectors(vectors: Matrix, seed: int, tuning: Tuning) -> NDArray[np.intp]:
