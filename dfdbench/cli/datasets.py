@@ -232,7 +232,7 @@ def _show_store(store: Dataset) -> None:
 
 
 def _show_scenes(store: Dataset) -> None:
-    from dfdbench.datasets.damage import scene_record
+    from dfdbench.datasets.fingerprint import scene_record
 
     rows = []
     placed: list[tuple[str, dict[str, float]]] = []

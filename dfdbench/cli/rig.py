@@ -39,8 +39,12 @@ from dfdbench.rig.registration import (
     write_registration,
 )
 from dfdbench.rig.sighting import Sighting, board_rays
-from dfdbench.simulation.board_scene import MOUNTED
-from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
+from dfdbench.simulation.board_scene import (
+    MOUNTED,
+    CaptureSettings,
+    write_captures,
+    write_lens_test,
+)
 from dfdbench.tables.table import Table, counted
 
 OVERLAY = "registration.png"

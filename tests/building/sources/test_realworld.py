@@ -16,7 +16,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import NAME as REGISTRATION
-from dfdbench.simulation.capture_files import CaptureSettings, write_captures
+from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
