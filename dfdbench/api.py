@@ -32,10 +32,11 @@ from dfdbench.evaluation.evaluate import (
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone
-from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run
 from dfdbench.report.transfer import Transfer
@@ -533,7 +534,10 @@ def _run_of(
         label: SavedRun(each.folder / RESULT, each.result, stores[label], "")
         for label, each in done.items()
     }
-    made = Run(runs, protocol, [note for each in done.values() for note in each.notes], calibration)
+    notes = [note for each in done.values() for note in each.notes]
+    if calibration and (change := ViewChange.of(calibration.law)).changes:
+        notes.append(f"the fit found the defocus images {change.words()}, and took that out")
+    made = Run(runs, protocol, notes, calibration)
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
     return made

@@ -20,6 +20,7 @@ GREYS = 17
 #: Variance of rounding to whole grey levels.
 ROUNDING_VARIANCE = 1 / 12
 _Sigma = Annotated[float, Field(gt=0, le=1000)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -50,6 +51,12 @@ class BlurLaw:
         False: pairs are moved against each other, each its own way.
     even : bool
         False: the gain is another in each pair; `gain` is its mean.
+    similarity : tuple of float
+        How the defocus image's view differs, in all pairs alike: pixels down and right, radians
+        turned, how much larger (0.006 for 0.6 %), about the middle.
+    falloff : tuple of tuple of float
+        Factors of r^2, from the constant on, of each channel's light in the defocus image as a
+        part of the in-focus image's; r is 1 at the corners. None: alike all over.
 
     Raises
     ------
@@ -67,12 +74,14 @@ class BlurLaw:
     exponent: Annotated[float, Field(ge=1, le=64)] = 2.0
     kernel_size: Annotated[KernelSize, Field(lt=1000)] = 27
     gain: _Sigma = 1.0
-    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    offset: _Finite = 0.0
     noise: Annotated[tuple[_Noise, ...], Field(min_length=1, max_length=LEVELS)] = (0.0,)
     infocus_noise: _Noise = 0.0
     linear: bool = False
     registered: bool = True
     even: bool = True
+    similarity: Annotated[tuple[_Finite, ...], Field(min_length=4, max_length=4)] = (0.0,) * 4
+    falloff: tuple[tuple[_Finite, ...], ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "blur law")
@@ -99,8 +108,7 @@ class BlurLaw:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, fit for JSON and TOML."""
-        values = asdict(self)
-        return values | {name: list(values[name]) for name in (SIGMAS, "noise")}
+        return {name: _listed(value) for name, value in asdict(self).items()}
 
     def as_toml(self) -> str:
         """Return the law as a TOML file says it, for ``--param recipe=FILE.toml``.
@@ -130,10 +138,15 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
     >>> law_of_fields({"sigmas": [1.0, 0.5]}).levels
     2
     """
-    found = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
-    }
-    return made_of(BlurLaw, found, "blur law")
+    return made_of(BlurLaw, {name: _tupled(v) for name, v in given.items()}, "blur law")
+
+
+def _listed(value: Any) -> Any:
+    return list(map(_listed, value)) if isinstance(value, tuple) else value
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(map(_tupled, value)) if isinstance(value, list) else value
 
 
 def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:

@@ -21,8 +21,9 @@ from dfdbench.evaluation.pair import blank_record, record_of
 from dfdbench.evaluation.plan import RunOptions, protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.run import RunDone, compose, run_method
-from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
@@ -69,7 +70,8 @@ def evaluate(
     # Someone else's method may have something else of that name.
     if not isinstance(calibration, Calibration):
         return done, None
-    write_whole(folder / "law.toml", calibration.law.as_toml())
+    law = calibration.law
+    write_whole(folder / "law.toml", f"# {ViewChange.of(law).words()}\n{law.as_toml()}")
     return done, calibration
 
 

@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.figures import style
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.optics.lens_table import LensTable, StepPair
 from dfdbench.optics.sharpness import Measurement
 from dfdbench.optics.thin_lens import ThinLens
 
 if TYPE_CHECKING:
-    from dfdbench.methods.calibration import Calibration
+    from dfdbench.methods.measured_law import Calibration
 
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 _SHARPNESS = "discrete cosine sharpness measure"
@@ -28,8 +29,11 @@ def law_figure(calibration: Calibration) -> Figure:
     """
     law = calibration.law
     levels = np.arange(law.levels)
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    widths, left = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    change = ViewChange.of(law)
+    figure = Figure(figsize=(9, 6 + 2 * bool(law.falloff)), layout="constrained")
+    ratios = (2, 1, 1) if law.falloff else (2, 1)
+    widths, left, *corners = figure.subplots(len(ratios), 1, height_ratios=ratios)
+    left.sharex(widths)
     most = max(int(calibration.pixels.max()), 1)
     sizes = 4 + 60 * calibration.pixels[: law.levels] / most
     label = "each level by itself"
@@ -40,7 +44,8 @@ def law_figure(calibration: Calibration) -> Figure:
     gain = f"gain {law.gain:.3f}" if law.even else "a gain a pair"
     widths.set(
         ylabel="standard deviation (pixels)",
-        title=f"kernels exp(-(r / c)^p), p = {law.exponent:g}; {images}; {place}; {gain}",
+        title=f"kernels exp(-(r / c)^p), p = {law.exponent:g}; {images}; {place}; {gain}\n"
+        f"the defocus image: {change.words()}",
         # A level that shows no blur may be off by pixels: the law sets the scale.
         ylim=(0, 1.3 * max(law.sigmas)),
     )
@@ -48,7 +53,14 @@ def law_figure(calibration: Calibration) -> Figure:
     left.plot(levels, calibration.residual, ".", color=style.BLUE)
     left.set(xlabel="depth level", ylabel="residual (grey levels, rms)", xlim=(0, law.levels - 1))
     left.set_ylim(bottom=0)
-    for axis in (widths, left):
+    for axis in corners:
+        radius = np.linspace(0, 1)
+        colours = ("#c33", "#383", "#36c") if len(law.falloff) == 3 else ("#555",)
+        for factors, colour in zip(law.falloff, colours, strict=True):
+            axis.plot(radius, np.polynomial.polynomial.polyval(radius**2, factors), color=colour)
+        axis.set(xlabel="distance from the middle (1: corner)", ylabel="light, defocus / in-focus")
+        axis.set_xlim(0, 1)
+    for axis in figure.axes:
         axis.grid(alpha=0.3)
     return figure
 

@@ -29,8 +29,10 @@ from dfdbench.methods.alignment import (
     smooth_grey,
 )
 from dfdbench.methods.law_cost import blur
-from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.measured_law import Calibration
+from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, sharp_and_blurred
+from dfdbench.methods.view_change import Images, ViewChange, find_change
 from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
 
 #: Side of the kernels that are tried, in pixels.
@@ -38,6 +40,8 @@ KERNEL_SIZE = 27
 _GAUSSIAN = 2.0
 # Pairs that are looked at, evenly among all, and the side of the part of each: a minute's work.
 _PAIRS = 16
+# Whole images in which it is measured what the camera changes beside the blur.
+_VIEWS = 8
 _SIDE = 320
 # A pixel counts where the depth around it, a window of so many pixels, spans so many levels only.
 _WINDOW = 11
@@ -125,17 +129,55 @@ def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
     Of a depth level that is seen on bare surfaces alone no pixel counts: how grey levels happen to
     be rounded there looks like a width, the same one in every pixel.
     """
-    parts = []
-    for number, place in enumerate(_places(len(pairs))):
-        pair = pairs[place]
-        region = _region(pair.levels.shape, number)
-        images = (pair.infocus, pair.defocus, pair.levels, pair.valid)
-        parts.append(_part(*(image[region] for image in images)))
-    return _without_bare(parts)
+    return _parts(pairs, _of_pair)[0]
 
 
-def _places(count: int) -> list[int]:
-    even = np.linspace(0, count - 1, min(_PAIRS, count)).round()
+# A place in an image; and what reads an in-focus image and the defocus images there.
+Region = tuple[slice, slice]
+Read = Callable[[TrainingPair, Region], tuple[Array, Sequence[Array]]]
+_ALL = (slice(None), slice(None))
+
+
+def _of_pair(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
+    return capture.infocus[region], [capture.defocus[region]]
+
+
+def _of_stack(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
+    return sharp_and_blurred(capture.stack[:, *region])
+
+
+def _parts(
+    captures: Sequence[TrainingPair], read: Read, changes: Sequence[ViewChange] = ()
+) -> list[list[Part]]:
+    """Return the parts of each defocus image, less what is said to have changed in it."""
+    parts: list[list[Part]] = []
+    for number, place in enumerate(_places(len(captures))):
+        capture = captures[place]
+        region = _region(capture.levels.shape, number)
+        known = capture.levels[region], capture.valid[region]
+        if changes:
+            # They are about the middle of the whole image.
+            infocus, images = read(capture, _ALL)
+            infocus = infocus[region]
+            images = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
+        else:
+            infocus, images = read(capture, region)
+        parts.append([_part(infocus, image, *known) for image in images])
+    return [_without_bare(each) for each in zip(*parts, strict=True)]
+
+
+def _changes(captures: Sequence[TrainingPair], read: Read) -> list[ViewChange]:
+    """Return what the camera changes in each defocus image beside the blur; none if in nothing."""
+    seen: list[list[Images]] = []
+    for place in _places(len(captures), _VIEWS):
+        infocus, images = read(captures[place], _ALL)
+        seen.append([Images.small(infocus, image) for image in images])
+    found = [find_change(each) for each in zip(*seen, strict=True)]
+    return found if any(change.changes for change in found) else []
+
+
+def _places(count: int, most: int = _PAIRS) -> list[int]:
+    even = np.linspace(0, count - 1, min(most, count)).round()
     return sorted(set(even.astype(int).tolist()))
 
 
@@ -198,67 +240,6 @@ _LEAST_OFFSET = 0.5
 _FEW_PIXELS = 200
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """A blur law, and what it was measured from.
-
-    Parameters
-    ----------
-    law : BlurLaw
-        The law.
-    measured : ndarray of float64, shape (level,)
-        The width that fits each depth level best by itself; NaN where no pixel counted.
-    pixels : ndarray of int64, shape (level,)
-        How many pixels counted.
-    residual : ndarray of float64, shape (level,)
-        Root mean square in grey levels of what the law leaves unexplained; NaN without pixels.
-    """
-
-    law: BlurLaw
-    measured: NDArray[np.float64]
-    pixels: NDArray[np.int64]
-    residual: NDArray[np.float64]
-
-    def as_learned(self) -> Learned:
-        """Return it as a method's fit returns it."""
-        law = self.law.as_dict()
-        return {
-            **{name: np.array(value) for name, value in law.items()},
-            "measured": self.measured,
-            "pixels": self.pixels,
-            "residual": self.residual,
-        }
-
-    @classmethod
-    def all_as_learned(cls, found: Sequence[Calibration]) -> Learned:
-        """Return those of a stack's defocus images, stacked; a single one as `as_learned` does."""
-        each = [calibration.as_learned() for calibration in found]
-        if len(each) == 1:
-            return each[0]
-        return {name: np.stack([np.asarray(one[name]) for one in each]) for name in each[0]}
-
-    @classmethod
-    def all_of(cls, learned: Learned) -> tuple[Calibration, ...]:
-        """Return what `all_as_learned` was given."""
-        if np.ndim(learned["sigmas"]) == 1:
-            return (cls.of(learned),)
-        names, columns = learned.keys(), map(np.asarray, learned.values())
-        return tuple(
-            cls.of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
-        )
-
-    @classmethod
-    def of(cls, learned: Learned) -> Calibration:
-        """Return what `as_learned` gave."""
-        fields = dict(learned)
-        measured, pixels, residual = (
-            np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")
-        )
-        sigmas, noise = (tuple(np.asarray(fields.pop(n)).tolist()) for n in ("sigmas", "noise"))
-        rest = {name: np.asarray(value).item() for name, value in fields.items()}
-        return cls(BlurLaw(sigmas=sigmas, noise=noise, **rest), measured, pixels, residual)
-
-
 def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     """Measure the blur law of training pairs.
 
@@ -283,9 +264,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     have no width of others (`held_at_ends`). Of the shapes, and of blur in grey levels or in linear
     light, that with the least difference is taken.
     """
-    if not len(pairs):
-        raise MethodError("no pair to calibrate with", expected="one training pair or more")
-    return _calibrated(parts_of(pairs))
+    return _calibrate(pairs, _of_pair)[0]
 
 
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
@@ -300,25 +279,30 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
-    stack = captures[0].stack
-    where = stack["role"] != "infocus"
-    focus = stack["focus_depth"].values[where]
-    parts = [list[Part]() for _ in focus]
-    for number, place in enumerate(_places(len(captures))):
-        capture = captures[place]
-        stack, levels, valid = capture.stack, capture.levels, capture.valid
-        there = stack["focus_depth"].values[stack["role"] != "infocus"]
+    focus = _focus(captures[0])
+    for place in _places(len(captures)):
+        there = _focus(captures[place])
         if there.size != focus.size or not np.allclose(there, focus, rtol=1e-3, equal_nan=True):
             what = f"the training stacks are not focused alike, {focus} and {there}"
             raise MethodError(what, where="focus_depth")
-        rows, columns = _region(levels.shape, number)
-        infocus, images = sharp_and_blurred(stack[:, rows, columns])
-        for found, image in zip(parts, images, strict=True):
-            found.append(_part(infocus, image, levels[rows, columns], valid[rows, columns]))
-    return [_calibrated(_without_bare(each)) for each in parts]
+    return _calibrate(captures, _of_stack)
 
 
-def _calibrated(parts: Sequence[Part]) -> Calibration:
+def _focus(capture: TrainingPair) -> Array:
+    stack = capture.stack
+    return np.asarray(stack["focus_depth"].values[stack["role"] != "infocus"])
+
+
+def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:
+    if not len(captures):
+        raise MethodError("no pair to calibrate with", expected="one training pair or more")
+    changes = _changes(captures, read)
+    parts = _parts(captures, read, changes)
+    changes = changes or [ViewChange()] * len(parts)
+    return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
+
+
+def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
     if way.even and not way.linear:
@@ -350,6 +334,8 @@ def _calibrated(parts: Sequence[Part]) -> Calibration:
         linear=way.linear,
         registered=way.registered,
         even=way.even,
+        similarity=change.similarity,
+        falloff=change.falloff,
     )
     widths = np.where(pixels > 0, best_widths(sums)[0], np.nan)
     return Calibration(law, widths, pixels, residual)

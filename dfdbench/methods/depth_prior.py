@@ -18,6 +18,7 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.methods.fitted import NO_PRIOR, DepthPrior, evenly_spread
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import sharp_and_blurred
+from dfdbench.methods.view_change import ViewChange
 
 #: What is tried: weights of the prior, until they do not help; how sharp a posterior is.
 WEIGHTS = (0.25, 1.0, 4.0, 16.0, 64.0)
@@ -62,7 +63,10 @@ def energy_of(shares: Array) -> NDArray[np.float64]:
 
 
 def choose_prior(
-    solve: Callable[[Part, DepthPrior], Array], captures: Sequence[TrainingPair], readouts: bool
+    solve: Callable[[Part, DepthPrior], Array],
+    captures: Sequence[TrainingPair],
+    readouts: bool,
+    changes: Sequence[ViewChange] = (),
 ) -> DepthPrior:
     """Choose weight and readout by cross-validation over training captures.
 
@@ -78,13 +82,15 @@ def choose_prior(
         Consecutive ones may be of one scene.
     readouts : bool
         Whether the method has a volume of costs, from which a median can be read.
+    changes : sequence of ViewChange, optional
+        Of each defocus image: undone before parts are cut out.
     """
     count = len(captures)
     read = evenly_spread(count)
     shares = depth_shares([captures[index] for index in read])
     fold = np.array(read) * FOLDS // count
     looked = [
-        (_part(captures[index], turn), shares[fold != index * FOLDS // count])
+        (_part(captures[index], turn, changes), shares[fold != index * FOLDS // count])
         for turn, index in enumerate(evenly_spread(count, _LOOKED_AT))
     ]
     tried = [(part, energy_of(others)) for part, others in looked if len(others)]
@@ -121,15 +127,21 @@ def choose_prior(
     return DepthPrior(best[0] * energy_of(shares), best[1], best[0])
 
 
-def _part(capture: TrainingPair, turn: int) -> Part:
+def _part(capture: TrainingPair, turn: int, changes: Sequence[ViewChange]) -> Part:
     # Of a large image one part, another of each capture: left, middle, right, and so on.
-    rows, columns = (
+    region = rows, columns = tuple(
         slice(start := (size - min(size, _SIDE)) * (place % 3) // 2, start + _SIDE)
         for size, place in zip(capture.levels.shape, (turn // 3, turn), strict=True)
     )
-    levels, valid = capture.levels[rows, columns], capture.valid[rows, columns]
+    known = capture.levels[region], capture.valid[region]
+    if any(change.changes for change in changes):
+        whole, images = _images(capture, slice(None), slice(None))
+        undone = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
+        return Part(whole[region], [np.rint(image).astype(np.uint8) for image in undone], *known)
+    return Part(*_images(capture, rows, columns), *known)
+
+
+def _images(capture: TrainingPair, rows: slice, columns: slice) -> tuple[Array, list[Array]]:
     if capture.is_pair:
-        infocus, images = capture.infocus[rows, columns], [capture.defocus[rows, columns]]
-    else:
-        infocus, images = sharp_and_blurred(capture.stack[:, rows, columns])
-    return Part(infocus, images, levels, valid)
+        return capture.infocus[rows, columns], [capture.defocus[rows, columns]]
+    return sharp_and_blurred(capture.stack[:, rows, columns])

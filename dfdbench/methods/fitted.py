@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from dfdbench.methods.method import Learned, TrainingPair
 if TYPE_CHECKING:
     from xarray import DataArray
 
-    from dfdbench.methods.calibration import Calibration
+    from dfdbench.methods.measured_law import Calibration
 
 
 def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
@@ -191,7 +191,7 @@ class Calibrated(ABC):
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
         # Imported here and in the fit: it loads half of scipy, for the fit alone.
-        from dfdbench.methods.calibration import Calibration
+        from dfdbench.methods.measured_law import Calibration
 
         learned = dict(learned)
         self.prior = DepthPrior.taken_from(learned)
@@ -228,20 +228,22 @@ class Calibrated(ABC):
         return self._learned([calibrate(pairs)], pairs)
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.calibration import Calibration
         from dfdbench.methods.depth_prior import Part, choose_prior
+        from dfdbench.methods.measured_law import Calibration
+        from dfdbench.methods.view_change import ViewChange, without_change
 
         learned = Calibration.all_as_learned(found)
         if not self._with_prior:
             return learned
+        changes = [ViewChange.of(one.law) for one in found]
         trial = copy.copy(self)
-        trial.calibrations = tuple(found)
+        trial.calibrations = tuple(replace(one, law=without_change(one.law)) for one in found)
 
         def solve(part: Part, prior: DepthPrior) -> Array:
             trial.prior = prior
             return trial._solve(part.infocus, part.images)
 
-        return learned | choose_prior(solve, captures, self.reads_out).as_learned()
+        return learned | choose_prior(solve, captures, self.reads_out, changes).as_learned()
 
 
 class Solver(Calibrated):

@@ -23,6 +23,7 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.methods.alignment import Alignment, aim_of, find_alignment, light_of, noise_of
 from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.
@@ -196,6 +197,7 @@ def blurred_by(
 
 
 def _aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
+    defocus = ViewChange.of(law).undone(defocus)
     how = Alignment(0.0, 0.0, law.gain)
     if not (law.registered and law.even):
         seen = light_of(defocus, law.linear)

@@ -27,7 +27,7 @@ from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table, as_html, listed
 
 if TYPE_CHECKING:
-    from dfdbench.methods.calibration import Calibration
+    from dfdbench.methods.measured_law import Calibration
 
 
 class Run:

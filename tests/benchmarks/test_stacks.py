@@ -49,7 +49,7 @@ def test_shape_from_focus_against_its_measure_alone(benchmark: Any, measure: str
 _PEAK = """
 import sys
 import numpy as np
-from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load
 from dfdbench.blur.law import BlurLaw
 from tests.benchmarks.test_stacks import COUNT, large_stack

@@ -6,7 +6,7 @@ import pytest
 from dfdbench.blur.law import BlurLaw
 from dfdbench.figures import camera
 from dfdbench.figures.style import write_figure
-from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.optics.lens_table import rank_pairs, read_lens_table
 from dfdbench.optics.sharpness import Measurement
 from dfdbench.optics.thin_lens import ThinLens
@@ -22,6 +22,14 @@ def test_the_law_sets_the_scale_and_levels_without_pixels_have_no_dot() -> None:
     assert widths.get_ylim() == (0, 1.3 * 3)
     assert "p = 8; linear light" in widths.get_title()
     assert np.isfinite(np.asarray(left.lines[0].get_ydata())).sum() == 10
+
+
+def test_a_law_shows_how_the_view_and_the_light_change() -> None:
+    curves = ((1.0, -0.2, 0.0), (1.0, -0.25, 0.0), (1.0, -0.3, 0.0))
+    law = BlurLaw((3.0, 1.0), similarity=(0, 0, 0, 0.006), falloff=curves)
+    figure = camera.law_figure(Calibration(law, np.ones(2), np.ones(2, int), np.ones(2)))
+    assert "0.60 % larger; 25 % darker" in figure.axes[0].get_title()
+    assert [np.asarray(line.get_ydata())[-1] for line in figure.axes[2].lines] == [0.8, 0.75, 0.7]
 
 
 def measured(step: int, sharpness: float, temperature: float = 40.0) -> Measurement:

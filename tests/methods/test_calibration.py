@@ -11,9 +11,10 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibration import KERNEL_SIZE, Calibration, Way, calibrate, parts_of
+from dfdbench.methods.calibration import KERNEL_SIZE, Way, calibrate, parts_of
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.fitted import Calibrated
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load, load_method
 from dfdbench.methods.width_curve import LADDER
 from tests.methods.made_planes import pair_of, plane, texture

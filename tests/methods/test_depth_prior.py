@@ -8,11 +8,11 @@ from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.depth_prior import Part, choose_prior, energy_of
 from dfdbench.methods.fitted import NO_PRIOR, DepthPrior, Solver, read_out
 from dfdbench.methods.law_cost import add_energy
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load_method
 from tests.methods.made_planes import texture
 

@@ -10,7 +10,6 @@ from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.law_cost import (
     MISFIT_STEPS,
     UNIT,
@@ -21,6 +20,7 @@ from dfdbench.methods.law_cost import (
     law_misfits,
     level_costs,
 )
+from dfdbench.methods.measured_law import Calibration
 from tests.methods.made_planes import learned_law, plane
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)

@@ -1,0 +1,306 @@
+"""What a camera changes between two images of one view besides the blur: place, size, light.
+
+A lens that focuses elsewhere breathes, so that the view grows or shrinks about the middle; a wide
+aperture darkens the corners more than a small one. Both are measured over training captures and
+taken out of the defocus image before it is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import decode, encode
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL
+
+Array = NDArray[Any]
+
+# Images are made smaller until no side is longer, in pixels; the smoothing of each step, from
+# which a shift of about as many pixels is found.
+_LONGEST = 640
+_SMOOTHINGS = (8.0, 4.0, 2.0, 2.0)
+# Below the first share of white there is more noise than light, above the second it is cut off.
+_DARK, _BRIGHT = 0.03, 0.94
+# Left out at the border, in pixels: the smoothing reaches past it.
+_BORDER = 12
+# What is no change: less than this at the corners in pixels, and as a part of the light.
+_STILL = 0.1
+_LEVEL = 0.015
+# In radians; what is less is not worth a word.
+_TURNED = 2e-4
+# So many times the captures' spread, its median, a change has to be.
+_CLEARLY = 2.0
+# Turned or larger by more it is no breathing but another view.
+_FARTHEST = 0.06
+# Rows and columns of the fields whose light is compared; what part of its variance over the image
+# has to go with the radius, else it is a shadow.
+_FIELDS = (12, 16)
+_BY_RADIUS = 0.5
+_FEW_CAPTURES = 3
+
+
+class Images(NamedTuple):
+    """An in-focus and a defocus image of one capture, made smaller: uint8, shape (y, x, channel).
+
+    `times` is how many pixels of the capture, along a side, one of them stands for.
+    """
+
+    infocus: Array
+    defocus: Array
+    times: int = 1
+
+    @classmethod
+    def small(cls, infocus: Array, defocus: Array) -> Images:
+        """Return images of any size as small as they are looked at."""
+        height, width = infocus.shape[:2]
+        times = -(-max(height, width) // _LONGEST)
+        if times == 1:
+            return cls(infocus, defocus)
+        size = (width // times, height // times)
+        shape = (size[1], size[0], -1)
+        sharp, blurred = (
+            cv2.resize(
+                image[: size[1] * times, : size[0] * times], size, interpolation=cv2.INTER_AREA
+            )
+            for image in (infocus, defocus)
+        )
+        return cls(sharp.reshape(shape), blurred.reshape(shape), times)
+
+
+@dataclass(frozen=True)
+class ViewChange:
+    """How a defocus image's view differs from the in-focus image's.
+
+    Parameters
+    ----------
+    similarity : tuple of float
+        How far it is moved down and right, in pixels; turned, in radians, from down to right; and
+        how much larger it is, 0.006 for 0.6 %; about the middle.
+    falloff : tuple of tuple of float
+        A channel each: its light, as a part of the in-focus image's, is the polynomial with these
+        factors of r^2, from the constant on; r is 1 at the corners. None: as much light.
+    by_radius : float
+        What part of the difference in light the polynomial explains; below a half it is taken
+        for a shadow, and left.
+    """
+
+    similarity: tuple[float, ...] = (0.0,) * 4
+    falloff: tuple[tuple[float, ...], ...] = ()
+    by_radius: float = 1.0
+
+    @classmethod
+    def of(cls, law: BlurLaw) -> ViewChange:
+        """Return what a law says of it."""
+        return cls(law.similarity, law.falloff)
+
+    @property
+    def changes(self) -> bool:
+        """Whether there is anything to undo."""
+        return bool(self.falloff or any(self.similarity))
+
+    def light_at(self, shape: Sequence[int]) -> Array:
+        """Return the defocus image's light as a part of the other's, shape (y, x, channel)."""
+        radius = _square_radius(shape)
+        polyval = np.polynomial.polynomial.polyval
+        return np.stack([polyval(radius, factors) for factors in self.falloff], axis=-1)
+
+    def words(self) -> str:
+        """Say it in words.
+
+        Examples
+        --------
+        >>> ViewChange((0.0, 0.0, 0.0, 0.006), ((1.0, -0.2, 0.0),)).words()
+        '0.60 % larger; 20 % darker at the corners than in the middle'
+        >>> ViewChange().words()
+        'in register, and as bright all over'
+        """
+        down, right, turn, larger = self.similarity
+        words = []
+        if any(self.similarity):
+            words.append(f"{abs(larger):.2%} {'larger' if larger > 0 else 'smaller'}")
+            words[0] = words[0].replace("%", " %")
+            if abs(turn) > _TURNED:
+                words[0] += f", turned by {np.degrees(turn):.2f} degrees"
+            if np.hypot(down, right) > _STILL:
+                words[0] += f", moved by {down:.1f} and {right:.1f} pixels down and right"
+        if self.falloff:
+            lost = 1 - float(np.mean([sum(factors) for factors in self.falloff]))
+            side = "darker" if lost > 0 else "brighter"
+            words.append(f"{100 * abs(lost):.0f} % {side} at the corners than in the middle")
+        return "; ".join(words) or "in register, and as bright all over"
+
+    def undone(self, defocus: Array) -> Array:
+        """Return a defocus image as if nothing had changed: the same array if nothing did.
+
+        Parameters
+        ----------
+        defocus : ndarray of uint8, shape (y, x, channel)
+
+        Returns
+        -------
+        ndarray, shape (y, x, channel)
+            Grey levels, float32 where something changed.
+        """
+        image = defocus
+        if self.falloff:
+            light = decode(image) / self.light_at(image.shape)
+            image = encode(light).astype(np.float32)
+        if any(self.similarity):
+            image = _moved_back(image, self.similarity)
+        return image
+
+
+def without_change(law: BlurLaw) -> BlurLaw:
+    """Return a law of images from which its change is taken out."""
+    return replace(law, similarity=ViewChange.similarity, falloff=ViewChange.falloff)
+
+
+def find_change(captures: Sequence[Images]) -> ViewChange:
+    """Measure the change that all captures share.
+
+    Parameters
+    ----------
+    captures : sequence of Images
+        Of one camera and size; the median of what each shows is taken.
+
+    Notes
+    -----
+    Light: each capture is cut into fields, and the light of a field in the defocus image is held
+    against that in the in-focus image; blur moves light between neighbours only. A polynomial of
+    r^2 is fitted to the fields' ratios. Place and size: the smoothed defocus image is taken for the
+    smoothed in-focus image, its first derivatives times where the similarity moves each pixel, and
+    its Laplacian, by which its blur changes; least squares, from coarse to fine (Lucas and Kanade
+    1981). With fewer than three captures nothing is measured: one scene's shadow or parallax would
+    pass for the camera's.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).integers(50, 200, (60, 80, 1)).astype(np.uint8)
+    >>> find_change([Images(image, image)] * 3) == ViewChange()
+    True
+    """
+    if len(captures) < _FEW_CAPTURES or len({pair.infocus.shape for pair in captures}) > 1:
+        return ViewChange()
+    light = _falloff(captures)
+    found = np.array([_similarity(pair, light) for pair in captures])
+    typical = np.median(found, axis=0)
+    spread = np.median(np.abs(found - typical), axis=0)
+    change = replace(light, similarity=tuple(typical.tolist()))
+    turn, larger = np.abs(typical[2:])
+    # Of shifts alone each capture may have its own, which a law finds anew.
+    corner = np.hypot(*captures[0].infocus.shape[:2]) / 2 * captures[0].times
+    size = np.hypot(turn, larger)
+    still = size * corner < _STILL or size < _CLEARLY * np.hypot(*spread[2:])
+    return light if still or max(turn, larger) > _FARTHEST else change
+
+
+def _middle(shape: Sequence[int]) -> tuple[Array, Array]:
+    """Return how far each pixel is below and right of the middle."""
+    height, width = shape[:2]
+    down = np.arange(height, dtype=np.float32)[:, np.newaxis] - np.float32((height - 1) / 2)
+    right = np.arange(width, dtype=np.float32)[np.newaxis] - np.float32((width - 1) / 2)
+    return down, right
+
+
+def _square_radius(shape: Sequence[int]) -> Array:
+    down, right = _middle(shape)
+    return np.asarray((down**2 + right**2) / max(float(down[0, 0] ** 2 + right[0, 0] ** 2), 1.0))
+
+
+def _falloff(captures: Sequence[Images]) -> ViewChange:
+    ratios, weights = [], []
+    for pair in captures:
+        known = np.ones(pair.infocus.shape, bool)
+        for image in pair[:2]:
+            known &= (image > _DARK * LAST_LEVEL) & (image < _BRIGHT * LAST_LEVEL)
+        sums = [_by_field(np.where(known, decode(image), 0)) for image in pair[:2]]
+        # The light of a whole capture may differ, as the exposure time does.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = sums[1] / sums[0]
+        ratios.append(ratio / np.nanmedian(ratio, axis=(0, 1)) if known.any() else ratio)
+        weights.append(_by_field(known.astype(np.float64)))
+    radius = _by_field(_square_radius(pair.infocus.shape)[..., np.newaxis], np.mean)[..., 0]
+    count = np.sum(weights, axis=0)
+    if not count.all():
+        return ViewChange()
+    typical = np.nanmedian(ratios, axis=0)
+    channels = np.moveaxis(typical, -1, 0)
+    terms = np.stack([np.ones(radius.size), radius.ravel(), radius.ravel() ** 2], axis=1)
+    fitted = [np.linalg.lstsq(terms, values.ravel(), rcond=None)[0] for values in channels]
+    curves = np.stack([terms @ factors for factors in fitted])
+    left = np.square(channels.reshape(len(channels), -1) - curves).sum()
+    all_of_it = np.square(channels - channels.mean(axis=(1, 2), keepdims=True)).sum()
+    explained = float(1 - left / all_of_it) if all_of_it else 0.0
+    ends = np.stack([factors.sum() / factors[0] for factors in fitted])
+    if explained < _BY_RADIUS or np.abs(ends - 1).max() < _LEVEL or ends.min() < _DARK:
+        return ViewChange(by_radius=explained)
+    # Light that all of an image lacks is its gain, which the law has.
+    falloff = tuple(tuple((factors / factors[0]).tolist()) for factors in fitted)
+    return ViewChange(falloff=falloff, by_radius=explained)
+
+
+def _by_field(values: Array, of: Any = np.sum) -> Array:
+    rows, columns = (
+        np.array_split(np.arange(size), count)
+        for size, count in zip(values.shape, _FIELDS, strict=False)
+    )
+    return np.array(
+        [[of(values[np.ix_(row, column)], axis=(0, 1)) for column in columns] for row in rows]
+    )
+
+
+def _similarity(pair: Images, light: ViewChange) -> Array:
+    sharp, blurred = (
+        image.mean(axis=2, dtype=np.float32) for image in (pair.infocus, light.undone(pair.defocus))
+    )
+    down, right = _middle(sharp.shape)
+    found = np.zeros(4)
+    for sigma in _SMOOTHINGS:
+        smooth = cv2.GaussianBlur(sharp, (0, 0), sigma)
+        here = _moved_back(blurred[..., np.newaxis], found)[..., 0] if found.any() else blurred
+        aim = cv2.GaussianBlur(here, (0, 0), sigma)
+        by_down, by_right = np.gradient(smooth)
+        bright = _BRIGHT * LAST_LEVEL
+        edge = round(_BORDER + 2 * sigma)
+        inner = (slice(edge, -edge), slice(edge, -edge))
+        known = ((smooth < bright) & (aim < bright))[inner]
+        if known.sum() < 10 * len(found):
+            return np.zeros(4)
+        terms = (
+            by_down,
+            by_right,
+            by_right * down - by_down * right,
+            by_down * down + by_right * right,
+            smooth,
+            cv2.Laplacian(smooth, cv2.CV_32F),
+            np.ones_like(smooth),
+        )
+        columns = np.stack([term[inner][known] for term in terms], axis=1)
+        square = (columns.T @ columns).astype(np.float64)
+        factors = np.linalg.lstsq(square, columns.T @ aim[inner][known], rcond=None)[0]
+        if factors[4] <= 0:
+            return np.zeros(4)
+        found -= factors[:4] / factors[4]
+    return found * [pair.times, pair.times, 1, 1]
+
+
+def _moved_back(image: Array, similarity: Any) -> Array:
+    """Return an image (y, x, channel) looked up where a similarity has put each pixel."""
+    # Imported here: it takes half a second, and most images are in register.
+    from scipy.ndimage import affine_transform
+
+    down, right, turn, larger = similarity
+    matrix = (1 + larger) * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    middle = (np.array(image.shape[:2]) - 1) / 2
+    offset = middle + np.array([down, right]) - matrix @ middle
+    channels = [
+        affine_transform(image[..., c].astype(np.float32), matrix, offset, mode="nearest")
+        for c in range(image.shape[2])
+    ]
+    return np.asarray(np.clip(np.stack(channels, axis=-1), 0, LAST_LEVEL))

@@ -1,0 +1,92 @@
+"""Tests of what a camera changes beside the blur, on images whose formula is known everywhere."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import decode, encode
+from dfdbench.methods.view_change import Images, find_change
+
+SHAPE = (150, 200)
+Array = NDArray[np.float64]
+
+
+def waves(number: int, down: Array, right: Array, sigma: float) -> Array:
+    """Return light of many waves at any places, blurred by a Gaussian in closed form."""
+    random = np.random.default_rng(number)
+    light = np.full(np.broadcast(down, right).shape, 0.3)
+    for length in random.uniform(5, 40, 60):
+        angle, phase = random.uniform(0, 2 * np.pi, 2)
+        wave = 2 * np.pi / length
+        faded = np.exp(-((wave * sigma) ** 2) / 2)
+        along = down * np.cos(angle) + right * np.sin(angle)
+        light += 0.018 * faded * np.sin(wave * along + phase)
+    return light
+
+
+def pair(number: int, similarity: tuple[float, ...] = (0, 0, 0, 0), dark: float = 0) -> Images:
+    """Return a pair whose defocus image is moved and has so much less light at the corners."""
+    middle = (np.array(SHAPE) - 1) / 2
+    down, right = np.mgrid[: SHAPE[0], : SHAPE[1]] - middle[:, np.newaxis, np.newaxis]
+    radius = (down**2 + right**2) / (middle**2).sum()
+    moved_down, moved_right, turn, larger = similarity
+    # Where in the in-focus view each pixel of the other comes from.
+    there = np.exp(-1j * turn) / (1 + larger) * (down - moved_down + 1j * (right - moved_right))
+    light = waves(number, there.real, there.imag, 2) * (1 - dark * radius)
+    sharp, blurred = (
+        np.rint(encode(image)[..., np.newaxis]).astype(np.uint8)
+        for image in (waves(number, down, right, 0), light)
+    )
+    return Images(sharp, blurred)
+
+
+@pytest.mark.parametrize(
+    "similarity",
+    [(0.0, 0.0, 0.0, 0.006), (0.4, -0.3, 0.0, -0.012), (0.0, 0.0, 0.004, 0.002)],
+    ids=["larger", "smaller and moved", "turned"],
+)
+def test_place_turn_and_size_are_found_and_undone(similarity: tuple[float, ...]) -> None:
+    pairs = [pair(number, similarity) for number in range(4)]
+    found = find_change(pairs)
+    assert found.falloff == ()
+    assert found.similarity[:2] == pytest.approx(similarity[:2], abs=0.05)
+    assert found.similarity[2:] == pytest.approx(similarity[2:], abs=3e-4)
+    apart = [
+        np.abs(image.astype(float) - pair(0).defocus)[8:-8, 8:-8].mean()
+        for image in (pairs[0].defocus, found.undone(pairs[0].defocus))
+    ]
+    assert apart[1] < 0.4 < 0.6 < apart[0]
+
+
+def test_the_fall_off_is_found_beside_a_magnification_and_undone() -> None:
+    pairs = [pair(number, (0, 0, 0, 0.006), dark=0.25) for number in range(4)]
+    found = find_change(pairs)
+    assert sum(found.falloff[0]) == pytest.approx(0.75, abs=0.02)
+    assert found.similarity[3] == pytest.approx(0.006, abs=3e-4)
+    left = found.undone(pairs[0].defocus) - pair(0).defocus.astype(float)
+    assert np.abs(left[8:-8, 8:-8]).mean() < 0.7
+    assert found.words().endswith("% larger; 25 % darker at the corners than in the middle")
+
+
+def test_nothing_is_undone_where_nothing_changed() -> None:
+    pairs = [pair(number) for number in range(4)]
+    found = find_change(pairs)
+    assert not found.changes
+    assert found.undone(pairs[0].defocus) is pairs[0].defocus
+
+
+def test_a_shadow_is_no_fall_off() -> None:
+    shaded = []
+    for number in range(4):
+        light = decode(pair(number).defocus.astype(float))
+        light[:, : SHAPE[1] // 3] *= 0.7
+        shaded.append(pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8)))
+    found = find_change(shaded)
+    assert found.falloff == ()
+    assert found.by_radius < 0.5
+
+
+def test_two_captures_and_one_without_texture_say_nothing() -> None:
+    assert not find_change([pair(number, (0, 0, 0, 0.01), dark=0.3) for number in (0, 1)]).changes
+    flat = np.full((*SHAPE, 1), 90, np.uint8)
+    assert not find_change([Images(flat, flat)] * 4).changes
