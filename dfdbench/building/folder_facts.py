@@ -1,6 +1,7 @@
 """Look into a folder's captures: which images are in focus, what the depth files hold."""
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import listed
 
+# Frames are counted f01, f02; apertures are not.
+_F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
 # Scenes that are decoded, spread over all: enough to tell a unit and which image is sharper; fewer
 # if each has many photographs.
 _LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
@@ -218,6 +221,7 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
         what = "photographs and depth maps share no scene"
         raise InputError(what, where=facts.roles["depth"].pattern)
     order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
+    order = _smallest_aperture_first(order)
     sharp, blurred = order[0], order[-1]
     facts.roles = {"infocus": sharp, "defocus": blurred, **facts.roles}
     both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
@@ -234,6 +238,15 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
             f"which defocus image to take: {len(order) - 2} more kinds of photographs are there: "
             f"{others}"
         )
+
+
+def _smallest_aperture_first(order: list[Group]) -> list[Group]:
+    """Move the one kind whose name has the largest f-number to the front, of more than two."""
+    told = {group.pattern: _F_NUMBER.findall(Path(group.pattern).name.lower()) for group in order}
+    largest = max((float(n) for numbers in told.values() for n in numbers), default=0.0)
+    first = [g for g in order if largest in map(float, told[g.pattern])]
+    rest = [group for group in order if group not in first]
+    return first + rest if len(first) == 1 and len(rest) > 1 else order
 
 
 def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:

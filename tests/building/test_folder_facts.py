@@ -103,6 +103,33 @@ def test_photographs_of_the_depth_s_size_are_taken(folder: Path) -> None:
     assert any("also there: {scene}/raw_" in text for text in facts.open)
 
 
+def test_of_a_focal_stack_the_smallest_aperture_is_in_focus(folder: Path) -> None:
+    for number, scene in enumerate(SCENES):
+        image = cv2.imread(str(folder / scene / "sharp.png"))
+        assert image is not None
+        place = folder / ("val" if number < 2 else "test") / f"scene_{number:04}"
+        (place / "stack").mkdir(parents=True)
+        for run in range(1, 8):
+            for f_number in ("1.4", "2.8"):
+                blurred = cv2.GaussianBlur(image, (0, 0), 0.4 + run / 8)
+                name = f"img_run_{run}_motor_{run:04X}_aperture_F{f_number}.jpg"
+                cv2.imwrite(str(place / "stack" / name), blurred)
+        # Softer than the sharpest of the stack, as diffraction makes it.
+        wide = cv2.GaussianBlur(image, (0, 0), 0.8)
+        cv2.imwrite(str(place / "stack/img_run_5_motor_0009_aperture_F16.0.jpg"), wide)
+        if number < 2:
+            (place / "gt").mkdir()
+            np.save(place / "gt/depth.npy", np.full(SHAPE, 2.0, np.float32))
+        for file in (folder / scene).iterdir():
+            file.unlink()
+    facts = facts_of(folder)
+    stack = "{split}/{scene}/stack"
+    assert facts.roles["infocus"].pattern == f"{stack}/img_run_5_motor_0009_aperture_F16.0.jpg"
+    assert facts.roles["defocus"].pattern.startswith(f"{stack}/img_run_7_")
+    assert facts.roles["depth"].pattern == "{split}/{scene}/gt/depth.npy"
+    assert any("which defocus image to take: 13 more kinds" in text for text in facts.open)
+
+
 def test_without_depth_nothing_is_guessed(folder: Path) -> None:
     for scene in SCENES:
         (folder / scene / "depth.png").write_bytes((folder / scene / "sharp.png").read_bytes())

@@ -132,3 +132,15 @@ def test_shipped_weights_are_small_and_say_what_they_are(
     _, found = load_weights(path, method)
     assert (found.trained_on, found.scored_on) == (trained_on, scored_on)
     assert path.with_suffix(".md").exists()
+
+
+def test_a_card_that_claims_any_size_takes_no_memory(tmp_path: Path) -> None:
+    network = build_network("dfd-net", {"filters": list(SMALL)})
+    wide = [2**40] * (len(SMALL) - 1) + [256]
+    save_weights(tmp_path / "wide.safetensors", network, card(architecture={"filters": wide}))
+    with pytest.raises(MethodError):
+        load_weights(tmp_path / "wide.safetensors", "dfd-net")
+    broken = {"filters": [*SMALL[:-1], "nan"]}
+    save_weights(tmp_path / "nan.safetensors", network, card(architecture=broken))
+    with pytest.raises(MethodError, match="architecture cannot be built"):
+        load_weights(tmp_path / "nan.safetensors", "dfd-net")
