@@ -111,7 +111,7 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
     'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
     """
     copies = [image.copy() for image in images]
-    printed = io.StringIO()
+    printed = _Printed()
     depth, error = None, ""
     numbers: dict[str, float] = {}
     begin = time.perf_counter()
@@ -134,6 +134,13 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
             error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
             depth, numbers = None, {}
     return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
+
+
+class _Printed(io.StringIO):
+    """What a method prints, which stays there where the method closes its standard output."""
+
+    def close(self) -> None:
+        pass
 
 
 def check_depth(

@@ -1,3 +1,4 @@
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -225,3 +226,15 @@ def test_a_tensor_with_a_gradient_is_taken(network: Path) -> None:
     depth = call(load_method(f"{network}:with_gradient", {}, {}).predict, image, image).depth
     assert depth is not None
     assert depth.tolist() == [[7.0] * 12] * 9
+
+
+def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        print("before")
+        sys.stdout.close()
+        return np.zeros(infocus.shape[:2])
+
+    image = np.zeros((4, 5, 3), np.uint8)
+    found = call(predict, image, image)
+    assert (found.error, found.printed) == ("", "before\n")
+    print("standard output is open")
