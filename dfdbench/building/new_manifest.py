@@ -333,4 +333,7 @@ def _files(facts: Facts, scenes: list[_Scene]) -> str:
     others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.matching.align)
     lines.append(f'align = "{facts.matching.align}" # or {others}')
     lines.append(f"match_gain = {str(facts.matching.match_gain).lower()}")
+    if facts.matching.flat_field:
+        curves = [[round(factor, 4) for factor in curve] for curve in facts.matching.flat_field]
+        lines.append(f"flat_field = {curves}")
     return "\n".join(lines) + "\n"

@@ -80,12 +80,16 @@ class CapturedFiles(StrictRecord):
         is refused.
     crop : Crop, optional
         Kept of each image once it is aligned; all of it by default.
-    align : {"none", "translation", "euclidean"}
-        By which motion each image is laid on the first (ECC).
+    align : {"none", "translation", "euclidean", "similarity"}
+        By which motion each image is laid on the first (ECC); the last also undoes magnification.
     moved : {"defocus", "infocus"}
         Which image of a pair is moved; the depth map lies on the other.
     match_gain : bool
         Whether the other images get the first one's brightness.
+    flat_field : list of list of float
+        Of a pair: for red, green and blue, the factors of r^2, from the constant on, of the light
+        that reaches the defocus image as a part of the in-focus image's; r is 1 at the corners.
+        It is divided by that. Left out, nothing is.
     """
 
     infocus: str | None = None
@@ -106,9 +110,10 @@ class CapturedFiles(StrictRecord):
     image_bits: Annotated[int, Field(ge=9, le=16)] | None = None
     exif_rotation: Literal["apply", "ignore"] | None = None
     crop: Crop | None = None
-    align: Literal["none", "translation", "euclidean"] = "none"
+    align: Literal["none", "translation", "euclidean", "similarity"] = "none"
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
+    flat_field: Annotated[list[list[float]], Field(min_length=3, max_length=3)] | None = None
 
     @property
     def patterns(self) -> dict[str, str]:

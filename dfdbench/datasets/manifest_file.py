@@ -206,6 +206,8 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
         yield "files", f"neither a pair, infocus and defocus, nor a stack, images; got {got}"
     if "images" not in there:
         return
+    if files.flat_field:
+        yield "files.flat_field", "it is for pairs, of two apertures, and this is a stack"
     if files.metadata is not None and files.image:
         yield "files", "two tables of the images, metadata and [[files.image]]"
     if files.moved == "infocus":

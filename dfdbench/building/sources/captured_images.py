@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph
 from dfdbench.building.sources.interface import gathered
-from dfdbench.building.sources.matching import find_gain, find_placement, place
+from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.optics.sharpness import laplacian_energy
 
 #: Units that depth files are written in, in metres: metres, centimetres, millimetres, tenths of
@@ -223,6 +224,7 @@ def _laid_on_the_first(
     read: list[tuple[Image, str]], files: CapturedFiles
 ) -> tuple[list[Image], Mask, tuple[dict[str, float], ...]]:
     first, where_first = read[0]
+    flat_field = files.flat_field or ()
     covered = np.ones(first.shape[:2], bool)
     others: list[Image] = []
     told: list[dict[str, float]] = []
@@ -230,7 +232,7 @@ def _laid_on_the_first(
     for image, where in read[1:]:
         try:
             first, other, both, found = matched(
-                read[0][0], image, files.align, files.match_gain, files.moved
+                read[0][0], image, files.align, files.match_gain, files.moved, flat_field
             )
             others.append(other)
             told.append(found)
@@ -248,11 +250,19 @@ def _laid_on_the_first(
 def matched(
     infocus: Image,
     defocus: Image,
-    align: Literal["none", "translation", "euclidean"],
+    align: Literal["none"] | Motion,
     match_gain: bool,
     moved: Literal["infocus", "defocus"] = "defocus",
+    flat_field: Sequence[Sequence[float]] = (),
 ) -> tuple[Image, Image, Mask, dict[str, float]]:
     """Lay two photographs, shape (y, x, 3), on each other and match their brightness.
+
+    Parameters
+    ----------
+    infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
+        The photographs.
+    align, match_gain, moved, flat_field
+        As of `CapturedFiles`.
 
     Returns
     -------
@@ -268,6 +278,10 @@ def matched(
         If no alignment is found, or the brightness differs too much.
     """
     images = {"infocus": infocus, "defocus": defocus}
+    if flat_field:
+        white = np.iinfo(defocus.dtype).max / 255
+        level = ViewChange(falloff=tuple(map(tuple, flat_field))).undone(defocus / white)
+        images["defocus"] = _rounded(level * white, defocus.dtype)
     covered = np.ones(infocus.shape[:2], bool)
     found: dict[str, float] = {}
     if align != "none":

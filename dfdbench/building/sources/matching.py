@@ -1,9 +1,9 @@
-"""Lay one image of a captured pair on the other, and match their brightness."""
+"""Lay one image of a captured pair on the other, match their brightness, measure what is needed."""
 
 import cmath
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from dfdbench.errors import InputError
+from dfdbench.methods.view_change import Images, ViewChange, find_change
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
-Motion = Literal["translation", "euclidean"]
+Motion = Literal["translation", "euclidean", "similarity"]
 
 _MOTIONS = {
     "translation": cv2.MOTION_TRANSLATION,
     "euclidean": cv2.MOTION_EUCLIDEAN,
-    "affine": cv2.MOTION_AFFINE,
+    "similarity": cv2.MOTION_AFFINE,
 }
 # Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
 # blur then weighs less than what differs in place.
@@ -37,7 +38,7 @@ _LEAST_CORRELATION = 0.8
 # The share of the image's longer side that a pair may be moved by.
 _FARTHEST = 0.1
 # What is found is rounded, so that the last bits of a platform's arithmetic change no image.
-_PLACES, _ANGLE_PLACES = 2, 4
+_PLACES, _ANGLE_PLACES, _SIZE_PLACES = 2, 4, 5
 # Above this level, or below the other, a pixel may have been cut off.
 _BRIGHT, _DARK = 245, 5
 _LARGEST_GAIN = 4.0
@@ -55,12 +56,15 @@ class Placement:
         How far it is turned about its centre, clockwise as seen.
     correlation : float
         Of both images, smoothed, once they lie on each other: the coefficient that was maximised.
+    magnification : float
+        How many times larger it shows things than the other; divided by it.
     """
 
     right: float
     down: float
     degrees: float
     correlation: float
+    magnification: float = 1.0
 
 
 def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
@@ -72,8 +76,8 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     ----------
     fixed, moved : ndarray of uint8, shape (y, x, 3)
         Two images of one scene, of one size.
-    motion : {"translation", "euclidean"}
-        Whether the image may be turned as well.
+    motion : {"translation", "euclidean", "similarity"}
+        Whether the image may be turned as well, and be of another size.
 
     Raises
     ------
@@ -88,11 +92,11 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     >>> found.right, found.down
     (2.0, -1.0)
     """
-    matrix, way, correlation = _transform(fixed, moved, motion)
-    turned = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
-    right, down = (round(-float(part), _PLACES) + 0.0 for part in way)
-    degrees = round(-math.degrees(turned), _ANGLE_PLACES) + 0.0
-    return Placement(right, down, degrees, round(correlation, 4))
+    found, correlation = _movement(fixed, moved, motion)
+    right, down = (round(-part, _PLACES) + 0.0 for part in (found.right, found.down))
+    degrees = round(-found.degrees, _ANGLE_PLACES) + 0.0
+    size = round(found.scale, _SIZE_PLACES) if motion == "similarity" else 1.0
+    return Placement(right, down, degrees, round(correlation, 4), size)
 
 
 @dataclass(frozen=True)
@@ -147,15 +151,11 @@ def find_movement(fixed: Image, moved: Image) -> Movement:
     grey levels divided by those around them: on bare walls, different fall-off of light towards
     the corners otherwise passes for a movement of up to three pixels.
     """
-    matrix, way, _ = _transform(fixed, moved, "affine", even=True)
-    turn = complex(matrix[0, 0] + matrix[1, 1], matrix[1, 0] - matrix[0, 1]) / 2
-    return Movement(float(way[0]), float(way[1]), math.degrees(cmath.phase(turn)), abs(turn))
+    return _movement(fixed, moved, "similarity")[0]
 
 
-def _transform(
-    fixed: Image, moved: Image, motion: str, even: bool = False
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the matrix from the fixed to the moved image, the centre's way, the correlation."""
+def _movement(fixed: Image, moved: Image, motion: str) -> tuple[Movement, float]:
+    """Return how an image is moved against the fixed one, and their correlation once it is not."""
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)
     correlation = 0.0
@@ -166,7 +166,7 @@ def _transform(
         matrix[:, 2] /= scale
         matrix, correlation = _refined(small, matrix, motion)
         matrix[:, 2] *= scale
-    if even:
+    if motion == "similarity":
         around = [cv2.GaussianBlur(image, (0, 0), _AROUND) for image in images]
         ratios = [image / (wide + 1) for image, wide in zip(images, around, strict=True)]
         matrix = _refined(ratios, matrix, motion)[0]
@@ -179,7 +179,9 @@ def _transform(
         raise _not_aligned(f"a correlation of {correlation:.2f} at best")
     if np.abs(way).max() > _FARTHEST * max(shape):
         raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
-    return linear, way, correlation
+    turn = complex(linear[0, 0] + linear[1, 1], linear[1, 0] - linear[0, 1]) / 2
+    right, down = way.tolist()
+    return Movement(right, down, math.degrees(cmath.phase(turn)), abs(turn)), correlation
 
 
 def _refined(
@@ -227,12 +229,12 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
     ndarray of bool, shape (y, x)
         False where the image does not reach.
     """
-    if not (at.right or at.down or at.degrees):
+    if not (at.right or at.down or at.degrees) and at.magnification == 1:
         return image, np.ones(image.shape[:2], bool)
     angle = math.radians(at.degrees)
     cosine, sine = math.cos(angle), math.sin(angle)
-    # From (y, x) in the result to (y, x) in the image: turned back about the centre.
-    back = np.array([[cosine, -sine], [sine, cosine]])
+    # From (y, x) in the result to (y, x) in the image: turned back about the centre, and as large.
+    back = at.magnification * np.array([[cosine, -sine], [sine, cosine]])
     centre = (np.array(image.shape[:2]) - 1) / 2
     offset = centre - back @ centre - np.array([at.down, at.right])
     moved = np.empty_like(image)
@@ -281,7 +283,7 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
     return gain
 
 
-Align = Literal["none", "translation", "euclidean"]
+Align = Literal["none", "translation", "euclidean", "similarity"]
 
 # Movements of a corner (pixels) and gains below these need no correction. Of Middlebury's scenes,
 # blurred and in register, all but the barest are measured with errors below 0.4 pixels, the barest
@@ -297,6 +299,8 @@ class Matching:
     ----------
     align, match_gain : str, bool
         The fields to write into a manifest.
+    flat_field : tuple of tuple of float
+        Likewise; empty where the light falls off alike.
     found, open : tuple of str
         In words: what was found, and what a person has to decide.
     measured : int
@@ -305,6 +309,7 @@ class Matching:
 
     align: Align = "none"
     match_gain: bool = False
+    flat_field: tuple[tuple[float, ...], ...] = ()
     found: tuple[str, ...] = ()
     open: tuple[str, ...] = ()
     measured: int = 0
@@ -319,12 +324,13 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
         Each scene's name, its in-focus and its defocus image, shape (y, x, 3).
     """
     moves: list[tuple[Movement, tuple[int, ...]]] = []
-    gains, unlike, problems, tried = [0.0], 0, [], 0
+    gains, unlike, problems, tried, seen = [0.0], 0, [], 0, []
     for name, sharp, blurred in pairs:
         tried += 1
         if sharp.shape != blurred.shape:
             problems.append(f"photographs of {name} differ in size")
             continue
+        seen.append(Images.small(sharp, blurred))
         try:
             moves.append((find_movement(sharp, blurred), sharp.shape))
             everywhere = np.ones(sharp.shape[:2], bool)
@@ -334,19 +340,23 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     if unlike:
         problems.append(f"{unlike} of {tried} pairs tried cannot be aligned")
     gain = max(map(abs, gains))
-    align, moved, magnified = _movement(moves)
-    found = (*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %")
-    return Matching(align, gain > _UNGAINED, found, (*problems, *magnified), len(moves))
+    align, moved = _proposed(moves)
+    light = replace(find_change(seen), similarity=ViewChange.similarity)
+    found = [*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %"]
+    if light.changes:
+        found.append(f"the defocus images are {light.words()}")
+    measured = len(moves)
+    return Matching(align, gain > _UNGAINED, light.falloff, tuple(found), tuple(problems), measured)
 
 
-def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str], list[str]]:
-    """Return the alignment to propose, what was measured, and what to ask about magnification."""
+def _proposed(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str]]:
+    """Return the alignment to propose, and what was measured."""
 
     def most(part: Callable[[Movement], Movement]) -> float:
         return max(part(move).at_corners(shape) for move, shape in moves)
 
     if not moves:
-        return "none", [], []
+        return "none", []
     shift = most(lambda move: Movement(move.right, move.down, 0, 1))
     turn = most(lambda move: Movement(0, 0, move.degrees, 1))
     rigid = most(lambda move: Movement(move.right, move.down, move.degrees, 1))
@@ -357,11 +367,9 @@ def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, lis
         f"photographs moved by up to {most(lambda move: move):.2f} pixels at the corners: shifted "
         f"by {shift:.2f} pixels, turned by {degrees:.3f} degrees, magnified by {percent:.2f} %"
     )
-    asked = (
-        f"whether magnification matters: it moves the corners by up to {magnified:.2f} pixels, and "
-        f"`align` cannot take it out"
-    )
     align: Align = "none"
-    if rigid > _STILL:
+    if magnified > _STILL:
+        align = "similarity"
+    elif rigid > _STILL:
         align = "euclidean" if turn > _STILL else "translation"
-    return align, [moved], [asked] if magnified > _STILL else []
+    return align, [moved]

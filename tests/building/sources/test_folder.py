@@ -1,6 +1,7 @@
 """Captured sets that their manifest describes: whole, in part, and not at all."""
 
 import hashlib
+import re
 import shutil
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.blur.formation import decode
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching import known_checksums
@@ -17,7 +19,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError
+from dfdbench.errors import ManifestError, SourceError
 from dfdbench.system.parallel import Threads
 from tests.made_folder import FOLDER_TOML, SCENES, make_folder
 
@@ -46,6 +48,23 @@ def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
     assert images.defocus is not None
     assert (images.defocus[1] == images.defocus[0] + 2).all()
     assert images.depth.shape == images.infocus.shape[1:3]
+
+
+def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> None:
+    halved = "[[1.0, -0.5], [1.0, -0.5], [1.0, 0.0]]"
+    plain = open_source(manifest_of(), folder).read("desk")
+    text = FOLDER_TOML.replace("[table]", f"flat_field = {halved}\n\n[table]")
+    even = open_source(manifest_of(text), folder).read("desk")
+    assert plain.defocus is not None
+    assert even.defocus is not None
+    assert np.array_equal(even.infocus, plain.infocus)
+    before, after = (decode(images.defocus[0, 0, 0].astype(float)) for images in (plain, even))
+    seen = before < 0.45
+    times = np.array([2, 2, 1])
+    assert after[seen] == pytest.approx((times * before)[seen], rel=0.03)
+    stack = re.sub('infocus = .*\ndefocus = ".*"', 'images = "{scene}/{image}.png"', text)
+    with pytest.raises(ManifestError, match="it is for pairs"):
+        manifest_of(stack)
 
 
 def test_broken_scenes_are_named_together_and_the_others_built(
