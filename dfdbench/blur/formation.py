@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -94,9 +95,10 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
 
     Notes
     -----
-    A law does not say three things: where each pair is moved to and how much brighter it is made,
-    only that it is; and that surfaces cover each other. Of noise it says the standard deviation
-    at a grey level, rounding included, but not that images are cut to 0 and 255.
+    A law does not say four things: where each pair is moved to and how much brighter it is made,
+    only that it is; that surfaces cover each other; and that colours are focused apart. Of noise it
+    says the standard deviation at a grey level, rounding included, but not that images are cut to 0
+    and 255.
 
     Examples
     --------
@@ -108,6 +110,7 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     """
     own = law_of(recipe, formation)
     depths = np.arange(own.levels)
+    second, fourth = formation.falloff
     noisy = bool(formation.noise or formation.read_noise or formation.full_well)
     return BlurLaw(
         sigmas=tuple(float(sigma) for sigma in own.sigmas[own.level_of_depth(depths)]),
@@ -119,6 +122,8 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
         linear=formation.linear,
         registered=not formation.shift,
         even=not formation.gain,
+        similarity=(0.0, 0.0, 0.0, formation.magnification),
+        falloff=((1.0, -second, -fourth),) * 3 if second or fourth else (),
     )
 
 
@@ -142,6 +147,8 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 _REACH = 4
 #: Lobes of the interpolating kernel that moves an image: it reaches so many pixels further.
 LOBES = 4
+# How far red, green and blue are off focus, as parts of a formation's longitudinal error.
+_FARTHER = (1.0, 0.0, 0.7)
 _GAUSSIAN = 2
 
 
@@ -178,8 +185,10 @@ def form_pair(
 
     Notes
     -----
-    In this order, each step where the formation asks for it: decode to linear light; blur; move
-    the defocus image; change its gain; add noise to both; encode; round. What is drawn, direction,
+    In this order, each step where the formation asks for it: decode to linear light; blur, a
+    channel each where colours focus apart; magnify; darken the defocus image's corners, which is
+    done in linear light whatever the rest; move it; change its gain; add noise to both; encode;
+    round. What is drawn, direction,
     gain and noise, does not depend on the severity: from one to the next only its size grows.
 
     Examples
@@ -197,6 +206,12 @@ def form_pair(
     key = (degradation.track.name, degradation.track.version, pair)
     light = _LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
     blurred = blur(light, depth, recipe, formation)
+    larger, lateral = formation.magnification, formation.lateral * np.array([1, 0, -1])
+    if larger or formation.lateral:
+        light = magnify(light, lateral)
+        blurred = magnify(blurred, (1 + lateral) * (1 + larger) - 1)
+    if any(formation.falloff):
+        blurred = _darkened(blurred, formation)
     if formation.shift:
         turn = 2 * np.pi * uniform_numbers(1, *key, "direction")[0]
         blurred = move(blurred, formation.shift * np.sin(turn), formation.shift * np.cos(turn))
@@ -287,6 +302,15 @@ def blur(
     formation : Formation
         What differs from it.
     """
+    if formation.longitudinal:
+        each = dataclasses.replace(formation, longitudinal=0.0)
+        channels = [
+            blur(
+                light[..., c : c + 1], depth, _farther(recipe, share * formation.longitudinal), each
+            )
+            for c, share in enumerate(_FARTHER)
+        ]
+        return np.concatenate(channels, axis=-1)
     own = law_of(recipe, formation)
     if formation.layers:
         return composite_layers(light, depth, _kernels_by_depth(own, formation.exponent))
@@ -294,6 +318,20 @@ def blur(
         return blur_by_recipe(light, depth, own)
     levels = np.asarray(own.level_of_depth(depth.astype(np.int64)))
     return blur_by_level(light, levels, _kernels_by_level(own, formation.exponent))
+
+
+def _farther(recipe: BlurRecipe, levels: float) -> BlurRecipe:
+    """Return the blur of a channel that is so many depth levels farther off focus."""
+    more = recipe.sigma_min + levels * recipe.sigma_step
+    return dataclasses.replace(recipe, sigma_min=more)
+
+
+def _darkened(image: Floats, formation: Formation) -> Floats:
+    y, x = (np.linspace(-1, 1, size) * size for size in image.shape[:2])
+    square = (y[:, np.newaxis] ** 2 + x**2) / (image.shape[0] ** 2 + image.shape[1] ** 2)
+    second, fourth = formation.falloff
+    left = (1 - second * square - fourth * square**2)[..., np.newaxis]
+    return image * left if formation.linear else encode(decode(image) * left)
 
 
 def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
@@ -351,6 +389,46 @@ def move(image: Floats, down: float, right: float) -> Floats:
         taps = np.sinc(offsets) * window
         image = correlate1d(image, taps / taps.sum(), axis=axis, mode="nearest")
     return image
+
+
+def magnify(image: Floats, larger: Sequence[float] | NDArray[np.float64]) -> Floats:
+    """Return an image whose channels are larger about the middle, interpolated as by `move`.
+
+    Parameters
+    ----------
+    image : ndarray of float64, shape (y, x, channel)
+        Its edge pixel is repeated past the border.
+    larger : sequence of float
+        By which share each channel is larger, 0.006 for 0.6 %.
+
+    Examples
+    --------
+    >>> image = np.zeros((1, 201, 1))
+    >>> image[0, 150] = 1
+    >>> int(magnify(image, [0.02])[0, :, 0].argmax())
+    151
+    """
+    out = image.copy()
+    for channel, share in enumerate(larger):
+        if share:
+            down, across = (_magnifying(size, float(share)) for size in image.shape[:2])
+            out[..., channel] = down @ image[..., channel] @ across.T
+    return out
+
+
+@lru_cache(maxsize=16)
+def _magnifying(size: int, larger: float) -> Floats:
+    middle = (size - 1) / 2
+    places = middle + (np.arange(size) - middle) / (1 + larger)
+    nearest = np.rint(places).astype(int)
+    steps = np.arange(-LOBES, LOBES + 1)
+    offsets = (nearest - places)[:, np.newaxis] + steps
+    taps = np.where(np.abs(offsets) < LOBES, np.sinc(offsets) * np.sinc(offsets / LOBES), 0)
+    taps /= taps.sum(axis=1, keepdims=True)
+    weights = np.zeros((size, size))
+    columns = np.clip(nearest[:, np.newaxis] + steps, 0, size - 1)
+    np.add.at(weights, (np.arange(size)[:, np.newaxis], columns), taps)
+    return weights
 
 
 def decode(grey: NDArray[np.floating]) -> Floats:

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -44,6 +44,15 @@ class Formation:
         Images focused at depths spread evenly over the levels, in place of the defocus image.
     infocus : bool
         Whether there is an image in focus all over.
+    magnification : float
+        How much larger the defocus image is about the middle, as a share.
+    falloff : tuple of float
+        The light that the defocus image lacks at the corners, as a share, with r^2 and with r^4; r
+        is 1 at the corners.
+    lateral : float
+        How much larger red, and smaller blue, is in both images, as a share.
+    longitudinal : float
+        How many depth levels farther off focus red is than green; blue is 0.7 times as many.
     """
 
     sigma_min: float = 1.0
@@ -58,6 +67,15 @@ class Formation:
     full_well: float = 0.0
     planes: int = 0
     infocus: bool = True
+    magnification: float = 0.0
+    falloff: tuple[float, float] = (0.0, 0.0)
+    lateral: float = 0.0
+    longitudinal: float = 0.0
+
+    @property
+    def whole(self) -> bool:
+        """Whether a pixel depends on where in the image it is, so that patches do not show it."""
+        return bool(self.magnification or self.lateral or any(self.falloff))
 
 
 @dataclass(frozen=True)
@@ -130,6 +148,15 @@ def _steps(form: str, *values: float) -> tuple[str, ...]:
     return tuple(form.format(value) for value in values)
 
 
+# Of the light that the corners lack, what goes with r^2 and with r^4: drawn, not chosen.
+_MAGNIFICATIONS = (0.002, 0.006, 0.012)
+_FALLOFFS = ((0.0169, 0.0831), (0.0411, 0.1589), (0.2271, 0.1229))
+_COLOURS = ((0.0004, 4.0), (0.0008, 8.0), (0.0016, 16.0))
+_CAMERAS = tuple(
+    Formation(exponent=DISK, layers=True, linear=True, read_noise=read, full_well=10 / read)
+    for read in (0.001, 0.003, 0.01)
+)
+
 _ALL = (
     Track(
         "noise",
@@ -183,9 +210,39 @@ _ALL = (
         1,
         "a camera: linear light, a disk, layers, shot and read noise on both images",
         _steps("read noise 10 electrons, {:,} at full scale", 10_000, 3_333, 1_000),
+        _CAMERAS,
+    ),
+    Track(
+        "magnification",
+        1,
+        "the defocus image larger about the middle, as a lens breathes that focuses elsewhere",
+        _steps("{:g} %", 0.2, 0.6, 1.2),
+        tuple(Formation(magnification=share) for share in _MAGNIFICATIONS),
+    ),
+    Track(
+        "vignetting",
+        1,
+        "the defocus image darker towards the corners, as a wide aperture makes it",
+        _steps("{:g} % less light at the corners", 10, 20, 35),
+        tuple(Formation(falloff=falloff) for falloff in _FALLOFFS),
+    ),
+    Track(
+        "colour",
+        1,
+        "red larger and blue smaller in both images, and both farther off focus than green",
+        ("0.04 %, 4 levels", "0.08 %, 8 levels", "0.16 %, 16 levels"),
+        tuple(Formation(lateral=share, longitudinal=off) for share, off in _COLOURS),
+    ),
+    Track(
+        "lens",
+        1,
+        "a camera as on the track camera, with magnification, fall-off and colour errors",
+        _steps("severity {:g} of each", 1, 2, 3),
         tuple(
-            Formation(exponent=DISK, layers=True, linear=True, read_noise=read, full_well=10 / read)
-            for read in (0.001, 0.003, 0.01)
+            replace(camera, magnification=share, falloff=falloff, lateral=lateral, longitudinal=off)
+            for camera, share, falloff, (lateral, off) in zip(
+                _CAMERAS, _MAGNIFICATIONS, _FALLOFFS, _COLOURS, strict=True
+            )
         ),
     ),
 )
@@ -213,14 +270,16 @@ STACKS: Mapping[str, Track] = MappingProxyType(
 
 #: The tracks by name.
 TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
+#: Those that a patch of an image shows, from which networks are trained.
+OF_PATCHES = tuple(track.name for track in _ALL if not track.severities[0].whole)
 #: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
 #: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
 SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "tracks-1": tuple(
-            f"{name}-{severity}"
-            for name in ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
-            for severity in (1, 2, 3)
+        suite: tuple(f"{name}-{severity}" for name in names for severity in (1, 2, 3))
+        for suite, names in (
+            ("tracks-1", ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")),
+            ("tracks-2", tuple(TRACKS)),
         )
     }
     | {label: (label,) for label in ("stack-5", "stack-9")}

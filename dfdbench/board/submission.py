@@ -102,8 +102,8 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
 
 def _suites(labels: set[str]) -> list[str]:
     whole = [name for name, suite in SUITES.items() if labels.issuperset(suite)]
-    begun = [name for name, suite in SUITES.items() if labels.intersection(suite)]
-    return whole or begun[-1:] or [next(iter(SUITES))]
+    begun = [name for name, suite in SUITES.items() if (labels - {CLEAN}).issubset(suite)]
+    return whole or begun[:1] or [next(iter(SUITES))]
 
 
 def _facts(result: Result) -> dict[str, Any]:

@@ -22,9 +22,6 @@ Cost = NDArray[np.float32]
 
 #: Rows and columns of what `PositionalPrior` learns.
 _CELLS = (24, 32)
-# Nats above a pixel's least at which a stack's costs are cut off: of 5 to 1000 the least error on
-# the demo set's training stacks.
-_STACK_NATS = 50
 
 
 class Constant:
@@ -160,7 +157,7 @@ class Local(Solver):
         nat = UNIT if len(images) > 1 else 2
         if len(images) > 1:
             # A stack's costs in one volume: its images, each blurred by few kernels, take more.
-            costs = level_costs(self.blurs, infocus, images, _STACK_NATS)
+            costs = level_costs(self.blurs, infocus, images, np.inf)
             squares = (costs[..., n].astype(np.float32) for n in range(costs.shape[2]))
         elif isinstance(blur, BlurLaw):
             squares = _by_law(blur, infocus, images[0])

@@ -270,11 +270,17 @@ class Solver(Calibrated):
 
         infocus, images = sharp_and_blurred(stack)
         self._require(len(images))
-        return self._solve(infocus, images)
+        return self._settled(infocus, images)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        self._solve(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
+        self._settled(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
+
+    def _settled(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+        from dfdbench.methods.rims import settle_rims
+
+        levels = self._solve(infocus, images)
+        return levels if len(images) == 1 else settle_rims(self.blurs, infocus, images, levels)
 
     def _require(self, count: int) -> None:
         known = len(self.blurs)

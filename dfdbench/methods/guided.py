@@ -92,7 +92,7 @@ class Guided(Solver):
         """Compile what the first call would compile."""
         side = max(32, self._window[0])
         part = [defocus[:side, :side].copy()] * len(self.blurs)
-        self._solve(infocus[:side, :side].copy(), part)
+        self._settled(infocus[:side, :side].copy(), part)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         require_window_fits(self._window[0], infocus, "guided")

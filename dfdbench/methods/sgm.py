@@ -173,9 +173,11 @@ class SemiGlobal(Solver):
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         costs = level_costs(self.blurs, infocus, images, self._limit)
+        # As many images as there are, as often a cost is counted.
+        small, large = (min(step * len(images), MOST // 2) for step in self._steps)
         if self.prior.weight:
             costs += np.rint(UNIT * self.prior.energy).astype(np.uint16)
-            np.minimum(costs, MOST - self._steps[1], out=costs)
-        sums = np.moveaxis(path_costs(costs, *self._steps), 2, 0)
+        np.minimum(costs, MOST - large, out=costs)
+        sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
         label = read_out(sums, self.prior.sharpness / (UNIT * _DIRECTIONS))
         return np.asarray(self.blur.depth_of_level(label), np.float32)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import torch
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
@@ -161,8 +161,8 @@ class TrainingConfiguration(Record):
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
         for name in self.tracks:
-            if name not in TRACKS:
-                raise ValueError(f"tracks: any of {', '.join(TRACKS)}, got {name}")
+            if name not in OF_PATCHES:
+                raise ValueError(f"tracks: any of {', '.join(OF_PATCHES)}, got {name}")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
         if self.activations and self.first_activation != "prelu":

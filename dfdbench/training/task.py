@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair, require_fold, training_of
 from dfdbench.errors import InputError, StoreError
@@ -109,7 +109,7 @@ def task_of(
         ]
         tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
     if configuration.tracks:
-        every = list(configuration.tracks) == list(TRACKS)
+        every = list(configuration.tracks) == list(OF_PATCHES)
         named = "" if every else ": " + " ".join(configuration.tracks)
         trained_on += f", random tracks{named}"
     if not train:

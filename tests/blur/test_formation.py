@@ -1,4 +1,5 @@
 import hashlib
+from collections.abc import Iterator
 from statistics import NormalDist
 
 import numpy as np
@@ -170,6 +171,18 @@ PINNED = {
     "camera-1": "6220dc639b917ff3",
     "camera-2": "41a13ebd68afa8c5",
     "camera-3": "5dcef71336707434",
+    "magnification-1": "1c1327bf18b1b37e",
+    "magnification-2": "9d448317ca383114",
+    "magnification-3": "e450025208874e84",
+    "vignetting-1": "5a734846e97f35b2",
+    "vignetting-2": "020ae853a732f45a",
+    "vignetting-3": "37b1281feeb6b15d",
+    "colour-1": "c4f16ea76f24c0f7",
+    "colour-2": "52580c6f4a5f35e2",
+    "colour-3": "9eb97f5362a920dd",
+    "lens-1": "e6bda23e14b68381",
+    "lens-2": "05ceeb9ff87fa4d1",
+    "lens-3": "6fd4083d9d27bc67",
 }
 
 
@@ -228,7 +241,9 @@ LABELS = [
 ]
 
 
-@pytest.mark.parametrize("label", [label for label in LABELS if not label.startswith("occlusion")])
+@pytest.mark.parametrize(
+    "label", [label for label in LABELS if not label.startswith(("occlusion", "colour", "lens"))]
+)
 def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
     # A plane shows nothing of layers: what is left of it is the noise that the law tells.
     random = np.random.default_rng(0)
@@ -262,3 +277,55 @@ def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:
     )
     assert (shift.registered, shift.even) == (False, True)
     assert (gain.registered, gain.even) == (True, False)
+
+
+def spots(label: str, channel: int, places: list[tuple[int, int]]) -> Iterator[NDArray[np.float64]]:
+    """Yield where a track puts the centres of light spots, and how much light each has."""
+    dots = np.full((201, 301, 3), 40, np.uint8)
+    for y, x in places:
+        dots[y - 1 : y + 2, x - 1 : x + 2] = 120
+    near = np.full(dots.shape[:2], 255, np.uint8)
+    for image in formation.form_pair(dots, near, RECIPE, find_degradation(label), "Art/view1"):
+        light = formation.decode(image[..., channel].astype(float))
+        light -= light[5, 5] if label.startswith(("magn", "col")) else 0
+        found = []
+        for y, x in places:
+            window = light[y - 7 : y + 8, x - 7 : x + 8]
+            rows, columns = np.mgrid[y - 7 : y + 8, x - 7 : x + 8]
+            found.append([(rows * window).sum(), (columns * window).sum()] / window.sum())
+        yield np.array(found)
+
+
+def test_magnification_moves_spots_away_from_the_middle() -> None:
+    places = [(30, 40), (160, 250), (100, 150)]
+    sharp, larger = spots("magnification-3", 1, places)
+    moved = 0.012 * (np.array(places) - [100, 150])
+    np.testing.assert_allclose(sharp, places, atol=0.01)
+    np.testing.assert_allclose(larger - places, moved, atol=0.03)
+
+
+def test_colour_moves_red_and_blue_apart_in_both_images_and_blurs_them_more() -> None:
+    places = [(30, 40), (160, 250)]
+    for channel, side in ((0, 1), (1, 0), (2, -1)):
+        for found in spots("colour-3", channel, places):
+            moved = side * 0.0016 * (np.array(places) - [100, 150])
+            np.testing.assert_allclose(found - places, moved, atol=0.03)
+    _, defocus = formed("colour-3")
+    _, farther = formation.form_pair(
+        IMAGE, DEPTH, BlurRecipe(0.32 + 16 * 0.01125, 0.01125), find_degradation("noise-0"), "a"
+    )
+    assert np.array_equal(defocus[..., 1], CLEAN[..., 1])
+    assert np.abs(off(defocus[..., 0], farther[..., 0])).mean() < 0.6
+
+
+def test_vignetting_takes_light_from_the_corners_of_the_defocus_image() -> None:
+    grey = np.full((60, 80, 3), 180, np.uint8)
+    depth = np.zeros((60, 80), np.uint8)
+    for severity, share in ((1, 0.1), (2, 0.2), (3, 0.35)):
+        label = find_degradation(f"vignetting-{severity}")
+        infocus, defocus = formation.form_pair(grey, depth, RECIPE, label, "Art/view1")
+        assert np.array_equal(infocus, grey)
+        light = formation.decode(defocus.astype(float)) / formation.decode(np.array([180.0]))
+        assert light[0, 0] == pytest.approx(1 - share, abs=0.01)
+        assert light[30, 40] == pytest.approx(1, abs=0.01)
+        assert (np.diff(light[30, 40:, 0]) <= 0).all()

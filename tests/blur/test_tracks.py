@@ -38,6 +38,10 @@ def test_the_released_definitions_never_change() -> None:
         "shift": "ba67571540bda212c70e7c5d0b90ab22a2b15b45e9476167cfec1402fffd4233",
         "gain": "107a71fff596ba7ac88fb77920d71b70726c9b4a31633a3d4a13630a17ba538f",
         "camera": "d520aa70a0d4e06e349824c85357114ce8740807cf6f37679e96ce08a6c4deed",
+        "magnification": "978a974b00013555f18bc37351fedf39681c72baf86d03e9e2844fb0b303eac9",
+        "vignetting": "a858b3cc0147f9cb946c36c915f1bcd48ee68cbc5dfc0aa5807a7603f0220f53",
+        "colour": "b7ad38e00628560fdecf4a77089d72d3e67c567e2eccea6af69014ccb4deb373",
+        "lens": "537ffb53a8efd78f3f0e23df3d0cdf4368d5294c51077e780cc77c828c9c6651",
     }
 
 
@@ -87,6 +91,13 @@ def test_the_hidden_law_was_drawn_not_chosen() -> None:
             size, side = uniform_numbers(2, "law", 1, severity, field)
             drawn = 1 + width * (0.5 + size / 2) * (1 if side > 0.5 else -1)
             assert getattr(formation, field) == round(drawn, 4)
+
+
+def test_how_light_falls_off_was_drawn_not_chosen() -> None:
+    for severity, share in enumerate((0.1, 0.2, 0.35), 1):
+        second, fourth = TRACKS["vignetting"].severities[severity - 1].falloff
+        assert second == round(share * uniform_numbers(1, "vignetting", 1, severity)[0], 4)
+        assert second + fourth == pytest.approx(share)
 
 
 @pytest.mark.parametrize(

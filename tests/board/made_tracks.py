@@ -4,16 +4,12 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.made_results import make_demo_result
 
-ALL = [
-    f"{track.name}-{number}"
-    for track in TRACKS.values()
-    for number in range(1, len(track.severities) + 1)
-]
+ALL = list(SUITES["tracks-1"])
 
 
 def _always(value: float, pair: Pair) -> float:

@@ -9,7 +9,7 @@ from upath import UPath
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import SUITES
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store, plan_build, refuse_another_set, scene_dataset
 from dfdbench.building.fetching import known_checksums
@@ -238,12 +238,7 @@ def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
     assert known["middlebury-default-1"] == [MIDDLEBURY_DEFAULT_FINGERPRINT]
     sets = ("demo-1", "middlebury-default-1")
     assert known["dfd-indoor-1"] == [DFD_INDOOR_FINGERPRINT]
-    labels = [
-        f"{track.name}-{number + 1}"
-        for track in TRACKS.values()
-        for number in range(len(track.severities))
-    ]
-    on_tracks = {f"{name}@{label}" for name in sets for label in labels}
+    on_tracks = {f"{name}@{label}" for name in sets for label in SUITES["tracks-1"]}
     assert set(known) == {"dfd-indoor-1", "realworld-sim-1", *sets} | on_tracks
     # Every severity of every track is data of its own.
     assert len({value for values in known.values() for value in values}) == len(known)

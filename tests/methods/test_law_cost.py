@@ -84,6 +84,22 @@ def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
         assert np.abs(blurred.of_level(level) - blurred_at(law, infocus, level)).max() < 0.1
 
 
+def test_an_image_of_a_stack_says_five_nats_at_most() -> None:
+    laws = [
+        BlurLaw((0.5, 1.0, 2.0), kernel_size=15, noise=(2.0,)),
+        BlurLaw((2.0, 1.0, 0.5), kernel_size=15, noise=(2.0,)),
+    ]
+    infocus, defocus = pair()
+    wanted = np.zeros((21, 26, 3))
+    for law in laws:
+        residuals = [defocus - blurred_at(law, infocus, level) for level in range(3)]
+        nats = np.square(np.stack(residuals, axis=3) / 2).sum(axis=2) / 2
+        costs = UNIT * np.minimum(nats, 5)
+        wanted += costs - costs.min(axis=2, keepdims=True)
+    found = level_costs(laws, infocus, [defocus, defocus], 15)
+    assert np.abs(found - wanted).max() < 3
+
+
 def test_only_the_levels_in_question_are_worked_out() -> None:
     law = LAWS[1]
     whole = law_cost(blurred_by(law, *pair()), 4, 60000)[0].astype(int)

@@ -57,7 +57,7 @@ def test_local_does_not_hold_all_of_a_stack_blurred() -> None:
     many = {name: np.repeat(value, 6, axis=0) for name, value in learned(True).items()}
     method: Any = load("local", recipe=None)
     method.restore(many)
-    image = texture(0)
+    image = texture(0, 128, 160)
     stack = stack_of([image] * 24, np.repeat(FOCUS, 6).tolist(), infocus=image)
     method.warm_up(image, image)
     tracemalloc.start()

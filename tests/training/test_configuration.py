@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import find_weights, load_weights
@@ -146,7 +146,12 @@ def test_shipped_weights_were_trained_as_the_docs_say(
 
 def test_robust_goes_on_from_demo_fine_on_every_track() -> None:
     fine, robust = read_configuration("demo-fine"), read_configuration("robust")
-    changes = {"tracks": tuple(TRACKS), "steps": 14000, "evaluate_every": 3500, "readout": "median"}
+    changes = {
+        "tracks": tuple(OF_PATCHES),
+        "steps": 14000,
+        "evaluate_every": 3500,
+        "readout": "median",
+    }
     assert robust == fine.model_copy(update=changes)
     with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
         read_configuration("robust", {"tracks": ["nois"]})

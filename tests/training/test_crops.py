@@ -8,7 +8,7 @@ import torch
 from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.training import crops
@@ -168,12 +168,12 @@ def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tenso
 
 
 def test_patches_on_random_tracks_follow_from_seed_and_step_alone() -> None:
-    pixels, levels = drawn_on_tracks(list(TRACKS), 1, 7)
+    pixels, levels = drawn_on_tracks(list(OF_PATCHES), 1, 7)
     assert (pixels.shape, levels.shape) == ((40, 6, 16, 16), (40, 16, 16))
-    again, _ = drawn_on_tracks(list(TRACKS), 1, 7)
+    again, _ = drawn_on_tracks(list(OF_PATCHES), 1, 7)
     assert torch.equal(pixels, again)
-    assert not torch.equal(pixels, drawn_on_tracks(list(TRACKS), 1, 8)[0])
-    assert not torch.equal(pixels, drawn_on_tracks(list(TRACKS), 2, 7)[0])
+    assert not torch.equal(pixels, drawn_on_tracks(list(OF_PATCHES), 1, 8)[0])
+    assert not torch.equal(pixels, drawn_on_tracks(list(OF_PATCHES), 2, 7)[0])
 
 
 def test_each_patch_has_the_gain_that_its_track_draws() -> None:
@@ -198,15 +198,15 @@ def test_without_tracks_patches_are_drawn_as_before() -> None:
 
 
 def test_tracks_and_severities_are_drawn_alike() -> None:
-    tracks = crops.RandomTracks(RECIPES["published"], list(TRACKS))
+    tracks = crops.RandomTracks(RECIPES["published"], list(OF_PATCHES))
     random = np.random.default_rng(0)
     drawn = [tracks.choose(random) for _ in range(2800)]
     counts = Counter((one.track.name, one.severity) for one in drawn)
-    assert counts.keys() == {(name, severity) for name in TRACKS for severity in range(4)}
+    assert counts.keys() == {(name, severity) for name in OF_PATCHES for severity in range(4)}
     assert 60 < min(counts.values()) < max(counts.values()) < 140
 
 
-@pytest.mark.parametrize("name", TRACKS)
+@pytest.mark.parametrize("name", OF_PATCHES)
 def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> None:
     # Where noise is drawn for each pixel by its place in the image, patch and whole differ.
     random = np.random.default_rng(2)

@@ -9,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, StoreError, UnknownNameError
@@ -92,7 +92,7 @@ def test_choices_that_do_not_fit_are_told(
 def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
     some = task(tiny_store, redraw_depth=True, tracks=["noise", "psf"])
     assert some.trained_on == "tiny-1, split train, random tracks: noise psf"
-    every = task(tiny_store, redraw_depth=True, tracks=list(TRACKS))
+    every = task(tiny_store, redraw_depth=True, tracks=list(OF_PATCHES))
     assert every.trained_on == "tiny-1, split train, random tracks"
     assert "random" not in task(tiny_store, redraw_depth=True).trained_on
 

@@ -1,0 +1,66 @@
+"""Where surfaces end on a stack whose near surface covers what lies behind it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from xarray import DataArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.occlusion import composite_layers, without_tails
+from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.registry import load
+from dfdbench.methods.rims import settle_rims
+from tests.made_stacks import stack_of
+from tests.methods.made_planes import texture
+
+FOCUS = (60.0, 120.0, 180.0)
+FAR, NEAR = 60, 180
+LAWS = [
+    BlurLaw(tuple(0.1 + 0.02 * np.abs(np.arange(256) - focus)), kernel_size=27, noise=(0.29,))
+    for focus in FOCUS
+]
+
+
+def made_scene() -> tuple[DataArray, NDArray[np.float32]]:
+    """Return a stack of a near square before a far wall, and its depth."""
+    sharp = texture(3, 60, 70)
+    levels = np.full(sharp.shape[:2], FAR)
+    levels[20:42, 22:47] = NEAR
+    images = [
+        np.rint(composite_layers(sharp.astype(float), levels, without_tails(law.kernels())))
+        for law in LAWS
+    ]
+    stack = stack_of([image.astype(np.uint8) for image in images], FOCUS, sharp)
+    return stack, levels.astype(np.float32)
+
+
+def wrong(found: NDArray[Any], levels: NDArray[Any]) -> int:
+    """Return how many pixels lie on the wrong surface."""
+    return int((np.abs(found - levels) > (NEAR - FAR) / 2).sum())
+
+
+@pytest.mark.parametrize("grown", [-2, 0, 2])
+def test_a_near_surface_too_large_or_too_small_gets_its_own_size(grown: int) -> None:
+    stack, levels = made_scene()
+    start = np.full_like(levels, FAR + 0.25)
+    start[20 - grown : 42 + grown, 22 - grown : 47 + grown] = NEAR + 0.25
+    images = stack.values
+    settled = settle_rims(LAWS, images[0], list(images[1:]), start)
+    assert wrong(start, levels) > 100 or not grown
+    assert wrong(settled, levels) <= 8
+    # What is not changed keeps its fraction of a level.
+    np.testing.assert_allclose(settled[28:34, 30:40], NEAR + 0.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sgm", "guided", "local"])
+def test_solvers_settle_the_rims_of_a_stack(name: str) -> None:
+    stack, levels = made_scene()
+    method: Any = load(name, recipe=None)
+    nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
+    method.calibrations = tuple(Calibration(law, *nothing) for law in LAWS)
+    assert wrong(method.from_stack(stack), levels) <= 4
