@@ -11,7 +11,7 @@ from xarray import DataArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.occlusion import composite_layers, without_tails
-from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load
 from dfdbench.methods.rims import settle_rims
 from tests.made_stacks import stack_of
