@@ -96,9 +96,9 @@ def test_a_store_of_a_track_unknown_here_says_so(
 ) -> None:
     built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
     attributes = zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs
-    attributes["degradation"] = "lens-1"
+    attributes["degradation"] = "haze-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
-    with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
+    with pytest.raises(StoreError, match=r"(?s)does not know.*haze-1"):
         Dataset(tmp_path / "a.zarr")
 
 
