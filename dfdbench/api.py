@@ -15,13 +15,11 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.submission import require_fit_to_submit, require_submittable
-from dfdbench.building.build import build_store
-from dfdbench.building.build_plan import plan_build
+from dfdbench.building.build import build_store, plan_build
 from dfdbench.building.obtaining import obtain
-from dfdbench.datasets.catalog import find_manifest, of_seed, released_manifests
+from dfdbench.datasets.catalog import default_store, find_manifest, of_seed, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
-from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.evaluate import (
     Shown,

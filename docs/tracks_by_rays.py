@@ -20,7 +20,7 @@ from dfdbench.blur.occlusion import GAP
 from dfdbench.blur.point_spread import DISK
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.tracks import Formation, find_degradation
-from dfdbench.building.sources.demo_scenes import SCENES
+from dfdbench.building.sources.demo import SCENES
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth, render
 from dfdbench.simulation.lighting import shaded

@@ -27,7 +27,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight, write_registration
-from dfdbench.simulation.capture_files import CaptureSettings, write_captures
+from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.made_captures import STEPS, raw_scene

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.realworld import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.fingerprint import array_digest, scene_record
 from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 

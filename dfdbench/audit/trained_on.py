@@ -6,10 +6,9 @@ from enum import StrEnum
 from dfdbench.audit.coverage import Criterion, share_of, uncovered
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest, part_name
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest, training_of
-from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.table import percent
 

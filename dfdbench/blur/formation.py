@@ -1,7 +1,5 @@
 """Make both images of a pair by a track's formation, and express the formation as a law."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

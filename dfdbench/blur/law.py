@@ -1,7 +1,5 @@
 """A blur law: how much each depth level is blurred, where that is measured and not prescribed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Blur as light does where depth jumps: layers, composited from back to front."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Point-spread functions in two dimensions, from the Gaussian to nearly a disk."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

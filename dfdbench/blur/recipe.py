@@ -1,7 +1,5 @@
 """How much each depth level is blurred."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType

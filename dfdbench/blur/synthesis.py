@@ -1,7 +1,5 @@
 """Make the defocus image that belongs to an in-focus image and its depth map."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

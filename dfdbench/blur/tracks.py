@@ -1,7 +1,5 @@
 """Tracks: the same scenes made harder, in a way that a method does not know."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace

@@ -14,10 +14,9 @@ from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.trained_on import scenes_trained_on
 from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
 from dfdbench.board.cards import Card
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import AT, find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.rendered import seeded, unseen_manifest
-from dfdbench.datasets.tracked import AT
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods

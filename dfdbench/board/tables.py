@@ -10,8 +10,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.ranking import Entry, ScoreBoard, over_tracks
-from dfdbench.datasets.catalog import released_manifests
-from dfdbench.datasets.tracked import part_name
+from dfdbench.datasets.catalog import part_name, released_manifests
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of

@@ -1,7 +1,5 @@
 """Export a store's pairs as PNG files."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

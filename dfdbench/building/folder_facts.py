@@ -1,7 +1,5 @@
 """Look into a folder's captures: which images are in focus, what the depth files hold."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -13,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.building.folder_layout import DEPTH, Group, Key, Layout, unread_files
-from dfdbench.building.folder_matching import Matching, matching_of
 from dfdbench.building.sources.image_files import (
     ARRAYS,
     SUFFIXES,
@@ -22,6 +19,7 @@ from dfdbench.building.sources.image_files import (
     orientation_of,
     read_photograph,
 )
+from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import listed

@@ -1,7 +1,5 @@
 """Guess how a folder of captures is laid out: which files belong to one scene, by their names."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator

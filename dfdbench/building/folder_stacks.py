@@ -1,7 +1,5 @@
 """Find focal stacks in a folder: photographs that differ by a number or by cells of a table."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Write the manifest of a captured set from what lies in a folder, for a person to finish."""
 
-from __future__ import annotations
-
 import json
 import re
 import unicodedata
@@ -11,9 +9,9 @@ from typing import get_args
 
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import Key, Layout, find_layout, image_files, unread_files
-from dfdbench.building.folder_matching import Align
 from dfdbench.building.folder_stacks import find_stacks, look_into_stacks
 from dfdbench.building.sources.image_files import SUFFIXES
+from dfdbench.building.sources.matching import Align
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
 from dfdbench.tables.table import counted, listed

@@ -1,7 +1,5 @@
 """A data set's files, from a folder or fetched from its site; the two do not mix."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence
@@ -9,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dfdbench.building.build_plan import BuildPlan
-from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.fetching.download import SET_ASIDE, Progress
+from dfdbench.building.build import BuildPlan
+from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
+from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.tables.table import counted

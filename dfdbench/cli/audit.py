@@ -11,8 +11,8 @@ import typer
 from typer import Argument, Option
 
 from dfdbench.audit import coverage as cover
-from dfdbench.audit import depth_errors, run_errors, splits
 from dfdbench.audit import difficulty as hardness
+from dfdbench.audit import run_errors, splits
 from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
@@ -55,7 +55,7 @@ def depths(
         side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
         if figure is not None:
             screen.save_figure(audits.depths_figure(side), figure)
-        tables = [depth_errors.level_count_table(side)]
+        tables = [run_errors.level_count_table(side)]
     screen.print_tables(tables, format)
 
 
@@ -66,11 +66,11 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
     for (folder, result), label in zip(runs, labels, strict=True):
         # Two runs of one method are told apart by their folders.
         name = f"{label}, {folder.name}" if labels.count(label) > 1 else label
-        found.append(depth_errors.depth_errors(store, result, folder, name))
+        found.append(run_errors.depth_errors(store, result, folder, name))
     first = runs[0][1]
     if _CONSTANT not in labels:
         found += _constant(store, first)
-    tables = depth_errors.depth_error_tables(store, first.dataset.split, found)
+    tables = run_errors.depth_error_tables(store, first.dataset.split, found)
     if figure is not None:
         title = f"{store.manifest.label}, split {first.dataset.split}: errors by depth"
         screen.save_figure(
@@ -79,14 +79,14 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
     return tables
 
 
-def _constant(store: Dataset, result: Result) -> list[depth_errors.DepthErrors]:
+def _constant(store: Dataset, result: Result) -> list[run_errors.DepthErrors]:
     from dfdbench.evaluation.loading import training_mean
 
     try:
         level = training_mean(store)
     except StoreError:  # nothing to train on: then there is no constant to stand beside
         return []
-    return [depth_errors.constant_errors(store, result, level, _CONSTANT)]
+    return [run_errors.constant_errors(store, result, level, _CONSTANT)]
 
 
 def difficulty(

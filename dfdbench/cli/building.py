@@ -56,8 +56,7 @@ def build(
     cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
-    from dfdbench.building.build import build_store
-    from dfdbench.building.build_plan import plan_build
+    from dfdbench.building.build import build_store, plan_build
     from dfdbench.building.obtaining import obtain
     from dfdbench.system.location import is_local
 

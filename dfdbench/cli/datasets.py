@@ -18,10 +18,15 @@ from typer import Argument, Option
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import print_table, print_tables, progress, say
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import (
+    default_store,
+    find_manifest,
+    own_stores,
+    part_name,
+    place_of,
+    released_manifests,
+)
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store_place import default_store, own_stores, place_of
-from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.packages import EXTRAS
@@ -226,7 +231,7 @@ def _show_store(store: Dataset) -> None:
 
 
 def _show_scenes(store: Dataset) -> None:
-    from dfdbench.datasets.damage import scene_record
+    from dfdbench.datasets.fingerprint import scene_record
 
     rows = []
     others: list[tuple[str, str, str]] = []

@@ -29,8 +29,7 @@ def data_sets(incomplete: str) -> list[str]:
     (['middlebury-default'], ['demo@camera-1', 'demo@camera-2', 'demo@camera-3'])
     """
     from dfdbench.blur.tracks import TRACKS
-    from dfdbench.datasets.catalog import released_manifests
-    from dfdbench.datasets.store_place import own_stores
+    from dfdbench.datasets.catalog import own_stores, released_manifests
 
     known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
     name, on_track, _ = incomplete.partition("@")

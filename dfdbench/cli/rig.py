@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typer import Argument, Option
 
-from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.realworld import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.options import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
@@ -29,8 +29,12 @@ from dfdbench.optics.sharpness import sharpest
 from dfdbench.results.output_place import output_place
 from dfdbench.rig import geometry, lidar, registration
 from dfdbench.rig.sighting import Sighting, board_rays
-from dfdbench.simulation.board_scene import MOUNTED
-from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
+from dfdbench.simulation.board_scene import (
+    MOUNTED,
+    CaptureSettings,
+    write_captures,
+    write_lens_test,
+)
 from dfdbench.tables.table import Table, counted
 
 OVERLAY = "registration.png"

@@ -1,7 +1,5 @@
 """Where the files of a captured set lie, what they hold, and how captures are made of them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Annotated, Literal

@@ -1,16 +1,122 @@
 """Find a manifest by the name that a user types."""
 
-from __future__ import annotations
-
+import os
+import re
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import Any
 
+from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
 from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest
-from dfdbench.datasets.tracked import part_name, with_track
-from dfdbench.errors import InputError, ManifestError, UnknownNameError, unknown_name
+from dfdbench.errors import (
+    DfdbenchError,
+    InputError,
+    ManifestError,
+    StoreError,
+    UnknownNameError,
+    unknown_name,
+)
+from dfdbench.system.cache import STORES, cache_folder
+
+#: What stands between a data set's name and its track's.
+AT = "@"
+_NAME = re.compile(rf"(?P<base>.+){AT}(?P<label>[^{AT}/\\]*)")
+_FILES = (".toml", ".zarr")
+
+
+def part_name(name: str) -> tuple[str, str]:
+    """Return a data set's name and its track with the severity, empty where none is named.
+
+    Examples
+    --------
+    >>> part_name("demo@camera-2"), part_name("demo"), part_name("me@home/mine.toml")
+    (('demo', 'camera-2'), ('demo', ''), ('me@home/mine.toml', ''))
+    >>> part_name("mine.toml@noise-1"), part_name("demo@camera")
+    (('mine.toml', 'noise-1'), ('demo', 'camera'))
+    """
+    parts = None if name.endswith(_FILES) else _NAME.fullmatch(name)
+    return (parts["base"], parts["label"]) if parts else (name, "")
+
+
+def with_track(manifest: Manifest, label: str) -> Manifest:
+    """Return a data set as a track makes it: the same but for its images, and its name.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set, without a track.
+    label : str
+        ``TRACK-SEVERITY``; severity 0 is the data set itself.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such track or severity; near misses are named.
+    InputError
+        Where the data set's defocus images are captured.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> demo = find_manifest("demo")
+    >>> with_track(demo, "camera-2").stem, with_track(demo, "camera-0").stem
+    ('demo-1@camera-2', 'demo-1')
+    """
+    if not label:
+        what = f"unknown track: nothing follows the @ of {manifest.short}{AT}"
+        fix = f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track"
+        raise UnknownNameError(what, fix=fix)
+    found = find_degradation(label)
+    if manifest.recipe is None:
+        what = (
+            f"{manifest.short} has no tracks: a track makes defocus images, and these are captured"
+        )
+        fix = f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`"
+        raise InputError(what, where=f"{manifest.short}{AT}{label}", fix=fix)
+    if found.label == CLEAN:
+        return manifest
+    return manifest.model_copy(
+        update={"degradation": found.label, "short": f"{manifest.short}{AT}{found.label}"}
+    )
+
+
+def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
+    """Return the manifest that a store's attributes hold, on the track that they name.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the store.
+    where : str
+        The store's place, for messages.
+
+    Raises
+    ------
+    ManifestError
+        Where the manifest is damaged.
+    StoreError
+        If it was built from another manifest than the released one of that name, or on a track
+        that this version does not know.
+    """
+    manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
+    drawn = seeded(manifest.name)
+    released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
+    if released not in (None, manifest.sha256):
+        what = f"built from another manifest than {manifest.file_stem}, whose name it has"
+        raise StoreError(what, where=where, fix="delete it and build it again")
+    degradation = str(attributes.get("degradation", manifest.degradation))
+    if degradation == manifest.degradation:
+        return manifest
+    try:
+        return with_track(manifest, degradation)
+    except DfdbenchError as error:
+        what = f"the store is on a track that this version does not know: {degradation}"
+        fix = "use the version of dfdbench that built it, or build it again"
+        raise StoreError(what, where=where, fix=fix) from error
 
 
 @cache
@@ -109,3 +215,49 @@ def _find(name: str) -> Manifest:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise unknown_name("data set", name, by_name, fix)
     return by_name[name]
+
+
+def default_store(manifest: Manifest, cache: Path | None = None) -> Path:
+    """Return where the built data set lies unless a place is given."""
+    return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
+
+
+def is_place(name: str) -> bool:
+    """Return whether a text names a store by its path or URL, not a data set.
+
+    Examples
+    --------
+    >>> is_place("demo"), is_place("demo-1.zarr"), is_place("s3://bucket/demo")
+    (False, True, True)
+    """
+    base, _ = part_name(name)
+    return (base.endswith(".zarr") or os.sep in base) and not base.endswith(".toml")
+
+
+def own_stores(cache: Path | None = None) -> dict[str, Path]:
+    """Return the sets of one's own that are built in the cache, by name.
+
+    Each has two names, as released sets have: ``NAME-VERSION``, and for the newest version
+    ``NAME``. No released set's name is among them.
+    """
+    released = released_manifests()
+    taken = {name for known in released for name in (known.short, known.name, known.stem)}
+    found: dict[str, Path] = {}
+    newest: dict[str, int] = {}
+    for path in sorted((cache_folder(cache) / STORES).glob("*.zarr")):
+        if part_name(path.stem)[0] in taken:
+            continue
+        found[path.stem] = path
+        name, _, version = path.stem.rpartition("-")
+        if name not in taken and version.isdecimal() and int(version) > newest.get(name, -1):
+            newest[name] = int(version)
+            found[name] = path
+    return found
+
+
+def place_of(name: str, cache: Path | None = None) -> str | Path | None:
+    """Return the store that a text names by its place or, of one's own, by its name.
+
+    None for every other name: that is a released set's, a manifest's, or nothing's.
+    """
+    return name if is_place(name) else own_stores(cache).get(name)

@@ -1,7 +1,5 @@
 """A data set's description in Croissant 1.1, JSON-LD that search engines and conferences read."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Iterator

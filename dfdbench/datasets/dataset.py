@@ -19,11 +19,15 @@ from zarr.errors import GroupNotFoundError
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
-from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.damage import LONGEST, WholeArrays, check_attributes, open_scene, require_fit
+from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, place_of
+from dfdbench.datasets.fingerprint import (
+    LONGEST,
+    WholeArrays,
+    check_attributes,
+    open_scene,
+    require_fit,
+)
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
-from dfdbench.datasets.store_place import default_store, place_of
-from dfdbench.datasets.tracked import manifest_in
 from dfdbench.errors import (
     DfdbenchError,
     InputError,

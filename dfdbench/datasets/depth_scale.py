@@ -1,7 +1,5 @@
 """What depth levels are in metres, and the lens and camera of a captured set."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np

@@ -1,15 +1,25 @@
-"""Hashes of what arrays hold, whatever file they lie in."""
-
-from __future__ import annotations
+"""Hashes of what arrays hold, whatever file they lie in, and what tells a store's damage."""
 
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray
+import zarr
 from numpy.typing import NDArray
+from pydantic import BaseModel, Field, ValidationError
+from upath import UPath
+from zarr.abc.buffer import Buffer, BufferPrototype
+from zarr.abc.store import ByteRequest
+from zarr.abc.store import Store as ZarrStore
+from zarr.storage import WrapperStore
+
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import StoreError
+from dfdbench.system.location import zarr_store
+from dfdbench.system.strict import problems_of
 
 #: The attribute of a store that holds `attributes_digest`.
 ATTRIBUTES_SHA256 = "attributes_sha256"
@@ -63,3 +73,139 @@ def combine(digests: Mapping[str, str]) -> str:
     True
     """
     return hashlib.sha256(json.dumps(sorted(digests.items())).encode()).hexdigest()
+
+
+#: Characters of what a library says of damage.
+LONGEST = 300
+
+
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class SceneRecord(BaseModel):
+    """What a store says of one scene.
+
+    Attributes
+    ----------
+    array_digests : dict
+        The digest of each array, by its name.
+    source_sha256 : str
+        What its source says of the files that it was made from.
+    digest : str
+        Of the array digests together.
+    found : dict
+        What its source found out about it.
+    """
+
+    array_digests: dict[str, _Digest]
+    source_sha256: str
+    digest: _Digest
+    found: dict[str, Any] = Field(default_factory=dict)
+
+
+def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
+    """Return a scene's attributes as a build writes them.
+
+    Raises
+    ------
+    StoreError
+        With every field that is absent or wrong.
+    """
+    try:
+        return SceneRecord.model_validate(attributes)
+    except ValidationError as error:
+        what, fix = "a scene's record is damaged", "`dfdbench build` writes the scene again"
+        raise StoreError.of(problems_of(error, what, file=where, fix=fix)) from error
+
+
+def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
+    """Refuse a store whose attributes are not those that a build wrote.
+
+    Raises
+    ------
+    StoreError
+        If their hash is another.
+    """
+    if attributes_digest(attributes) != attributes.get(ATTRIBUTES_SHA256):
+        what = "the store's attributes are damaged, or were edited after it was built"
+        raise StoreError(what, where=where, fix="delete it and build it again")
+
+
+def require_fit(
+    array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
+) -> None:
+    """Refuse an array that its manifest and its scene's images leave no room for.
+
+    One of another shape would be read at the wrong places, or beyond its end.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        Of a scene.
+    name : str
+        Which: ``images``, ``depth``, ``available``, or what is known of the images.
+    manifest : Manifest
+        The store's.
+    images : tuple of int
+        Shape of the scene's images, (axes..., image, y, x, channel).
+
+    Raises
+    ------
+    ValueError
+        If its shape or its type is another.
+    """
+    extent = tuple(map(len, manifest.axes.values()))
+    count, *sides, _ = images[len(extent) :]
+    depths = (len(manifest.axes[axis]) for axis in manifest.depth.axes)
+    kinds: dict[str, tuple[tuple[int, ...], str]] = {
+        "images": ((*extent, count, *sides, 3), "u1 u2"),
+        "depth": ((*depths, *sides), "f4"),
+        "available": (extent, "b1"),
+        "role": ((count,), "u1"),
+        **dict.fromkeys(("focus_distance", "focus_depth", "f_number"), ((*extent, count), "f8")),
+        **dict.fromkeys(("focal_length", "pixel_pitch"), ((), "f8")),
+    }
+    wanted, types = kinds[name]
+    if array.shape != wanted or array.dtype.str[1:] not in types.split():
+        raise ValueError(f"{array.dtype}, shape {array.shape}, where {types}, {wanted} belongs")
+
+
+class WholeArrays(WrapperStore[ZarrStore]):
+    """Zarr's view of a place where every chunk was written, so that none may be absent.
+
+    Zarr itself reads an absent chunk as zeros: a lost file would become a black image.
+    """
+
+    async def get(
+        self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """Return what lies under a key, None where there is no such group or array.
+
+        Raises
+        ------
+        FileNotFoundError
+            Where it is a chunk of an array, and is not there.
+        """
+        found = await super().get(key, prototype, byte_range)
+        # As in Aloe/depth/c/0/0/0: scene, array, chunk.
+        if found is None and key.split("/")[2:3] == ["c"]:
+            raise FileNotFoundError(f"{key} is missing")
+        return found
+
+
+def open_scene(location: UPath, name: str) -> xarray.Dataset:
+    """Return a scene of the store at a place, its arrays read as they are used.
+
+    Raises
+    ------
+    Exception
+        What zarr and xarray come to where files are damaged: see `dfdbench.datasets.fingerprint`.
+    """
+    scene: xarray.Dataset = xarray.open_zarr(
+        WholeArrays(zarr_store(location)),
+        group=name,
+        consolidated=False,
+        chunks=None,
+        zarr_format=3,
+    )
+    return scene

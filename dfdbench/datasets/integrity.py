@@ -1,7 +1,5 @@
 """Recompute a store's fingerprint and name the arrays that are not what was built."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

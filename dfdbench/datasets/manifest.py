@@ -1,7 +1,5 @@
 """A manifest: what a data set consists of, frozen."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 from collections.abc import Iterator
@@ -10,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captured_files import CapturedFiles
@@ -210,15 +208,12 @@ def simulated_label(name: str, simulated: bool) -> str:
 class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
-    `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
+    `degradation` is ``clean`` in every file; `dfdbench.datasets.catalog.with_track` names another.
     `pair_images` are the two images of a stack that a method of pairs gets, the in-focus one first.
     `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
-
-    # Its fields are checked one by one: see `dfdbench.datasets.manifest_file`.
-    model_config = ConfigDict(defer_build=True)
 
     schema_version: Literal[1]
     name: Name
@@ -283,16 +278,6 @@ class Manifest(StrictRecord):
     def scene_names(self) -> tuple[str, ...]:
         """Every scene's name, in the manifest's order."""
         return tuple(scene.name for scene in self.scenes)
-
-    @property
-    def split_names(self) -> tuple[str, ...]:
-        """What may be asked for as a split: splits, the folds' tests, ``all``, single scenes."""
-        return (
-            *(split.name for split in self.splits),
-            *(fold.name for fold in self.folds),
-            ALL_PAIRS,
-            *self.scene_names,
-        )
 
     def scenes_of(self, split: str) -> tuple[str, ...]:
         """Return the names of the scenes in a split, in the manifest's order.

@@ -1,21 +1,282 @@
-"""Read a manifest from TOML and check it whole, so that one problem hides no other."""
-
-from __future__ import annotations
+"""Read a manifest from TOML: first its fields are checked, all of them, then all of it."""
 
 import hashlib
-from functools import cache
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from importlib import resources
-from pathlib import Path
-from typing import Annotated, Any
+from pathlib import Path, PurePosixPath
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_checks import check_sections
-from dfdbench.errors import ManifestError, Problem
+from dfdbench.datasets.captured_files import (
+    BY_IMAGE,
+    IMAGE,
+    OF_CAMERA,
+    CapturedFiles,
+    fill_known,
+    places_in,
+)
+from dfdbench.datasets.manifest import (
+    ALL_PAIRS,
+    FOLDER,
+    Manifest,
+    Pair,
+    excluded_pairs,
+    grid_of_pairs,
+)
+from dfdbench.errors import ManifestError, Problem, unknown_name
 from dfdbench.system.files import read_as
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
+from dfdbench.tables.table import listed
+
+_AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# What the arrays and dimensions of a scene in a store are called, besides the axes.
+_STORE_NAMES = (
+    *("available", "channel", "depth", "image", "images", "role", "x", "y"),
+    *(*BY_IMAGE, *OF_CAMERA),
+)
+# In the folder of a store, beside the scenes' own.
+_STORE_FILE = "zarr.json"
+#: A field, and what is wrong with it.
+Finding = tuple[str, str]
+
+
+def _contradictions(manifest: Manifest) -> Iterator[Finding]:
+    """Yield what contradicts itself in a manifest whose fields are sound."""
+    checks = (_check_scenes, _check_axes, _check_exclusions, _check_splits, _check_folds)
+    for check in (*checks, _check_metres, _check_files, _check_patterns, _check_checksums):
+        yield from check(manifest)
+
+
+def _unknown(field: str, kind: str, got: str, known: Iterable[str]) -> Finding:
+    near = unknown_name(kind, got, known).problems[0]
+    return field, f"unknown {kind} {got}: {near.fix or near.expected}"
+
+
+def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
+    names = manifest.scene_names
+    for name, times in Counter(names).items():
+        if times > 1:
+            yield "scenes", f"scene {name} is listed twice"
+        if name.casefold() == _STORE_FILE:
+            yield "scenes", f"scene {name} is named as a file of the store"
+    sources = [source.name for source in manifest.sources]
+    for number, scene in enumerate(manifest.scenes):
+        if scene.source not in sources:
+            yield _unknown(f"scenes[{number}].source", "source", scene.source, sources)
+    if len(names) != manifest.scene_count:
+        yield "scene_count", f"{len(names)} scenes are listed, not {manifest.scene_count}"
+
+
+def _check_axes(manifest: Manifest) -> Iterator[Finding]:
+    axes = manifest.axes
+    for axis, values in axes.items():
+        if axis in _STORE_NAMES or not _AXIS.fullmatch(axis):
+            others = ", ".join(_STORE_NAMES)
+            yield "axes", f"{axis!r} is no name for an axis: a letter, then letters, digits and _, "
+            f"and none of {others}"
+        if len(set(values)) != len(values):
+            yield f"axes.{axis}", f"a value is listed twice: {values}"
+    table = manifest.table
+    named = [("depth.axes", axis) for axis in manifest.depth.axes]
+    named += [("table.blocks", table.blocks)]
+    named += [("table.rows", table.rows)] if table.rows else []
+    named += [("default_lighting", axis) for axis in manifest.default_lighting or {}]
+    for field, axis in named:
+        if axis not in axes:
+            yield _unknown(field, "axis", axis, axes)
+    for axis, value in (manifest.default_lighting or {}).items():
+        if value not in axes.get(axis, [value]):
+            yield f"default_lighting.{axis}", f"no such value: {value}, only {axes[axis]}"
+
+
+def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
+    axes = manifest.axes
+    real = set(grid_of_pairs(manifest.scene_names, axes))
+    seen: set[Pair] = set()
+    for number, exclusion in enumerate(manifest.exclusions):
+        field = f"exclusions[{number}]"
+        for axis in exclusion.coordinates:
+            if axis not in axes:
+                yield _unknown(f"{field}.coordinates", "axis", axis, axes)
+        pairs = list(excluded_pairs([exclusion], axes))
+        for pair in pairs:
+            if pair not in real:
+                yield field, f"excluded pair {pair.id} does not exist"
+            elif pair in seen:
+                yield field, f"pair is excluded twice: {pair.id}"
+        seen.update(pairs)
+        if len(pairs) != exclusion.pairs:
+            yield f"{field}.pairs", f"{len(pairs)} pairs are excluded, not {exclusion.pairs}"
+    if len(real - seen) != manifest.pair_count:
+        left, stated = len(real - seen), manifest.pair_count
+        yield "pair_count", f"{left} pairs are left after the exclusions, not {stated}"
+
+
+def _check_splits(manifest: Manifest) -> Iterator[Finding]:
+    axes, scenes = manifest.axes, manifest.scene_names
+    excluded = Counter(pair.scene for pair in excluded_pairs(manifest.exclusions, axes))
+    grid = Counter(pair.scene for pair in grid_of_pairs(scenes, axes))
+    taken: dict[tuple[str, str], str] = {}
+    names: set[str] = {ALL_PAIRS, *scenes}
+    for number, split in enumerate(manifest.splits):
+        field = f"splits[{number}]"
+        if split.name in names:
+            yield f"{field}.name", f"split name is taken: {split.name}"
+        names.add(split.name)
+        for scene in split.scenes:
+            if scene not in scenes:
+                yield _unknown(f"{field}.scenes", "scene", scene, scenes)
+            other = taken.setdefault((split.partition, scene), split.name)
+            if other != split.name:
+                both = f"{other} and {split.name}, of partition {split.partition}"
+                yield f"{field}.scenes", f"scene {scene} is in two splits, {both}"
+        if len(set(split.scenes)) != len(split.scenes):
+            yield f"{field}.scenes", "a scene is listed twice"
+        pairs = sum(grid[scene] - excluded[scene] for scene in set(split.scenes))
+        if pairs != split.pairs:
+            yield f"{field}.pairs", f"{pairs} pairs, not {split.pairs}"
+
+
+def _check_folds(manifest: Manifest) -> Iterator[Finding]:
+    if not manifest.folds:
+        return
+    scenes = manifest.scene_names
+    tested = Counter(scene for fold in manifest.folds for scene in fold.test_scenes)
+    for scene in tested:
+        if scene not in scenes:
+            yield _unknown("folds", "scene", scene, scenes)
+    for scene in scenes:
+        if tested[scene] != 1:
+            yield "folds", f"{scene} is not in one fold, but in {tested[scene]}"
+    names = {split.name for split in manifest.splits} | {ALL_PAIRS, *scenes}
+    for number, fold in enumerate(manifest.folds):
+        if fold.name in names:
+            yield f"folds[{number}].name", f"name is taken: {fold.name}"
+        names.add(fold.name)
+
+
+def _check_checksums(manifest: Manifest) -> Iterator[Finding]:
+    scenes = manifest.scene_names
+    for path in manifest.checksums:
+        if path.split("/")[0] not in scenes:
+            yield _unknown(f'checksums."{path}"', "scene", path.split("/")[0], scenes)
+
+
+def _check_metres(manifest: Manifest) -> Iterator[Finding]:
+    depth, rig, files = manifest.depth, manifest.rig, manifest.files
+    scale, given = depth.scale, files is not None and files.depth_unit is not None
+    for field, bounds in (("depth.scale", scale), ("rig", rig)):
+        if bounds and bounds.near and bounds.far and bounds.near >= bounds.far:
+            what = f"near {bounds.near:g}, far {bounds.far:g}"
+            yield field, f"near is not before far: {what} m"
+    if files and scale is None and (depth.kind == "metres" or given):
+        what = "nothing says how metres become levels: state near and far under [depth.scale]"
+        yield "depth", f"{what}, or leave out files.depth_unit if the files hold levels"
+    ends = files.depth_ends if files else None
+    if ends and (depth.kind == "metres" or given or ends[0] == ends[1]):
+        what = "two values that differ, of files that hold neither levels nor metres"
+        yield "files.depth_ends", f"depth_ends are the values of two levels: {what}; got {ends}"
+    if scale is None:
+        return
+    levels = f"near_level {scale.near_level}, far_level {scale.far_level}"
+    above = scale.near_level > scale.far_level
+    if scale.near_level == scale.far_level or above != (depth.grows_with == "nearness"):
+        yield "depth.scale", f"levels go another way than depth.grows_with says: {levels}"
+    low, high = sorted((scale.near_level, scale.far_level))
+    if low <= depth.unknown <= high:
+        what = f"the level for unknown depth, {depth.unknown}, stands for a distance as well"
+        yield "depth.scale", f"{what}: {levels}"
+
+
+def _check_files(manifest: Manifest) -> Iterator[Finding]:
+    files = manifest.files
+    if manifest.reader != FOLDER:
+        return
+    if files is None:
+        yield "files", "section is missing"
+        return
+    if manifest.recipe is not None:
+        yield "recipe", f"captured defocus has no blur recipe: leave out {manifest.recipe}"
+    there = set(files.patterns)
+    if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
+        got = listed(sorted(there))
+        yield "files", f"neither a pair, infocus and defocus, nor a stack, images; got {got}"
+    if "images" not in there:
+        return
+    if files.flat_field:
+        yield "files.flat_field", "it is for pairs, of two apertures, and this is a stack"
+    if files.metadata is not None and files.image:
+        yield "files", "two tables of the images, metadata and [[files.image]]"
+    if files.moved == "infocus":
+        yield "files.moved", "images of a stack are laid on the first"
+    places = set(places_in(files.images or ""))
+    columns = files.table_columns
+    if not places & {IMAGE, *(places if columns is None else columns)} - {"scene"}:
+        what = f"the pattern names one file: it needs {{{IMAGE}}} or a column of the table"
+        yield "files.images", f"{what}; got {files.images}"
+
+
+def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
+    """Yield the patterns that lead outside the folder, to nothing known, or to one file twice."""
+    files = manifest.files
+    if files is None:
+        return
+    paths = files.patterns | ({"inside": files.inside} if files.inside else {})
+    found = [
+        (f"files.{name}", f"the path leads outside the folder: {path}")
+        for name, path in paths.items()
+        if PurePosixPath(path).is_absolute()
+        or ".." in PurePosixPath(path).parts
+        or re.match(r".*\\|\w:", path)
+    ]
+    facts = {name: str(getattr(files, name) or "") for name in BY_IMAGE}
+    for name, pattern in (files.patterns | facts).items():
+        found += _unknown_places(manifest, files, name, pattern)
+    for axis in files.axis_names:
+        if axis not in manifest.axes:
+            found.append(("files.axis_names", f"no such axis: {axis}"))
+    for number, scene in enumerate(manifest.scenes):
+        for name in {"scene", *manifest.axes} & set(scene.names):
+            found.append((f"scenes[{number}].names", f"{name} stands for something else"))
+    yield from found or _shared_files(manifest, files)
+
+
+def _unknown_places(
+    manifest: Manifest, files: CapturedFiles, what: str, pattern: str
+) -> Iterator[Finding]:
+    axes = manifest.depth.axes if what == "depth" else manifest.axes
+    columns: set[str] | None = set()
+    if what in ("images", *BY_IMAGE):
+        columns = files.table_columns
+    known = {"scene", *axes, *(columns or ())} | ({IMAGE} if what == "images" else set())
+    for name in dict.fromkeys(places_in(pattern)):
+        lacking = [scene.name for scene in manifest.scenes if name not in scene.names]
+        if columns is not None and name not in known and lacking:
+            kind = "an axis of the depth" if what == "depth" else "an axis"
+            need = f"it is neither {kind} nor a name that each scene gives under names"
+            without = f"{len(lacking)} scenes without it: {listed(lacking, 3)}"
+            yield f"files.{what}", f"nothing is known by the name {{{name}}}: {need}; {without}"
+
+
+def _shared_files(manifest: Manifest, files: CapturedFiles) -> Iterator[Finding]:
+    # Two captures of the same images would count one twice.
+    seen: dict[tuple[str, ...], str] = {}
+    patterns = [p for n, p in files.patterns.items() if n not in ("depth", "metadata")]
+    for scene in manifest.scenes:
+        for pair in grid_of_pairs((scene.name,), manifest.axes):
+            values = files.values_of(scene.name, scene.names, pair.at)
+            images = tuple(fill_known(pattern, values) for pattern in patterns)
+            if len(set(images)) < len(images):
+                yield f"files, {pair.id}", f"in-focus and defocus image are one file, {images[0]}"
+                return
+            other = seen.setdefault(images, pair.id)
+            if other != pair.id:
+                what = f"{other} and {pair.id} have the same images, {' and '.join(images)}"
+                yield "files", f"{what}: patterns need {{scene}} and each axis with several values"
+                return
 
 
 def read_manifest(path: str | Path) -> Manifest:
@@ -59,10 +320,13 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     except ValueError as error:
         raise ManifestError("not a TOML file", where=file, got=str(error)) from error
     raw["toml"] = text
-    sections, problems = _validate_sections(raw, file)
-    problems += check_sections(sections, file)
-    ManifestError.raise_if(problems)
-    return Manifest.model_construct(None, **sections)
+    try:
+        manifest = Manifest.model_validate(raw)
+    except ValidationError as error:
+        raise ManifestError.of(problems_of(error, "wrong value", file=file)) from error
+    found = _contradictions(manifest)
+    ManifestError.raise_if(Problem(what, where=f"{file}: {field}") for field, what in found)
+    return manifest
 
 
 def released_sha256(manifest: Manifest) -> str | None:
@@ -78,33 +342,3 @@ def released_sha256(manifest: Manifest) -> str | None:
     # Not from `released_manifests`: every worker opens stores, and parsing all of them takes long.
     file = resources.files("dfdbench.manifests") / f"{manifest.file_stem}.toml"
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
-
-
-def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], list[Problem]]:
-    # Section by section, so that one broken field does not hide what is wrong in the others.
-    sections: dict[str, Any] = {}
-    problems: list[Problem] = []
-    for name, field in Manifest.model_fields.items():
-        if name not in raw:
-            if field.is_required():
-                problems.append(Problem("field is missing", where=f"{file}: {name}"))
-            else:
-                sections[name] = field.get_default(call_default_factory=True)
-            continue
-        try:
-            sections[name] = _adapter(name).validate_python(raw[name], strict=True)
-        except ValidationError as error:
-            problems += problems_of(error, "wrong value", file=file, section=name)
-    problems += [
-        Problem("unknown field", where=f"{file}: {name}")
-        for name in raw
-        if name not in Manifest.model_fields
-    ]
-    return sections, problems
-
-
-@cache
-def _adapter(field: str) -> TypeAdapter[Any]:
-    known = Manifest.model_fields[field]
-    annotation: Any = Annotated[known.annotation, known]
-    return TypeAdapter(annotation)

@@ -13,12 +13,12 @@ import xarray
 import zarr
 from upath import UPath
 
-from dfdbench.datasets.damage import open_scene
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import (
     ATTRIBUTES_SHA256,
     attributes_digest,
     combine,
+    open_scene,
     scene_digests,
 )
 from dfdbench.datasets.manifest import Manifest

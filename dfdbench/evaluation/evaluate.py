@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
-from dfdbench.building.build import build_store
-from dfdbench.building.build_plan import plan_build
+from dfdbench.building.build import build_store, plan_build
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest

@@ -39,7 +39,7 @@ def load_for(
     (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
     name, empty for captured defocus, one with ``training_mean`` or ``training_median`` that depth
     level of the training split, one with ``seed`` the run's seed, one with ``rig`` a
-    `dfdbench.datasets.depth_scale.Rig` of what the manifest knows of the lens. A recipe that is a
+    `dfdbench.datasets.manifest.Rig` of what the manifest knows of the lens. A recipe that is a
     lens becomes the blur law that follows: see `dfdbench.evaluation.lens`.
 
     With `given_blur`, a method on a track gets the law of its formation as ``recipe``, see

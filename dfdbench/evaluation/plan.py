@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit, fit_sha256
 from dfdbench.methods.method import Method

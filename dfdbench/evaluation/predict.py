@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
-from dfdbench.building.folder_matching import matching_of
 from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import read_photograph
+from dfdbench.building.sources.matching import matching_of
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.depth_scale import DepthScale, Rig

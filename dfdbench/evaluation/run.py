@@ -121,7 +121,7 @@ def run_method(
         other in this one, which alone gives times that can be compared.
     warnings : sequence of str
         What the result is to say besides, such as
-        `dfdbench.audit.trained_on.coverage_warnings` of training and test.
+        `dfdbench.audit.leaks.coverage_warnings` of training and test.
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
 

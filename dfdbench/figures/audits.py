@@ -12,9 +12,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
-from dfdbench.audit.depth_errors import DepthErrors
 from dfdbench.audit.difficulty import STEPS, Difficulty
-from dfdbench.audit.run_errors import ErrorJoin, LevelErrors
+from dfdbench.audit.run_errors import DepthErrors, ErrorJoin, LevelErrors
 from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset

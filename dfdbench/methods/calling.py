@@ -1,9 +1,8 @@
 """Call a method on one pair, so that nothing it does can spoil a run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
+import sys
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -14,11 +13,65 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, where_raised
-from dfdbench.methods.method import Predict, Prediction
+from dfdbench.methods.method import Image, Predict, Prediction
 from dfdbench.methods.process_state import process_kept
-from dfdbench.methods.torch_method import without_gradient
 from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import LARGEST_NUMBER
+
+
+class TorchMethod:
+    """A network as a method: in evaluation mode, and without gradients.
+
+    Its attributes are the network's, so that its `fit` or `trained_on` is found.
+
+    Parameters
+    ----------
+    network : torch.nn.Module
+        Called as ``network(infocus, defocus)``.
+    """
+
+    def __init__(self, network: Any) -> None:
+        self.network = network
+        network.eval()
+
+    def __call__(self, infocus: Image, defocus: Image, **parameters: Any) -> Any:
+        """Return what the network returns."""
+        # Not `inference_mode`: a network may itself switch gradients on for a part of its work.
+        with sys.modules["torch"].no_grad():
+            # Each time: its own fit or forward may have called train().
+            return self.network.eval()(infocus, defocus, **parameters)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the network."""
+        return getattr(self.__dict__["network"], name)
+
+
+def as_method(found: Any) -> Any:
+    """Return a `TorchMethod` of a network; anything else as it is.
+
+    Examples
+    --------
+    >>> as_method(len) is len
+    True
+    """
+    # What has not loaded PyTorch is no network.
+    torch = sys.modules.get("torch")
+    is_network = torch is not None and isinstance(found, torch.nn.Module)
+    return TorchMethod(found) if is_network else found
+
+
+def without_gradient(returned: Any) -> Any:
+    """Return a tensor as one on the CPU without a gradient, for NumPy; anything else as it is.
+
+    Examples
+    --------
+    >>> without_gradient([1, 2])
+    [1, 2]
+    """
+    torch = sys.modules.get("torch")
+    is_tensor = torch is not None and isinstance(returned, torch.Tensor)
+    return returned.detach().cpu() if is_tensor else returned
+
 
 # Each becomes a row of every table of a run.
 _MOST_NUMBERS = 100
@@ -76,7 +129,7 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
         error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, error = _checked(returned, images[0].shape[-3:-1], unit)
+        depth, error = check_depth(returned, images[0].shape[-3:-1], unit)
         if len(numbers) > _MOST_NUMBERS:
             error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
             depth, numbers = None, {}
@@ -88,15 +141,6 @@ class _Printed(io.StringIO):
 
     def close(self) -> None:
         pass
-
-
-def _checked(
-    returned: Any, shape: tuple[int, ...], unit: Unit
-) -> tuple[NDArray[np.float32] | None, str]:
-    try:
-        return check_depth(returned, shape, unit)
-    except (Exception, SystemExit) as error:
-        return None, f"returned a {type(returned).__name__} that breaks: {describe(error)}"
 
 
 def check_depth(

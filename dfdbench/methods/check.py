@@ -13,10 +13,9 @@ from dfdbench.blur.formation import focus_levels, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
-from dfdbench.methods.calling import UNIT_LEVELS, call, difference, in_unit_range
+from dfdbench.methods.calling import UNIT_LEVELS, TorchMethod, call, difference, in_unit_range
 from dfdbench.methods.method import Learned, Method, Prediction, restore, teach
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.torch_method import TorchMethod
 from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.system.parallel import Processes

@@ -6,8 +6,6 @@ blurring is linear, so that the same sums of the few images give the blurred ima
 One image row is in work at a time, and no blurred image is ever stored.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

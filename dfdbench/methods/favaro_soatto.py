@@ -119,8 +119,7 @@ class FavaroSoatto:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += odd_window("window", window)
         problems += prior_problems(prior)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         self._with_prior, self._prior = prior, NO_PRIOR
         self._sides = sharp_patch, blurred_patch
         self._groups, self._window = groups, window

@@ -1,7 +1,5 @@
 """Graph cuts: the thesis's classical method, with its energy and faster solvers for it."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -138,8 +136,7 @@ class GraphCuts(Solver):
                 raise unknown_name(kind, str(name), known)
         count = self.levels if labels is None else labels
         problems = _problems(self.levels, count, weight, cap, scale)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         step = self.levels // count
         self._table = SMOOTHNESS[smoothness](self.levels, cap, scale)[::step]
         edge = 2 if smoothness == "adaptive-potts" else 1

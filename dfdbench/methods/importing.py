@@ -1,7 +1,5 @@
 """Import what an entry names, and say what is wrong where that fails."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib
@@ -75,13 +73,9 @@ def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any
     """
     try:
         return getattr(target, name, default)
-    except (Exception, SystemExit) as error:
-        raise unreadable(entry, name, error) from error
-
-
-def unreadable(entry: str, name: str, error: BaseException) -> MethodError:
-    """Return the error that says why an attribute of what a user wrote cannot be read."""
-    return error_of("an attribute of the method cannot be read", f"{entry}: {name}", error)
+    except Exception as error:
+        what = "an attribute of the method cannot be read"
+        raise error_of(what, f"{entry}: {name}", error) from error
 
 
 def near_entry(name: str) -> str:
@@ -131,13 +125,9 @@ def _import_module(name: str) -> ModuleType:
             what = f"no module named {error.name}, neither installed nor in {Path.cwd()}"
             fix = "run from the module's folder, install it, or name its file: file.py:name"
             raise MethodError(what, where=name, fix=fix) from error
-        raise MethodError(
-            "the module cannot be imported", where=name, got=describe(error)
-        ) from error
+        raise error_of("the module cannot be imported", name, error) from error
     except (Exception, SystemExit) as error:
-        raise MethodError(
-            "the module cannot be imported", where=name, got=describe(error)
-        ) from error
+        raise error_of("the module cannot be imported", name, error) from error
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -171,10 +161,7 @@ def describe(error: BaseException) -> str:
     >>> describe(ValueError("no"))
     'ValueError: no'
     """
-    try:
-        text = str(error).strip()
-    except (Exception, SystemExit):
-        text = "its text cannot be told"
+    text = str(error).strip()
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 

@@ -1,7 +1,5 @@
 """The methods ``dfd-net`` and ``u-net``: trained networks; needs the extra ``nets``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -35,8 +33,7 @@ class _Learned:
         problems = odd_window("median_window", median_window)
         if type(orientations) is not int or orientations not in (1, 8):
             problems.append(wrong("orientations", "1 or 8", orientations))
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         self._median_window = median_window
         self._orientations = orientations
         path = find_weights(self.method, weights)

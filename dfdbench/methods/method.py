@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem, steering_nothing, writable
-from dfdbench.methods.importing import attribute_of, error_of, unreadable
+from dfdbench.methods.importing import attribute_of, error_of
 from dfdbench.methods.parameters import files_sha256
 from dfdbench.methods.process_state import process_kept, seeded
 from dfdbench.methods.sources import Hashes, Sources
@@ -229,11 +229,7 @@ class Method:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a result should say of how it is used here."""
-        said = self.attribute("warnings")
-        try:
-            return tuple(_shown(text) for text in said or ())
-        except (Exception, SystemExit) as error:
-            raise unreadable(self.entry, "warnings", error) from error
+        return tuple(_shown(text) for text in self.attribute("warnings") or ())
 
     def attribute(self, name: str) -> Any:
         """Return an attribute of what is called, None where it has none.
@@ -259,10 +255,7 @@ class Method:
 
     def _said(self, name: str) -> str | None:
         said = self.attribute(name)
-        try:
-            return _shown(said) if said else None
-        except (Exception, SystemExit) as error:
-            raise unreadable(self.entry, name, error) from error
+        return _shown(said) if said else None
 
 
 def _shown(said: Any) -> str:
@@ -428,42 +421,29 @@ def check_learned(returned: Any, entry: str) -> Learned:
     if not isinstance(returned, Mapping):
         what = f"what the fit learned cannot be kept: a {type(returned).__name__}"
         raise MethodError(what, where=f"{entry}: fit", expected=_EXPECTED)
-    try:
-        items = list(returned.items())
-    except (Exception, SystemExit) as error:
-        raise error_of("what the fit learned cannot be read", f"{entry}: fit", error) from error
     learned: Learned = {}
     problems = []
-    for name, value in items:
+    for name, value in returned.items():
         array = _as_numbers(value)
-        problem = _what_is_wrong(name, value, array, entry)
-        if problem:
-            problems.append(problem)
-        elif array is not None:
+        where = f"{entry}: fit, {name!r}"
+        if not isinstance(name, str) or not name:
+            what = f"what the fit learned has no text as name: {name!r}"
+            problems.append(Problem(what, where=f"{entry}: fit"))
+        elif array is None:
+            what = f"what the fit learned cannot be kept: a {type(value).__name__}"
+            problems.append(Problem(what, where=where, expected=_EXPECTED))
+        elif array.size and not np.isfinite(array).any():
+            what = f"what the fit learned is not finite: {array.flat[0]}"
+            problems.append(Problem(what, where=where))
+        else:
             learned[name] = array if array.ndim else array.item()
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
     return learned
-
-
-def _what_is_wrong(
-    name: object, value: object, array: NDArray[Any] | None, entry: str
-) -> Problem | None:
-    if not isinstance(name, str) or not name:
-        return Problem(f"what the fit learned has no text as name: {name!r}", where=f"{entry}: fit")
-    if array is None:
-        what = f"what the fit learned cannot be kept: a {type(value).__name__}"
-        return Problem(what, where=f"{entry}: fit, {name!r}", expected=_EXPECTED)
-    if array.size and not np.isfinite(array).any():
-        return Problem(
-            f"what the fit learned is not finite: {array.flat[0]}", where=f"{entry}: fit, {name!r}"
-        )
-    return None
 
 
 def _as_numbers(value: Any) -> NDArray[Any] | None:
     try:
         array = np.array(value)
-    except (Exception, SystemExit):
+    except ValueError:
         return None
     return array if array.dtype.kind in "biuf" else None

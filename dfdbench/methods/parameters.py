@@ -1,7 +1,5 @@
 """What a user sets of a method: blur recipes, and the content of files that are named."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math
@@ -168,8 +166,7 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
             continue
         what = f"a parameter that no result can keep: {writable(str(value))[:80]}"
         problems.append(Problem(what, where=f"parameter {writable(name)}", expected=expected))
-    if problems:
-        raise MethodError.of(problems)
+    MethodError.raise_if(problems)
 
 
 def _strings(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -1,7 +1,5 @@
 """Restore what a method changed in the process."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -1,7 +1,5 @@
 """Rational filters: a normalised ratio of two images as a polynomial in the blur."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -90,8 +88,7 @@ class RationalFilters(Calibrated):
         self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = False
     ) -> None:
         problems = odd_window("window", window)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         super().__init__(recipe, prior)
         self._window = (window, window)
 

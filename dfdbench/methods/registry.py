@@ -3,46 +3,26 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from dfdbench.errors import MethodError, unknown_name
-from dfdbench.methods.importing import attribute_of, error_of, import_entry, near_entry
+from dfdbench.errors import MethodError, Problem, unknown_name
+from dfdbench.methods.importing import error_of, import_entry, near_entry
 from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
-import inspect
-
-from dfdbench.errors import Problem
 
 
-def is_class(target: object) -> bool:
-    """Return whether something is a class, by what it is and not by what it says that it is.
-
-    Examples
-    --------
-    >>> is_class(str), is_class("text")
-    (True, False)
-    """
-    return issubclass(type(target), type)
-
-
-def parameter_names(target: Callable[..., Any]) -> set[str]:
-    """Return the names of what a callable takes; none where it does not tell.
-
-    Examples
-    --------
-    >>> sorted(parameter_names(lambda infocus, defocus: None))
-    ['defocus', 'infocus']
-    """
+def _parameters_of(target: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
     try:
-        return set(inspect.signature(target).parameters)
-    except Exception:  # a signature of its own may raise anything
-        return set()
+        return inspect.signature(target).parameters
+    except (TypeError, ValueError):  # some that are written in C have none
+        return None
 
 
 def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
@@ -53,44 +33,28 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
     MethodError
         Naming each parameter that is unknown, or is needed.
     """
-    try:
-        signature = inspect.signature(target)
-    except Exception:
+    known = _parameters_of(target)
+    if known is None:
         return
-    kinds = {parameter.kind for parameter in signature.parameters.values()}
-    names = [name for name in signature.parameters if name not in ("infocus", "defocus")]
-    unknown = [name for name in arguments if name not in signature.parameters]
-    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
-        unknown = [name for name in unknown if name not in ("infocus", "defocus")]
-        if unknown:
-            expected = "one of: " + ", ".join(names) if names else "no parameters"
-            raise MethodError.of(
-                [
-                    Problem(f"unknown parameter {name}", where=entry, expected=expected)
-                    for name in unknown
-                ]
-            )
-    empty = inspect.Parameter.empty
-    missing = [
-        name
-        for name, parameter in signature.parameters.items()
-        if parameter.default is empty
-        and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-        and name not in arguments
-    ]
-    if is_class(target) and missing:
-        raise MethodError.of(
-            [
-                Problem(
-                    "parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE"
-                )
-                for name in missing
-            ]
+    names = [name for name in known if name not in ("infocus", "defocus")]
+    if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in known.values()):
+        expected = "one of: " + ", ".join(names) if names else "no parameters"
+        MethodError.raise_if(
+            Problem(f"unknown parameter {name}", where=entry, expected=expected)
+            for name in arguments
+            if name not in (*known, "infocus", "defocus")
+        )
+    if isinstance(target, type):
+        MethodError.raise_if(
+            Problem("parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE")
+            for name, parameter in known.items()
+            if parameter.default is parameter.empty
+            and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+            and name not in arguments
         )
 
 
 ENTRY_POINT_GROUP = "dfdbench.methods"
-_NO_FIT = object()
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
@@ -289,16 +253,16 @@ def make_method(
         of itself cannot be read.
     """
     # Here, so that a list of the names needs no numpy.
+    from dfdbench.methods.calling import as_method
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
-    from dfdbench.methods.torch_method import as_method
 
-    fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
+    fits = hasattr(target, "fit")
     given, recorded = read_parameters(parameters, fits)
     if fits:
         offers = {**offers, **for_fits}
-    if is_class(target):
-        accepted = parameter_names(target)
+    if isinstance(target, type):
+        accepted = _parameters_of(target) or {}
         asked = [key for key in offers if key in accepted and key not in given]
         facts = {key: offers[key]() for key in asked}
         uses = tuple(key for key in asked if facts[key] is not None)

@@ -1,7 +1,5 @@
 """Graph cuts for a defocus image that is nothing but a rounded blur of the in-focus image."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -131,8 +129,7 @@ def _check(infocus: Array, defocus: Array) -> None:
         problems.append(
             Problem(f"sizes differ, {infocus.shape} and {defocus.shape}", where="defocus")
         )
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -1,7 +1,5 @@
 """The S-transform: how much the blur's variance grew, from a Laplacian and a difference."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -78,8 +76,7 @@ class STransform:
         self, recipe: BlurRecipe | BlurLaw | None = None, smoothing: float = 2.5, window: int = 9
     ) -> None:
         problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         self._recipe = recipe
         self._smoothing = float(smoothing)
         self._window = (window, window)

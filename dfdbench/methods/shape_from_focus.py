@@ -246,8 +246,7 @@ class ShapeFromFocus:
                 raise unknown_name(kind, str(name), known)
         problems = odd_window("window", window)
         problems += number_within("flatness", flatness, 0, 1e6)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         self._measure, self._peak = measure, peak
         self._window = (2 * (window // (2 * _CELL)) + 1,) * 2
         self._flatness = np.float32(flatness)

@@ -6,8 +6,6 @@ heard of through Python's audit hook, while the method is loaded, fitted and cal
 written in C opens by itself, or another process, is not heard of.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import functools
@@ -175,11 +173,9 @@ class Sources:
         spec = getattr(sys.modules.get(name), "__spec__", None)
         now = self._hash(path)
         if spec and _as_imported.setdefault(id(spec), (spec, now))[1] != now:
-            raise MethodError(
-                "a module was edited after this process had imported it",
-                where=str(path),
-                fix="start Python again, or call importlib.reload on it: the old code would run",
-            )
+            what = "a module was edited after this process had imported it"
+            fix = "start Python again, or call importlib.reload on it: the old code would run"
+            raise MethodError(what, where=str(path), fix=fix)
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

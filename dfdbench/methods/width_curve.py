@@ -1,7 +1,5 @@
 """The width of the blur at every depth level, out of what a ladder of widths leaves unexplained."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How sure a mean is: intervals bootstrapped over scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,16 +3,220 @@
 Tables, figures and checks loop over `dfdbench.metrics.protocol.metrics_of` a protocol.
 """
 
-from __future__ import annotations
-
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import fsum
 from types import MappingProxyType
+from typing import Any
 
-from dfdbench.metrics.metres import abs_rel, boundary_f1, rmse_metres, share_within
-from dfdbench.metrics.scores import nmae, nrmse, ssim
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dfdbench.errors import InputError
+from dfdbench.metrics.scores import checked, nmae, nrmse, ssim
+
+#: The thresholds of `boundary_f1`: from, to, how many.
+EDGES = (1.05, 1.25, 10)
+Floats = NDArray[np.float64]
+
+
+def abs_rel(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None) -> float:
+    """Return the mean absolute relative error; smaller is better.
+
+    Parameters
+    ----------
+    truth, estimate : array_like of real numbers, shape (y, x)
+        Distances in metres, above 0.
+    mask : array_like of bool, shape (y, x), optional
+        True where a pixel counts. By default all do.
+
+    Returns
+    -------
+    float
+        NaN where no pixel counts.
+
+    Raises
+    ------
+    InputError
+        For shapes that differ, complex or non-finite values, or what is no distance.
+
+    Notes
+    -----
+    ``mean(|z - z*| / z*)`` with the ground truth z*; Eigen, Puhrsch and Fergus, Depth map
+    prediction from a single image using a multi-scale deep network, NeurIPS 2014.
+
+    Examples
+    --------
+    >>> abs_rel([[1.0, 2.0]], [[1.5, 2.0]])
+    0.25
+    """
+    true, test = _distances(truth, estimate, mask)
+    return float(np.mean(np.abs(test - true) / true)) if true.size else math.nan
+
+
+def rmse_metres(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None) -> float:
+    """Return the root mean square error in metres; smaller is better.
+
+    Parameters, errors and the undefined case are those of `abs_rel`.
+
+    Notes
+    -----
+    ``sqrt(mean((z - z*)^2))``, RMSE (linear) of Eigen et al. 2014.
+
+    Examples
+    --------
+    >>> rmse_metres([[1.0, 2.0]], [[4.0, 6.0]]) == 12.5**0.5
+    True
+    """
+    true, test = _distances(truth, estimate, mask)
+    return float(np.sqrt(np.mean((test - true) ** 2))) if true.size else math.nan
+
+
+def share_within(
+    truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None, factor: float = 1.25
+) -> float:
+    """Return the share of pixels that are off by less than a factor; larger is better.
+
+    Parameters, errors and the undefined case are those of `abs_rel`; `factor` is above 1.
+
+    Notes
+    -----
+    The share with ``max(z / z*, z* / z) < factor``, called delta; Eigen et al. 2014 with factors
+    1.25, 1.25^2 and 1.25^3.
+
+    Examples
+    --------
+    >>> share_within([[1.0, 1.0, 1.0, 1.0]], [[1.0, 1.25, 0.9, 0.5]])
+    0.5
+    """
+    true, test = _distances(truth, estimate, mask)
+    return float(np.mean(np.maximum(test / true, true / test) < factor)) if true.size else math.nan
+
+
+def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None) -> float:
+    """Return how well depth edges are found, 0 to 1; larger is better.
+
+    Parameters and errors are those of `abs_rel`.
+
+    Returns
+    -------
+    float
+        NaN where the truth has no edge.
+
+    Notes
+    -----
+    Neighbours p and q are an edge at threshold t if ``d_p / d_q > t``; precision and recall count
+    over the four directions, both depths known; F1 is averaged over ten thresholds from 1.05 to
+    1.25, weighted by them. Scale-invariant boundary F1 of Bochkovskii et al., Depth Pro, 2024.
+
+    Examples
+    --------
+    >>> step = np.array([[1.0, 1.0, 2.0, 2.0]])
+    >>> boundary_f1(step, 3 * step), boundary_f1(step, np.ones((1, 4)))
+    (1.0, 0.0)
+    """
+    true, test, counts = checked(truth, estimate, mask)
+    _distances(true, test, counts)
+    found = [
+        (_log_steps(true, axis), _log_steps(test, axis), _log_steps(counts, axis, np.logical_and))
+        for axis in (0, 1)
+    ]
+    ours, theirs = (
+        np.concatenate([part[k][part[2]] for part in found] + [-part[k][part[2]] for part in found])
+        for k in (0, 1)
+    )
+    scores, weights = [], np.linspace(*EDGES)
+    for least in np.log(weights):
+        edges, answered = ours > least, theirs > least
+        hits = 2 * np.count_nonzero(edges & answered)
+        all_of_both = np.count_nonzero(edges) + np.count_nonzero(answered)
+        scores.append(hits / all_of_both if edges.any() else math.nan)
+    told = np.isfinite(scores)
+    return (
+        float(np.average(np.array(scores)[told], weights=weights[told])) if told.any() else math.nan
+    )
+
+
+def _log_steps(
+    values: NDArray[Any], axis: int, join: Callable[[Any, Any], Any] | None = None
+) -> NDArray[Any]:
+    first, second = np.swapaxes(values, 0, axis)[:-1], np.swapaxes(values, 0, axis)[1:]
+    if join is not None:
+        return np.asarray(join(first, second))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.log(second) - np.log(first))
+
+
+def aligned(
+    truth: ArrayLike, estimate: ArrayLike, farthest: float, mask: ArrayLike | None = None
+) -> Floats:
+    """Return an estimate, scaled and shifted in inverse depth to fit the ground truth best.
+
+    Parameters
+    ----------
+    truth, estimate : array_like of real numbers, shape (y, x)
+        Distances in metres, above 0.
+    farthest : float
+        The farthest distance there is, in metres: nothing is put beyond it.
+    mask : array_like of bool, shape (y, x), optional
+        True where a pixel counts for the fit.
+
+    Returns
+    -------
+    ndarray of float64, shape (y, x)
+        Distances in metres. As `estimate` where no pixel counts.
+
+    Raises
+    ------
+    InputError
+        As `abs_rel`, and where `farthest` is no distance.
+
+    Notes
+    -----
+    ``(s, t) = argmin sum (s / z + t - 1 / z*)^2`` over the pixels that count; Ranftl et al.,
+    Towards robust monocular depth estimation, PAMI 2020, who align so in training and evaluation.
+    The shift may leave inverse depth at zero or below, where there is no distance: what lies below
+    ``1 / farthest`` counts as that, as their evaluation caps depth. A flat estimate has no scale:
+    it becomes the mean of the inverse truth. The scale may be negative, since the fit is not bound.
+
+    Examples
+    --------
+    >>> truth = np.array([[1.0, 2.0, 4.0]])
+    >>> aligned(truth, 1 / (3 / truth + 0.5), 10.0).round(6).tolist()
+    [[1.0, 2.0, 4.0]]
+    """
+    if not (math.isfinite(farthest) and farthest > 0):
+        raise InputError(
+            "no distance", where="farthest", expected="metres above 0", got=str(farthest)
+        )
+    true, test = _distances(truth, estimate, mask)
+    whole = np.asarray(estimate, np.float64)
+    if not true.size:
+        return whole
+    goal, given = 1 / true, 1 / test
+    off = given - given.mean()
+    spread = float(off @ off)
+    # A map that is flat but for rounding has no scale either.
+    flat = spread <= given.size * (1e-9 * float(given.mean())) ** 2
+    scale = 0.0 if flat else float(off @ (goal - goal.mean())) / spread
+    inverse = scale * (1 / whole - given.mean()) + goal.mean()
+    return np.asarray(1 / np.maximum(inverse, 1 / farthest))
+
+
+def _distances(
+    truth: ArrayLike, estimate: ArrayLike, mask: ArrayLike | None
+) -> tuple[Floats, Floats]:
+    """Return the distances of the pixels that count, true and estimated, shape (pixel,)."""
+    true, test, counts = checked(truth, estimate, mask)
+    true, test = true[counts], test[counts]
+    for name, distances in (("truth", true), ("estimate", test)):
+        if not (distances > 0).all():
+            raise InputError(
+                "no distance", where=name, expected="metres above 0", got=f"{distances.min():g}"
+            )
+    return true, test
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, UnknownNameError, unknown_name
-from dfdbench.metrics.metres import aligned
-from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric
+from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric, aligned
 
 Crop = Literal["whole", "network-of-16"]
 Unit = Literal["levels", "metres"]
@@ -147,7 +146,7 @@ class Protocol:
         By which of `IN_METRES` distances are scored; none: levels, by all of `METRICS`.
     alignment : {"", "scale and shift in inverse depth"}
         What is fitted to the ground truth of each image first: see
-        `dfdbench.metrics.metres.aligned`.
+        `dfdbench.metrics.metric.aligned`.
     """
 
     name: str

@@ -217,8 +217,7 @@ def checked(
         problems.append(
             Problem(f"sizes differ, {truth.shape} and {test.shape}", where="image_test")
         )
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     counts = np.ones(truth.shape, bool) if mask is None else np.asarray(mask)
     if counts.shape != truth.shape or counts.dtype != np.bool_:
         got = f"{counts.dtype} {counts.shape}"

@@ -1,7 +1,5 @@
 """A measured lens: its blur by voltage step and distance, and pairs of steps."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import dataclass

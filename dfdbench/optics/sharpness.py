@@ -1,7 +1,5 @@
 """How sharp an image is, and how sharp a lens is over temperature and voltage (7.2.1)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from operator import attrgetter

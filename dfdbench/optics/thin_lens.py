@@ -5,8 +5,6 @@ full width D (d_f - d_o) / d_f projected onto the sensor; its figures and tables
 and so does this module.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

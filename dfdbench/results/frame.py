@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, TRACKS, find_degradation
-from dfdbench.datasets.tracked import part_name
+from dfdbench.datasets.catalog import part_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored, title_of
 from dfdbench.results.record import Result, shown_protocol

@@ -3,8 +3,6 @@
 Axes are the camera's: x to the right, y downwards, z ahead, in metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

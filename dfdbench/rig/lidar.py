@@ -1,7 +1,5 @@
 """LIDAR ranges as depth maps, and the files that hold them."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass

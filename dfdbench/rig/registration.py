@@ -1,7 +1,5 @@
 """Find how the LIDAR lies to the camera, and the file that keeps it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from itertools import product

@@ -4,8 +4,6 @@ Its rays show where the board's sides must be; the image has candidates for each
 the LIDAR is turned until rays that hit the board are inside the outline and others outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -296,11 +294,9 @@ def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
             outline[number] = other
             best = max(best, _turned(sighting, outline, rig), key=lambda one: one.agreement)
     if best.agreement < _DOUBTFUL:
-        raise SourceError(
-            f"only {100 * best.agreement:.1f} % of the LIDAR's rays agree with the board's outline "
-            f"in the image, not {100 * _DOUBTFUL:.0f} %",
-            fix=_BY_HAND,
-        )
+        share, least = 100 * best.agreement, 100 * _DOUBTFUL
+        what = f"only {share:.1f} % of the rays agree with the board's outline, not {least:.0f} %"
+        raise SourceError(what, fix=_BY_HAND)
     return best
 
 

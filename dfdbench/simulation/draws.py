@@ -1,7 +1,5 @@
 """Draw numbers and choices from a seed, the same ones on every machine."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TypeVar
 

@@ -6,8 +6,6 @@ pixel's place and ``F = f s / (s - f)`` the distance of the sensor, both in the 
 (F grows as s shrinks), the circle of confusion and what near surfaces hide follow from that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Work out once how much light falls on each surface of a scene: lamps, shadows, daylight."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

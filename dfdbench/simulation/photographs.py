@@ -1,7 +1,5 @@
 """Photographs that ship with scikit-image, and noise to see them through: for made scenes."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cast rays at textured planes, spheres and cylinders: what a small scene needs, and no more."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol

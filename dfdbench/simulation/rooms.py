@@ -1,7 +1,5 @@
 """Draw rooms from a seed: walls and vaults, furniture, thin things, clutter at many depths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

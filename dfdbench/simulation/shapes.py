@@ -1,7 +1,5 @@
 """Flat and round surfaces in any direction, and a scene packed from them for `tracing`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch

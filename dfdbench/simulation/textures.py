@@ -1,7 +1,5 @@
 """Draw textures: photographs, and patterns of plaster, wood, tiles, cloth and print."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ Only ``+ - * /``, square roots and `floor` are used, without `fastmath`: IEEE 75
 of each, so that a scene gives the same light on every machine and with any number of threads.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

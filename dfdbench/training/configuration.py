@@ -212,11 +212,10 @@ class TrainingConfiguration(Record):
         fields = type(self).model_fields
         refused = [name for name in _OF_DFD_NET if getattr(self, name) != fields[name].default]
         refused += ["filters"] * isinstance(self.filters, str)
-        if refused:
-            raise InputError.of(
-                Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
-                for name in refused
-            )
+        InputError.raise_if(
+            Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
+            for name in refused
+        )
 
 
 def shipped_configurations() -> dict[str, str]:

@@ -1,7 +1,5 @@
 """The experiments of chapters 5 to 7: a training for each value and seed, a table of scores."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from dfdbench.results.wording import score_text
 from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
-from dfdbench.training.schedule import EndedBy
+from dfdbench.training.learner import EndedBy
 from dfdbench.training.task import PROTOCOL, Task, require_trainable, task_of
 from dfdbench.training.trainer import WEIGHTS, train
 

@@ -1,7 +1,5 @@
 """What is trained on what, and how its validation pairs are scored."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterator, Sequence
@@ -41,7 +39,7 @@ class Task:
     train, test : tuple of Pair
         Pairs to train on, and pairs to score.
     trained_on : str
-        The training pairs in words that `dfdbench.audit.trained_on` can read.
+        The training pairs in words that `dfdbench.audit.leaks` can read.
     tested_on : str
         The name of the split or fold that tests.
     configuration : TrainingConfiguration

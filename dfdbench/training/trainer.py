@@ -24,8 +24,7 @@ from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.training.configuration import settled
 from dfdbench.training.crops import Cropper
-from dfdbench.training.learner import Learner
-from dfdbench.training.schedule import EndedBy
+from dfdbench.training.learner import EndedBy, Learner
 from dfdbench.training.task import PROTOCOL, Task, evenly_spaced, mean_scores, same_threads
 
 _SAVE_SECONDS = 60.0

@@ -13,7 +13,6 @@ from dfdbench.audit.difficulty import (
     Difficulty,
     difficulty_as_json,
     difficulty_rows,
-    difficulty_table,
     median_step,
     smallest_step,
 )
@@ -139,16 +138,6 @@ def test_a_row_takes_the_views_of_a_lighting_together(tiny_manifest: Manifest) -
     # Means over both views of 2 of 4 and 4 of 4, of 1 of 4 and 4 of 4; the fourth of 8 steps.
     assert (bright["neighbours"], bright["coarse"]) == (0.75, 0.625)
     assert bright["median_step"] == 64
-
-
-def test_no_step_reads_none_and_no_pixel_a_dash(tiny_manifest: Manifest) -> None:
-    table = difficulty_table(tiny_manifest, rows(tiny_manifest), 3)
-    assert table.columns[:3] == ("scene", "illumination", "exposure")
-    assert table.columns[3:] == ("1 apart", "32 apart", "median step")
-    assert table.rows[0] == ("One", "1", "0", "100.0 %", "100.0 %", "none")
-    assert table.rows[1] == ("One", "1", "1", "75.0 %", "62.5 %", "64")
-    assert table.rows[2][3:] == ("–", "–", "–")
-    assert any("by more than 3 grey levels" in note for note in table.notes)
 
 
 def test_json_has_numbers_and_null_where_there_is_none(tiny_manifest: Manifest) -> None:

@@ -81,14 +81,6 @@ def test_runs_are_whole_apart_and_of_one_key(keys: list[str | None]) -> None:
         assert first > last + 1 or keys[first] != keys[last]
 
 
-def test_levels_at_both_ends_are_told() -> None:
-    marked = np.zeros(256, bool)
-    assert sides.as_ranges(marked) == ""
-    marked[[0, 1, 255]] = True
-    assert sides.as_ranges(marked) == "0-1, 255"
-    assert sides.as_ranges(np.ones(256, bool)) == "0-255"
-
-
 def build(toml: str, folder: Path, path: Path) -> Dataset:
     manifest = parse_manifest(toml.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, folder), path)

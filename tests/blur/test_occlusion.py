@@ -13,7 +13,7 @@ from dfdbench.blur.occlusion import GAP, composite_layers, without_tails
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import blur_by_level, synthesize
-from dfdbench.building.sources.demo_scenes import SCENES
+from dfdbench.building.sources.demo import SCENES
 from dfdbench.errors import InputError
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import View, cast, look

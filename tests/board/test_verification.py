@@ -10,8 +10,8 @@ from dfdbench.board.row_file import Row, read_row, row_of, row_text
 from dfdbench.board.verification import verify
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import DfdbenchError, InputError, ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions

@@ -5,19 +5,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from upath import UPath
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.row_file import known_fingerprints
-from dfdbench.building.build import build_store, scene_dataset
-from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.build import build_store, plan_build, refuse_another_set, scene_dataset
+from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError
+from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
 
@@ -193,6 +194,42 @@ def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None
     report = build_store(manifest, source, tmp_path / "m.zarr", pool=Threads(2))
     assert (report.pairs, report.missing) == (54, ())
     assert report.fingerprint == MIDDLEBURY_DEFAULT_FINGERPRINT
+
+
+DEMO, CAPTURED = find_manifest("demo"), find_manifest("realworld")
+
+
+def test_a_build_lies_in_the_cache_unless_a_place_is_given(tmp_path: Path) -> None:
+    plan = plan_build(DEMO, cache=tmp_path)
+    assert Path(plan.place.path) == tmp_path / "stores/demo-1.zarr"
+    assert (plan.recipe, plan.steps) == (None, None)
+    there = plan_build(DEMO, "memory://mine.zarr", "text")
+    assert there.place.protocol == "memory"
+    assert there.recipe == "text"
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_another_blur_or_other_steps_are_refused_in_the_sets_own_place(
+    tmp_path: Path, named: bool
+) -> None:
+    places = [default_store(manifest, tmp_path) if named else None for manifest in (DEMO, CAPTURED)]
+    with pytest.raises(InputError, match="another blur recipe"):
+        plan_build(DEMO, places[0], "text", cache=tmp_path)
+    with pytest.raises(InputError, match="other voltage steps"):
+        plan_build(CAPTURED, places[1], steps=(1, 2), cache=tmp_path)
+    capture = CAPTURED.capture
+    assert capture is not None
+    usual = (capture.infocus_step, capture.defocus_step)
+    assert plan_build(CAPTURED, places[1], steps=usual, cache=tmp_path).steps == usual
+    assert plan_build(DEMO, places[0], "published", cache=tmp_path).recipe is not None
+
+
+def test_a_link_to_the_sets_own_place_is_that_place(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "cache")
+    with pytest.raises(InputError, match="another blur recipe"):
+        plan_build(DEMO, default_store(DEMO, tmp_path / "link"), "text", cache=tmp_path / "cache")
+    other = UPath(tmp_path / "cache/stores/demo-2.zarr")
+    refuse_another_set(DEMO, other, "text", None, tmp_path / "cache")
 
 
 def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:

@@ -65,23 +65,6 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
     assert any(said in text for text in facts.open)
 
 
-def test_scenes_may_differ_in_size(folder: Path) -> None:
-    for name in ("sharp.png", "blurred.png", "depth.png"):
-        path = str(folder / "lamp" / name)
-        image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
-        assert image is not None
-        cv2.imwrite(path, image[:-8])
-    facts = facts_of(folder)
-    assert "photographs of 96 × 64, 96 × 72 pixels" in facts.found
-    assert not any("resample" in text for text in facts.open)
-
-
-def test_twelve_bits_are_found(folder: Path) -> None:
-    for name in ("sharp.png", "blurred.png"):
-        rewrite(folder, name, lambda image: image.astype(np.uint16) * 16)
-    assert facts_of(folder).image_bits == 12
-
-
 def test_grey_photographs_of_16_bits_are_told_from_depth_by_its_name(folder: Path) -> None:
     for name in ("sharp.png", "blurred.png"):
         rewrite(folder, name, lambda image: image[..., 1].astype(np.uint16) * 257)
@@ -145,13 +128,6 @@ def test_of_a_focal_stack_the_smallest_aperture_is_in_focus(folder: Path) -> Non
     assert facts.roles["defocus"].pattern.startswith(f"{stack}/img_run_7_")
     assert facts.roles["depth"].pattern == "{split}/{scene}/gt/depth.npy"
     assert any("which defocus image to take: 13 more kinds" in text for text in facts.open)
-
-
-def test_a_scene_without_its_depth_is_not_looked_at(folder: Path) -> None:
-    (folder / SCENES[0] / "depth.png").unlink()
-    for name in ("a.png", "b.png"):
-        cv2.imwrite(str(folder / SCENES[0] / name), np.zeros((4, 4, 3), np.uint8))
-    assert set(facts_of(folder).shapes.values()) == {SHAPE}
 
 
 def test_without_depth_nothing_is_guessed(folder: Path) -> None:

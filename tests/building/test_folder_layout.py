@@ -3,7 +3,6 @@ from pathlib import Path
 import pytest
 
 from dfdbench.building.folder_layout import find_layout, image_files
-from dfdbench.errors import InputError
 
 SCENES = ("desk_1", "door", "x-2")
 
@@ -44,18 +43,6 @@ def test_an_image_in_two_formats_is_two_kinds() -> None:
     assert patterns(paths) == kinds
 
 
-def test_files_in_order_may_differ_in_their_endings() -> None:
-    paths = [f"{kind}/{time}" for kind in ("f2", "f8") for time in ("10:01.jpg", "10:05.JPG")]
-    layout = find_layout((*paths, "depth/10:00.png", "depth/10:06.png"))
-    assert layout is not None
-    assert layout.by_order
-    assert [g.pattern for g in layout.groups] == [
-        "depth/{scene}.png",
-        "f2/{scene}.*",
-        "f8/{scene}.*",
-    ]
-
-
 def test_splits_are_told_from_scenes() -> None:
     kinds = ("depth/{split}/{scene}.png", "f2/{split}/{scene}.png", "f8/{split}/{scene}.png")
     paths = [
@@ -82,15 +69,6 @@ def test_where_names_share_nothing_order_pairs_files() -> None:
     assert find_layout(()) is None
 
 
-def test_what_belongs_to_no_scene_is_named() -> None:
-    paths = [f"{s}/{kind}.png" for s in SCENES for kind in ("a", "b", "c")]
-    layout = find_layout((*paths, "thumb.png", "x-2/extra/d.png"))
-    assert layout is not None
-    assert set(layout.left) == {"thumb.png", "x-2/extra/d.png"} - {
-        path for group in layout.groups for path in group.files.values()
-    }
-
-
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
     names = (
         "a/b.PNG",
@@ -105,17 +83,3 @@ def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")
-
-
-def test_a_folder_that_may_not_be_looked_into_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "one.png").touch()
-
-    def refused(path: Path) -> bool:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "is_file", refused)
-    with pytest.raises(InputError, match="cannot look into the folder") as caught:
-        image_files(tmp_path)
-    assert caught.value.problems[0].where == str(tmp_path / "one.png")

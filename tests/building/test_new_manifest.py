@@ -82,14 +82,6 @@ def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
     assert manifest.scenes[0].names == {"split": "val"}
 
 
-def test_a_name_loses_its_accents_and_not_its_letters(tmp_path: Path) -> None:
-    made = make_folder(tmp_path / "made")
-    (made / SCENES[0]).rename(made / "Küche – été")
-    names = built(made.rename(tmp_path / "Räume"), tmp_path / "one.zarr")
-    assert names.name == "Raume"
-    assert "Kuche-ete" in names.scene_names
-
-
 def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None:
     made = make_folder(tmp_path / "made")
     for number, scene in enumerate(SCENES):

@@ -13,14 +13,13 @@ from dfdbench.audit.trained_on import training_side
 from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.building.build import build_store
-from dfdbench.building.build_plan import plan_build
+from dfdbench.building.build import build_store, plan_build
 from dfdbench.building.export import export_png
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
@@ -97,9 +96,9 @@ def test_a_store_of_a_track_unknown_here_says_so(
 ) -> None:
     built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
     attributes = zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs
-    attributes["degradation"] = "lens-1"
+    attributes["degradation"] = "haze-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
-    with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
+    with pytest.raises(StoreError, match=r"(?s)does not know.*haze-1"):
         Dataset(tmp_path / "a.zarr")
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 import dfdbench as package
-from dfdbench.datasets.store_place import own_stores
+from dfdbench.datasets.catalog import own_stores
 from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
 from tests.site import Site

@@ -56,9 +56,3 @@ def test_every_released_set_has_a_sheet_and_every_sheet_a_set() -> None:
         # Whoever reads "captured" must not get what was made.
         made = manifest.recipe or manifest.simulated or seeded(manifest.name)
         assert sheet.synthetic == bool(made)
-
-
-def test_a_track_has_the_sheet_of_its_set_and_a_set_of_ones_own_none() -> None:
-    assert croissant.datasheet_of(find_manifest("demo@camera-2")) == croissant.datasheets()["demo"]
-    own = TINY_TOML.replace('short = "tiny"', 'short = "demo"')
-    assert croissant.datasheet_of(parse_manifest(own.encode(), "tiny-1.toml")) is None

@@ -13,7 +13,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.errors import InputError, StoreError
 
 
 def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -> None:
@@ -76,15 +76,6 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
         open_dataset("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
     assert "dfdbench build demo" in str(caught.value)
-
-
-def test_a_store_of_another_recipe_is_not_replaced(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    with pytest.raises(StoreError, match="another blur recipe"):
-        build_store(tiny_manifest, source, tiny_store.path, recipe="text")
-    assert Dataset(tiny_store.path).recipe_name == "published"
 
 
 def test_a_damaged_scene_is_written_again(
@@ -166,17 +157,6 @@ def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
     with pytest.raises(InputError, match="two slices"):
         data.crop(0, region)  # type: ignore[arg-type]
-
-
-def test_mistakes(tiny_store: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="dfdbench build demo"):
-        open_dataset("demo").captures()
-    with pytest.raises(UnknownNameError, match="did you mean demo"):
-        open_dataset("deno").captures()
-    with pytest.raises(UnknownNameError, match="did you mean test"):
-        open_dataset("tiny", tiny_store.path).captures("tets")
-    with pytest.raises(UnknownNameError, match="did you mean Two"):
-        open_dataset("tiny", tiny_store.path).captures().scene("Twoo")
 
 
 def test_store_split_and_pair_show_themselves(tiny_store: Dataset) -> None:

@@ -1,8 +1,25 @@
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray
 
-from dfdbench.datasets.fingerprint import array_digest, combine, scene_digests
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.fingerprint import (
+    array_digest,
+    attributes_digest,
+    combine,
+    scene_digests,
+    scene_record,
+)
+from dfdbench.datasets.integrity import verify_store
+from dfdbench.errors import StoreError
 
 
 def test_memory_layout_and_byte_order_do_not_enter() -> None:
@@ -33,3 +50,117 @@ def test_coordinates_enter_a_scene() -> None:
     scene = xarray.Dataset({"depth": (("view",), [1, 2])}, coords={"view": [1, 5]})
     moved = scene.assign_coords(view=[1, 6])
     assert combine(scene_digests(scene)) != combine(scene_digests(moved))
+
+
+def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
+    path = Path(store.path.path) / place / "zarr.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return Path(store.path.path)
+
+
+def _read_one(path: Path) -> None:
+    store = Dataset(path)
+    store.read(store.pairs("Two")[0])
+
+
+def _double_the_blur(attributes: dict[str, Any]) -> None:
+    attributes["recipe"]["parameters"]["sigma_step"] *= 2
+
+
+def _shrink_the_crop(attributes: dict[str, Any]) -> None:
+    edited = attributes["manifest"].replace("network_crop = 16", "network_crop = 8")
+    assert edited != attributes["manifest"]
+    sha256 = hashlib.sha256(edited.encode()).hexdigest()
+    attributes.update(manifest=edited, manifest_sha256=sha256)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        _double_the_blur,
+        _shrink_the_crop,
+        lambda attributes: attributes.update(degradation="noise-1"),
+        lambda attributes: attributes.update(options={"pair": [141, 129]}),
+        lambda attributes: attributes.update(missing_pairs=["One"]),
+        lambda attributes: attributes.update(fingerprint="0" * 64),
+        lambda attributes: attributes.update(manifest=1.5),
+        lambda attributes: attributes.pop("recipe"),
+        lambda attributes: attributes.pop("attributes_sha256"),
+    ],
+)
+def test_a_store_whose_attributes_were_edited_is_refused(
+    tiny_store: Dataset, edit: Callable[[dict[str, Any]], None]
+) -> None:
+    path = damaged(tiny_store, "", lambda content: edit(content["attributes"]))
+    with pytest.raises(StoreError, match="were edited after"):
+        Dataset(path)
+
+
+def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) -> None:
+    def forge(attributes: dict[str, Any]) -> None:
+        demo = find_manifest("demo").toml
+        attributes["manifest"] = demo.replace("network_crop = 224", "network_crop = 16")
+        attributes["attributes_sha256"] = attributes_digest(attributes)
+
+    path = damaged(tiny_store, "", lambda content: forge(content["attributes"]))
+    with pytest.raises(StoreError, match="another manifest than demo-1"):
+        Dataset(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "change"),
+    [
+        ("Two/available", {"shape": [1, 1, 1]}),
+        ("Two/images", {"data_type": "float64", "fill_value": 0.0}),
+        ("Two/depth", {"chunk_key_encoding": {"name": "default", "configuration": {"@": 1}}}),
+        ("Two/depth", {"codecs": []}),
+    ],
+)
+def test_arrays_that_are_not_as_built_are_told(
+    tiny_store: Dataset, place: str, change: dict[str, Any]
+) -> None:
+    path = damaged(tiny_store, place, lambda content: content.update(change))
+    with pytest.raises(StoreError, match="cannot be read"):
+        _read_one(path)
+    with_one_gone = Path(shutil.copytree(path, path.with_name("copy.zarr")))
+    shutil.rmtree(with_one_gone / "Two")
+    assert not verify_store(Dataset(with_one_gone)).sound
+
+
+def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) -> None:
+    damaged(tiny_store, "Two/depth", lambda content: content.update(codecs=3))
+    found = verify_store(tiny_store)
+    assert [item.scene for item in found.differences] == ["Two"]
+    assert found.recomputed == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
+)
+def test_a_scene_record_of_another_kind_is_told_by_name(
+    tiny_store: Dataset, name: str, value: object
+) -> None:
+    path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
+    with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
+        scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")
+
+
+@pytest.mark.parametrize("name", ["available", "depth", "images", "f_number"])
+def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name: str) -> None:
+    place = Path(tiny_store.path.path) / "Two" / name / "c"
+    chunk = sorted(path for path in [place, *place.rglob("*")] if path.is_file())[0]
+    chunk.unlink()
+    with pytest.raises(StoreError, match="cannot be read") as caught:
+        tiny_store.read(tiny_store.pairs("Two")[0])
+    problem = caught.value.problems[0]
+    assert problem.where.endswith(f"Two/{name}")
+    assert f"{chunk.relative_to(tiny_store.path.path).as_posix()} is missing" in problem.got
+    if name != "available":
+        with pytest.raises(FileNotFoundError, match="is missing"):
+            _ = tiny_store.to_xarray("Two")[name].values
+    (found,) = verify_store(Dataset(tiny_store.path)).differences
+    assert (found.scene, found.array) == ("Two", name)
+    assert "cannot be decoded" in found.what

@@ -1,37 +1,156 @@
-from pathlib import Path
-
+import numpy as np
 import pytest
 
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import ManifestError
 from tests.conftest import TINY_TOML
+from tests.made_folder import FOLDER_TOML
+from tests.made_stack_folder import STACK_TOML
 
 
-def test_every_problem_is_in_one_message() -> None:
-    broken = (
-        TINY_TOML.replace("pairs = 7", "pairs = 6")
-        .replace('reader = "middlebury"', "reader = 5")
-        .replace('test_scenes = ["Three"]', 'test_scenes = ["Four"]')
-    )
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        # Fields that are wrong by themselves, then what they contradict one another in.
+        (
+            {'reader = "middlebury"': "reader = 5", 'title = "Tiny set"': "", "[axes]": "[axis]"},
+            ["reader", "title", "axes", "axis"],
+        ),
+        (
+            {"pairs = 7": "pairs = 6", 'test_scenes = ["Three"]': 'test_scenes = ["Four"]'},
+            ["splits[1].pairs", "Four", "folds"],
+        ),
+    ],
+)
+def test_every_problem_is_in_one_message(changes: dict[str, str], said: list[str]) -> None:
+    text = TINY_TOML
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    found = problems_of(text)
+    assert all(part in found for part in said)
+
+
+EXCLUSION = """[[exclusions]]
+scenes = ["Three"]
+coordinates = { view = [5], exposure = [1] }
+pairs = 1
+reason = "for the test"
+"""
+SCALED = TINY_TOML.replace(
+    "[table]", '[depth.scale]\nlaw = "inverse"\nnear = 0.5\nfar = 5.0\n\n[table]'
+)
+LINE = 'infocus = "{scene}/sharp.png"'
+IMAGES = 'images = "{scene}/f_{image}.png"'
+SCALE = "[depth.scale]\nnear = 0.5\nfar = 5.0\n"
+
+
+def problems_of(text: str) -> str:
     with pytest.raises(ManifestError) as caught:
-        parse_manifest(broken.encode(), "tiny-1.toml")
-    text = str(caught.value)
-    for part in ("splits[1].pairs", "reader", "Four", "folds"):
+        parse_manifest(text.encode(), "mine-1.toml")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("toml", "old", "new", "parts"),
+    [
+        (TINY_TOML, "pairs = 7", "pairs = 6", ["7 pairs, not 6", "splits[1].pairs"]),
+        (TINY_TOML, 'scenes = ["One"]', 'scenes = ["Two"]', ["Two is in two splits"]),
+        (TINY_TOML, 'scenes = ["Three"]', 'scenes = ["Tree"]', ["Tree/view5", "does not exist"]),
+        (TINY_TOML, "exposure = [1] }", "exposure = [2] }", ["exposure2 does not exist"]),
+        (TINY_TOML, "pair_count = 11", "pair_count = 12", ["pair_count", "11 pairs", "not 12"]),
+        (TINY_TOML, "scene_count = 3", "scene_count = 4", ["scene_count", "3 scenes", "not 4"]),
+        (TINY_TOML, 'test_scenes = ["Three"]', 'test_scenes = ["One"]', ["One is not", "in 2"]),
+        (TINY_TOML, "unknown = 0", "unknown = 300", ["depth.unknown", "less than or", "300"]),
+        (TINY_TOML, 'reader = "middlebury"', "", ["field is missing", "reader"]),
+        (TINY_TOML, 'title = "Tiny set"', 'titel = "Tiny set"', ["titel", "unknown field"]),
+        (TINY_TOML, 'blocks = "exposure"', 'blocks = "exposition"', ["blocks", "mean exposure"]),
+        (TINY_TOML, "schema_version = 1", "schema_version = 2", ["schema_version"]),
+        (TINY_TOML, 'name = "Two"\nsource', 'name = "One"\nsource', ["One is listed twice"]),
+        (TINY_TOML, '"Two"\nsource = "here"', '"Two"\nsource = "hare"', ["scenes[1].source"]),
+        (TINY_TOML, 'name = "Two"', 'name = "zarr.json"', ["named as a file of the store"]),
+        (TINY_TOML, "exposure = 1 }", "exposure = 7 }", ["default_lighting.exposure", "7"]),
+        (TINY_TOML, "view = [1, 5]", "view = [1, 1]", ["listed twice: [1, 1]", "axes.view"]),
+        (TINY_TOML, "[axes]", '[axes]\n"f_number" = [1]', ["'f_number' is no name for an axis"]),
+        (TINY_TOML, "[axes]", '[axes]\n"a/b" = [1]', ["'a/b' is no name for an axis"]),
+        (TINY_TOML, "[axes]", '[axes]\n"" = [1]', ["'' is no name for an axis"]),
+        (TINY_TOML, 'axes = ["view"]', 'axes = ["veiw"]', ["depth.axes", "did you mean view"]),
+        (TINY_TOML, "illumination = 1, exposure", "illum = 1, exposure", ["default_lighting"]),
+        (TINY_TOML, EXCLUSION, EXCLUSION * 2, ["excluded twice: Three/view5", "exclusions[1]"]),
+        (TINY_TOML, "{ view = [5], ", "{ veiw = [5], ", ["exclusions[0].coordinates", "view"]),
+        (TINY_TOML, 'name = "test"', 'name = "train"', ["name is taken", "splits[1].name"]),
+        (TINY_TOML, 'name = "test"', 'name = "all"', ["split name is taken: all"]),
+        (TINY_TOML, 'name = "test"', 'name = "Two"', ["split name is taken: Two"]),
+        (TINY_TOML, 'scenes = ["One"]', 'scenes = ["One", "One"]', ["twice", "splits[0].scenes"]),
+        (TINY_TOML, 'scenes = ["One"]', 'scenes = ["Onu"]', ["splits[0].scenes", "mean One"]),
+        (TINY_TOML, 'name = "K2"', 'name = "K1"', ["name is taken: K1", "folds[1].name"]),
+        (TINY_TOML, 'name = "K2"', 'name = "One"', ["name is taken: One", "folds[1].name"]),
+        (TINY_TOML, "[axes]", f'[checksums]\n"Onne/a" = "{"0" * 64}"\n\n[axes]', ["mean One"]),
+        (SCALED, "far = 5.0", "far = 0.5", ["near is not before far", "near 0.5, far 0.5"]),
+        (SCALED, "far = 5.0", "far = inf", ["depth.scale.far", "finite"]),
+        (SCALED, "far = 5.0", "far = 5.0\nnear_level = 0\nfar_level = 254", ["another way"]),
+        (SCALED, "far = 5.0", "far = 5.0\nfar_level = 0", ["0, stands for a distance as well"]),
+        (SCALED, "[table]", "[rig]\nnear = 3.0\nfar = 2.0\n\n[table]", ["rig", "near 3, far 2"]),
+        (FOLDER_TOML, LINE, 'infocus = "../{scene}.png"', ["outside the folder", "files.infocus"]),
+        (FOLDER_TOML, LINE, 'infocus = "/data/{scene}.png"', ["outside the folder"]),
+        (FOLDER_TOML, LINE, f'{LINE}\ninside = "../mine"', ["outside the folder", "inside"]),
+        (FOLDER_TOML, LINE, 'infocus = "{scene}/{image}.png"', ["{image}", "4 scenes without it"]),
+        (FOLDER_TOML, LINE, 'infocus = "{scene}/blurred.png"', ["one file, desk/blurred.png"]),
+        (FOLDER_TOML, "capture = [1]", "capture = [1, 2]", ["desk/capture2 have the same images"]),
+        (FOLDER_TOML, "{scene}/depth.png", "{scene}/{capture}.png", ["an axis of the depth"]),
+        (FOLDER_TOML, SCALE, "", ["how metres become levels"]),
+        (FOLDER_TOML, '"folder"', '"folder"\nrecipe = "text"', ["captured defocus has no blur"]),
+        (
+            FOLDER_TOML,
+            'name = "desk"\n',
+            'name = "desk"\nnames = { capture = "a" }\n',
+            ["capture stands for something else", "scenes[0].names"],
+        ),
+        (STACK_TOML, IMAGES, "", ["neither a pair", "got depth, infocus, metadata"]),
+        (STACK_TOML, IMAGES, f'{IMAGES}\ndefocus = "a"', ["neither a pair"]),
+        (STACK_TOML, IMAGES, f'{IMAGES}\nmoved = "infocus"', ["laid on the first", "moved"]),
+        (STACK_TOML, IMAGES, f"{IMAGES}\ndepth_ends = [2.0, 1.0]", ["values of two levels"]),
+        (STACK_TOML, IMAGES, f"{IMAGES}\nimage = [{{ number = 3 }}]", ["two tables"]),
+        (STACK_TOML, "f_{image}", "f", ["the pattern names one file"]),
+        (STACK_TOML, "near = 0.5\nfar = 5.0\n", "", ["depth.scale.near"]),
+        (STACK_TOML, SCALE, "", ["how metres become levels"]),
+        (STACK_TOML, IMAGES, f"{IMAGES}\naxis_names = {{ a = {{}} }}", ["no such axis: a"]),
+        (STACK_TOML, "{scene}/focus.csv", "../focus.csv", ["outside the folder", "metadata"]),
+        (STACK_TOML, "{scene}/focus.csv", "{place}.csv", ["known by the name {place}"]),
+    ],
+)
+def test_a_broken_manifest_says_what_and_where(
+    toml: str, old: str, new: str, parts: list[str]
+) -> None:
+    assert old in toml
+    text = problems_of(toml.replace(old, new, 1))
+    for part in ("mine-1.toml", *parts):
         assert part in text
 
 
-def test_text_that_is_no_toml(tmp_path: Path) -> None:
-    for content in (b"name = ", b'name = "\xff"'):
-        with pytest.raises(ManifestError, match="not a TOML file"):
-            parse_manifest(content, "tiny-1.toml")
-    with pytest.raises(ManifestError, match="cannot read the manifest"):
-        read_manifest(tmp_path / "none.toml")
+def test_a_manifest_says_what_levels_are_in_metres_and_what_took_them() -> None:
+    manifest = parse_manifest(
+        (SCALED + "\n[rig]\nfocal_length = 0.025\ndefocus_f_number = 2.8\n").encode(), "tiny-1.toml"
+    )
+    assert manifest.depth.scale is not None
+    assert manifest.depth.scale.to_metres(np.array([255])).tolist() == [0.5]
+    assert manifest.rig is not None
+    assert (manifest.rig.focal_length, manifest.rig.pixel_pitch) == (0.025, None)
+    plain = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    assert (plain.depth.scale, plain.rig) == (None, None)
 
 
-def test_a_file_is_known_by_its_bytes(tmp_path: Path, tiny_manifest: Manifest) -> None:
-    file = tmp_path / "tiny-1.toml"
-    file.write_text(TINY_TOML)
-    assert read_manifest(file).sha256 == tiny_manifest.sha256
-    file.write_text(TINY_TOML + "# looked at\n")
-    assert read_manifest(file).sha256 != tiny_manifest.sha256
+def test_a_captured_set_needs_no_voltage_steps_but_its_section() -> None:
+    manifest = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml")
+    assert manifest.capture is None
+    assert manifest.pairs()[0].id == "desk/capture1"
+    start, end = FOLDER_TOML.index("[files]"), FOLDER_TOML.index("[table]")
+    assert "mine-1.toml: files" in problems_of(FOLDER_TOML[:start] + FOLDER_TOML[end:])
+
+
+def test_columns_that_are_known_must_be_the_ones_that_patterns_name() -> None:
+    text = STACK_TOML.replace("{image}", "{motor}")
+    parse_manifest(text.encode(), "mine-1.toml")
+    named = text.replace("[rig]", 'columns = ["run", "focus_distance"]\n\n[rig]')
+    text = problems_of(named)
+    assert "nothing is known by the name {motor}" in text
+    assert "the pattern names one file" in text

@@ -1,7 +1,5 @@
 """Stores on disk, in memory and in an S3-compatible object store, written and read alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

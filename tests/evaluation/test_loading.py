@@ -7,9 +7,9 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for, training_mean
 from dfdbench.evaluation.plan import RunOptions, plan_run

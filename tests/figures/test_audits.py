@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.audit.coverage import Verdict, compare_depths
-from dfdbench.audit.depth_errors import DepthErrors
-from dfdbench.audit.run_errors import LevelErrors, join_errors
+from dfdbench.audit.run_errors import DepthErrors, LevelErrors, join_errors
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale

@@ -58,12 +58,6 @@ def test_depth_maps_lie_over_one_image_on_one_scale(tmp_path: Path) -> None:
     write_figure(figure, tmp_path / "overlay.png")
 
 
-def test_a_depth_map_without_a_known_pixel_is_drawn_too(tmp_path: Path) -> None:
-    image = np.zeros((8, 9, 3), np.uint8)
-    nothing = (np.zeros((8, 9), np.uint8), np.zeros((8, 9), bool))
-    write_figure(camera.overlay_figure(image, {"none": nothing}, "k33"), tmp_path / "overlay.png")
-
-
 def test_sharpness_is_drawn_over_temperature_with_its_background() -> None:
     figure = camera.temperature_figure([measured(135, 0.2, 30), measured(135, 0.4, 50)])
     sharpness, background = figure.axes[0].lines

@@ -96,13 +96,6 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
 
 
-def test_no_two_of_fifteen_methods_look_alike() -> None:
-    scores = {f"method {number}": means(gain=[0.1, 0.2]) for number in range(15)}
-    lines = comparisons.tracks_figure(scores, "nrmse", "on demo").axes[0].lines
-    looks = {(line.get_color(), line.get_marker(), line.get_linestyle()) for line in lines}
-    assert len(looks) == 15
-
-
 def test_no_score_lies_outside_its_panel() -> None:
     scores = {"mine": means(gain=[0.1, 0.2], camera=[0.1, 0.9])}
     figure = comparisons.tracks_figure(scores, "nrmse", "on demo")

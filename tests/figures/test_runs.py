@@ -55,12 +55,6 @@ def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
         assert np.ptp(image) == 255
 
 
-def test_nothing_evaluated_nothing_drawn() -> None:
-    result = make_result({("a", 1, 1, 0): 0.1})
-    pairs = [pair.model_copy(update={"status": "failed", "scores": {}}) for pair in result.pairs]
-    assert score_figure(result.model_copy(update={"pairs": pairs}), "thesis") is None
-
-
 def test_axes_are_labelled_and_colours_tell_apart() -> None:
     figure = score_figure(make_result({("a", 1, 1, e): 0.1 * (e + 1) for e in (0, 1)}), "thesis")
     assert figure is not None
@@ -123,20 +117,6 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
         "NMAE",
         "SSIM",
     ]
-
-
-def test_several_runs_bear_one_name_each_in_the_legend() -> None:
-    runs = {"mine": make_result(VALUES), "_other": make_result(VALUES, "other")}
-    (legend,) = group_figures(runs, "thesis", SCENES)["geometry"].legends
-    assert [text.get_text() for text in legend.get_texts()] == ["mine", " _other"]
-
-
-def test_scenes_that_nothing_parts_have_no_figure() -> None:
-    plain = [Scene(name="k00", source="here")]
-    assert group_figures({"mine": make_result(VALUES)}, "thesis", plain) == {}
-    pairs = [p.model_copy(update={"status": "failed"}) for p in make_result(VALUES).pairs]
-    failed = make_result(VALUES).model_copy(update={"pairs": pairs})
-    assert group_figures({"mine": failed}, "thesis", SCENES) == {}
 
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:

@@ -30,10 +30,6 @@ def test_losses_rates_and_scores_are_drawn_by_step() -> None:
     assert all(heights(line) == [] for line in axes[4].lines)
 
 
-def test_a_training_without_scores_can_be_drawn() -> None:
-    trainings.training_figure(Log([{"step": 1, "learning_rate": 0.1, "loss": 2.0}], []), "title")
-
-
 def test_levels_are_shares_of_their_pixels() -> None:
     rows = [
         {"level": str(level), "trained": "30" if level == 7 else "0", "present": "1"}
@@ -83,11 +79,6 @@ def test_seeds_alone_are_drawn_one_by_one() -> None:
     axis = trainings.experiment_figure("title", cards).axes[0]
     assert heights(axis.lines[-1]) == [0.1, 0.2, 0.3]
     assert len(axis.patches) == 1
-
-
-def test_a_metric_that_no_pair_defines_leaves_its_panel_empty() -> None:
-    figure = trainings.experiment_figure("title", [("", card(scores={"ssim": 0.5}))])
-    assert [len(heights(axis.lines[0])) for axis in figure.axes] == [0, 0, 1]
 
 
 COURSE = [

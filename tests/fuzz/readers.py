@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from dfdbench.building.fetching.archive import archive_members, read_member
-from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching import archive_members, known_checksums, read_member
 from dfdbench.building.sources import image_files
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest

@@ -1,7 +1,5 @@
 """A module of methods, as a user writes it; weights of a small network."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

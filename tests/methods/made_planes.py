@@ -1,7 +1,5 @@
 """Fronto-parallel planes and slopes of made texture, as pairs to predict and to fit to."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 from typing import Any

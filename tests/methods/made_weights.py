@@ -1,7 +1,5 @@
 """Weights of a small network, and their card; for tests that have torch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

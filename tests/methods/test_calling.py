@@ -1,10 +1,12 @@
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dfdbench.methods.calling import call
+from dfdbench.methods.calling import TorchMethod, call
+from dfdbench.methods.registry import load_method
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -109,12 +111,6 @@ def test_every_real_type_will_do(dtype: type) -> None:
     assert prediction.depth.tolist() == [[200.0] * 6] * 4
 
 
-def test_rounding_past_the_range_is_clipped() -> None:
-    prediction = call(lambda *_: np.full((4, 6), 255.00001), IMAGE, IMAGE)
-    assert prediction.depth is not None
-    assert prediction.depth.max() == 255
-
-
 def test_what_a_method_prints_is_kept_apart(capsys: pytest.CaptureFixture[str]) -> None:
     def talking(infocus: Any, defocus: Any) -> Any:
         print("layer 1")
@@ -122,18 +118,6 @@ def test_what_a_method_prints_is_kept_apart(capsys: pytest.CaptureFixture[str]) 
 
     assert call(talking, IMAGE, IMAGE).printed == "layer 1\n"
     assert capsys.readouterr().out == ""
-
-
-def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
-    def predict(infocus: Any, defocus: Any) -> Any:
-        print("before")
-        sys.stdout.close()
-        return np.zeros(infocus.shape[:2])
-
-    image = np.zeros((4, 5, 3), np.uint8)
-    found = call(predict, image, image)
-    assert (found.error, found.printed) == ("", "before\n")
-    print("standard output is open")
 
 
 def test_a_method_cannot_spoil_the_images() -> None:
@@ -156,17 +140,6 @@ def test_what_a_method_says_can_be_written_to_a_file() -> None:
     assert prediction.printed == "level \\udc80\n"
 
 
-class UntoldError(Exception):
-    def __str__(self) -> str:
-        raise RuntimeError("no text")
-
-
-class Unlike:
-    @property  # type: ignore[misc]
-    def __class__(self) -> type:
-        raise RuntimeError("no class")
-
-
 class Strange(BaseException):
     pass
 
@@ -174,7 +147,6 @@ class Strange(BaseException):
 @pytest.mark.parametrize(
     ("raised", "told"),
     [
-        (UntoldError(), "raised UntoldError: its text cannot be told"),
         (Strange("out of band"), "raised Strange: out of band"),
         (GeneratorExit(), "raised GeneratorExit"),
     ],
@@ -194,28 +166,75 @@ def test_ctrl_c_in_a_method_stops_the_run() -> None:
         call(predict, IMAGE, IMAGE)
 
 
-def test_an_answer_that_breaks_when_looked_at_costs_the_pair_alone() -> None:
-    found = call(lambda infocus, defocus: (Unlike(),), IMAGE, IMAGE)
-    assert found.error == "returned a tuple that breaks: RuntimeError: no class"
+NETWORK = """
+import numpy as np
+import torch
+
+class Net(torch.nn.Module):
+    trained_on = "nothing"
+
+    def __init__(self):
+        super().__init__()
+        self.norm = torch.nn.BatchNorm2d(6)
+        self.modes = []
+
+    def fit(self, pairs):
+        self.train()
+
+    def forward(self, infocus, defocus, factor=1.0):
+        self.modes.append((self.training, self.norm.training, torch.is_grad_enabled()))
+        both = np.concatenate([infocus, defocus], 2).transpose(2, 0, 1)[None]
+        return self.norm(torch.from_numpy(both.astype(np.float32)))[0, 0].clamp(0, 255) * factor
+
+net = Net()
+
+def with_gradient(infocus, defocus):
+    return torch.full(infocus.shape[:2], 7.0, requires_grad=True)
+"""
 
 
-class Leaves:
-    """Ends the program where it is looked at."""
-
-    def __array__(self, *_: object, **__: object) -> Any:
-        raise SystemExit(0)
-
-
-class LeavingError(Exception):
-    def __str__(self) -> str:
-        raise SystemExit(0)
+@pytest.fixture
+def network(tmp_path: Path) -> Path:
+    path = tmp_path / "network.py"
+    path.write_text(NETWORK)
+    return path
 
 
-def test_what_ends_the_program_when_it_is_looked_at_costs_the_pair_alone() -> None:
-    found = call(lambda infocus, defocus: Leaves(), IMAGE, IMAGE)
-    assert found.error.startswith("returned a Leaves that is no array: SystemExit")
+@pytest.mark.parametrize(("name", "factor"), [("Net", 1.0), ("net", 1.0), ("net", 0.5)])
+def test_batch_norm_answers_as_it_learned(network: Path, name: str, factor: float) -> None:
+    given = {} if factor == 1 else {"factor": factor}
+    method = load_method(f"{network}:{name}", given, {})
+    image = np.random.default_rng(0).integers(0, 256, (9, 12, 3)).astype(np.uint8)
+    answer = call(method.predict, image, image)
+    # In training mode it would be normalised to mean 0 and variance 1.
+    assert answer.depth is not None
+    assert np.allclose(answer.depth, image[..., 0] * factor, atol=0.01)
 
+
+def test_a_fit_that_trains_leaves_no_trace(network: Path) -> None:
+    method = load_method(f"{network}:Net", {}, {})
+    assert method.trained_on == "nothing"
+    method.fit([])
+    image = np.zeros((9, 12, 3), np.uint8)
+    assert call(method.predict, image, image).depth is not None
+    assert isinstance(method.predict, TorchMethod)
+    assert method.predict.modes == [(False, False, False)]
+
+
+def test_a_tensor_with_a_gradient_is_taken(network: Path) -> None:
+    image = np.zeros((9, 12, 3), np.uint8)
+    depth = call(load_method(f"{network}:with_gradient", {}, {}).predict, image, image).depth
+    assert depth is not None
+    assert depth.tolist() == [[7.0] * 12] * 9
+
+
+def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
     def predict(infocus: Any, defocus: Any) -> Any:
-        raise LeavingError
+        print("before")
+        sys.stdout.close()
+        return np.zeros(infocus.shape[:2])
 
-    assert call(predict, IMAGE, IMAGE).error.startswith("raised LeavingError: its text cannot")
+    image = np.zeros((4, 5, 3), np.uint8)
+    found = call(predict, image, image)
+    assert (found.error, found.printed) == ("", "before\n")
+    print("standard output is open")

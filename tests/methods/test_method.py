@@ -77,22 +77,6 @@ def test_what_cannot_be_read_is_told_by_its_name(name: str) -> None:
     Method("m", "m:m", Raises("calibration")).require_readable()
 
 
-class Unprintable:
-    def __str__(self) -> str:
-        raise RuntimeError("boom")
-
-
-@pytest.mark.parametrize(
-    ("name", "said"), [("warnings", 3), ("warnings", [Unprintable()]), ("paper", Unprintable())]
-)
-def test_what_is_no_text_is_told_by_its_name(name: str, said: object) -> None:
-    predict = Raises("")
-    setattr(predict, name, said)
-    with pytest.raises(MethodError, match="cannot be read") as told:
-        Method("m", "m:m", predict).require_readable()
-    assert told.value.problems[0].where == f"m:m: {name}"
-
-
 PAIR = MadePair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
 
 
@@ -210,20 +194,5 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
     assert (told.out, told.err) == ("", "epoch 1\n" * 2)
 
 
-def test_a_fit_that_raises_says_in_which_line() -> None:
-    with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_method.py:\d+ in \w+\)"):
-        teach(Method("mine", "m:Learning", Learning(KeyError("gone"))), [])
-
-
 def test_what_training_did_not_show_may_be_unknown() -> None:
     assert check_learned({"measured": np.array([1.0, np.nan]), "none": np.array([])}, "m:f")
-
-
-def test_a_mapping_that_breaks_when_it_is_read_is_the_fit_s_mistake() -> None:
-    class Broken(dict[str, float]):
-        def items(self) -> Any:
-            raise RuntimeError("boom")
-
-    with pytest.raises(MethodError, match="cannot be read") as told:
-        check_learned(Broken(a=1.0), "m:f")
-    assert told.value.problems[0].got.startswith("RuntimeError: boom")

@@ -7,14 +7,7 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods.registry import (
-    check_parameters,
-    is_class,
-    load,
-    load_method,
-    parameter_names,
-    registered_methods,
-)
+from dfdbench.methods.registry import check_parameters, load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -75,84 +68,9 @@ def test_packages_register_through_entry_points(
     assert load("mine")(IMAGE, IMAGE)[0, 0] == 7
 
 
-@pytest.mark.parametrize("name", ["constant", "local", "graph-cuts", "graph-cuts-rounded"])
-def test_what_is_loaded_returns_a_depth_map(name: str) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (24, 30, 3)).astype(np.uint8)
-    given = {"training_mean": 90.0} if name == "constant" else {}
-    depth = load(name, **given)(image, image)
-    assert isinstance(depth, np.ndarray)
-    assert (depth.shape, depth.dtype) == ((24, 30), np.float32)
-
-
-RAISING = {
-    "a property": """
-class Predict:
-    @property
-    def trained_on(self):
-        raise RuntimeError("boom")
-    def __call__(self, infocus, defocus):
-        return infocus[..., 0]
-predict = Predict()
-""",
-    "a fit": """
-class Predict:
-    def __getattr__(self, name):
-        raise RuntimeError("boom")
-    def __call__(self, infocus, defocus):
-        return infocus[..., 0]
-predict = Predict()
-""",
-    "a class": """
-class Predict:
-    __class__ = property(lambda self: 1 / 0)
-    __getattr__ = lambda self, name: 1 / 0
-predict = Predict()
-""",
-    "a module": """
-def __getattr__(name):
-    raise RuntimeError("boom")
-""",
-}
-
-
-@pytest.mark.parametrize("what", RAISING)
-def test_an_attribute_that_raises_is_the_method_s_mistake(tmp_path: Path, what: str) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(RAISING[what])
-    with pytest.raises(MethodError, match="cannot be read") as told:
-        load_method(f"{path}:predict", {}, {})
-    assert any(word in told.value.problems[0].got for word in ("boom", "ZeroDivisionError"))
-
-
-def test_a_signature_that_raises_is_not_looked_at(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(
-        "class Predict:\n"
-        "    @property\n"
-        "    def __signature__(self):\n"
-        "        raise RuntimeError('boom')\n"
-        "    def __call__(self, infocus, defocus, extra=0):\n"
-        "        return infocus[..., 0] * 0 + extra\n"
-        "predict = Predict()\n"
-    )
-    predict = load_method(f"{path}:predict", {"extra": 3}, {}).predict
-    image = np.zeros((2, 2, 3), np.uint8)
-    assert np.asarray(predict(image, image)).tolist() == [[3, 3], [3, 3]]
-
-
 class Takes:
     def __init__(self, window: int, recipe: object = None) -> None:
         pass
-
-
-class Lies:
-    __class__ = property(lambda self: 1 / 0)
-
-
-def test_what_something_is_does_not_depend_on_what_it_says() -> None:
-    assert is_class(Takes)
-    assert not is_class(Lies())
-    assert parameter_names(Takes) == {"window", "recipe"}
 
 
 def test_what_is_unknown_and_what_is_needed_is_named() -> None:
@@ -163,16 +81,3 @@ def test_what_is_unknown_and_what_is_needed_is_named() -> None:
     with pytest.raises(MethodError, match="parameter is needed") as told:
         check_parameters("m:Takes", Takes, {})
     assert told.value.problems[0].fix == "--param window=VALUE"
-
-
-def test_a_callable_that_does_not_tell_takes_what_it_is_given() -> None:
-    class Silent:
-        @property
-        def __signature__(self) -> None:
-            raise RuntimeError("boom")
-
-        def __call__(self) -> None:
-            pass
-
-    assert parameter_names(Silent()) == set()
-    check_parameters("m:s", Silent(), {"anything": 1})

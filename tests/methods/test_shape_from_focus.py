@@ -1,7 +1,5 @@
 """Shape from focus: exact places on made stacks, the shared stack, and what it refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods.registry import load
 from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, focus_cells, power_of_blur
 from tests.made_stacks import antinous, blurred_to, made_capture, stack_of
 from tests.methods.made_planes import texture
@@ -93,11 +90,6 @@ def test_any_size_has_an_answer_within_the_range(shape: tuple[int, int]) -> None
     assert depth.max() <= 255
 
 
-def test_black_images_have_an_answer() -> None:
-    depth = ShapeFromFocus()(stack_of([np.zeros((20, 30, 3), np.uint8)] * 4, FOCUS))
-    assert np.isfinite(depth).all()
-
-
 @pytest.mark.parametrize(
     ("focus", "words"),
     [
@@ -125,12 +117,6 @@ def test_names_wrong_parameters() -> None:
         ShapeFromFocus(peak="parabola")
     with pytest.raises(MethodError, match="window"):
         ShapeFromFocus(window=20)
-
-
-def test_is_registered() -> None:
-    method = load("shape-from-focus", window=13)
-    assert isinstance(method, ShapeFromFocus)
-    assert "Nayar" in method.paper
 
 
 def test_texture_has_more_focus_than_its_blur() -> None:

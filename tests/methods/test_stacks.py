@@ -1,7 +1,5 @@
 """Solvers on focal stacks: what is fitted, without an image in focus too, what is refused."""
 
-from __future__ import annotations
-
 import tracemalloc
 from functools import cache
 from typing import Any
@@ -13,9 +11,9 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.calibration import calibrate_images
 from dfdbench.methods.method import Learned, check_learned
 from dfdbench.methods.registry import load
-from dfdbench.methods.stacks import fused, is_pair, sharp_and_blurred
+from dfdbench.methods.stacks import sharp_and_blurred
 from tests.made_stacks import made_capture, stack_of
-from tests.methods.made_planes import slope, texture
+from tests.methods.made_planes import texture
 
 FOCUS = (30, 90, 150, 210)
 SOLVERS = ("graph-cuts", "graph-cuts-rounded", "sgm", "guided", "local")
@@ -135,11 +133,6 @@ def test_an_image_in_focus_is_put_together_where_there_is_none() -> None:
     assert errors[0] < 0.4 * min(errors[1:])
 
 
-def test_one_image_is_its_own_fusion() -> None:
-    image = texture(0)
-    np.testing.assert_array_equal(fused([image]), image)
-
-
 def test_sixteen_bits_are_solved_as_eight() -> None:
     stack = made_capture(3, FOCUS).stack
     deep = stack.astype(np.uint16) * 257
@@ -150,8 +143,3 @@ def test_sixteen_bits_are_solved_as_eight() -> None:
 def test_a_stack_without_a_defocus_image_is_refused() -> None:
     with pytest.raises(MethodError, match="no image of the stack has the role defocus"):
         sharp_and_blurred(stack_of([], (), texture(0)))
-
-
-def test_knows_a_pair() -> None:
-    assert is_pair(slope(0).stack)
-    assert not is_pair(made_capture(0, FOCUS).stack)

@@ -7,8 +7,14 @@ import pytest
 
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import InputError, UnknownNameError
-from dfdbench.metrics.metres import abs_rel, aligned, boundary_f1, rmse_metres, share_within
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import (
+    METRICS,
+    abs_rel,
+    aligned,
+    boundary_f1,
+    rmse_metres,
+    share_within,
+)
 from dfdbench.metrics.protocol import (
     PROTOCOLS,
     RELEASED,

@@ -92,8 +92,3 @@ def test_a_broken_table_is_told_with_every_problem(tmp_path: Path) -> None:
 def test_a_range_outside_the_table_is_refused() -> None:
     with pytest.raises(InputError, match="fewer than two measured"):
         rank_pairs(read_lens_table(), 5, 6)
-
-
-def test_numbers_that_no_lens_has_are_told() -> None:
-    with pytest.raises(SourceError, match="not numbers of 0 to"):
-        parse_lens_table(f"step,1,2\n10,1,{10**30}\n", "mine.csv")

@@ -9,7 +9,7 @@ from scipy import fft, ndimage
 
 from dfdbench.errors import SourceError
 from dfdbench.optics import sharpness
-from dfdbench.simulation.capture_files import write_lens_test
+from dfdbench.simulation.board_scene import write_lens_test
 from tests.conftest import write_png
 
 images = hnp.arrays(np.uint8, (16, 12), elements=st.integers(0, 255))

@@ -82,10 +82,3 @@ def test_the_sigma_is_a_quarter_of_the_disks_width_and_variances_subtract() -> N
     for f_number in (2.0, 1.4):
         with pytest.raises(InputError, match="no smaller aperture"):
             lens.blur_sigma(0.5, f_number)
-
-
-def test_numbers_whose_products_are_0_or_infinite_are_refused() -> None:
-    with pytest.raises(InputError, match="not a number of 1e-12"):
-        ThinLens(2.4, 1e-300, 0.5, 1e-300)
-    with pytest.raises(InputError, match="not a number of 1e-12"):
-        ThinLens(2.4, 1e-2, 1e308, 5e-6)

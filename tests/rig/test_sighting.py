@@ -1,7 +1,5 @@
 """A board in pictures, in scans, and before a rig whose rays are drawn at random."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
-from dfdbench.building.sources.demo_scenes import SCENES
+from dfdbench.building.sources.demo import SCENES
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module

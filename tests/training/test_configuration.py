@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -170,14 +168,6 @@ def test_every_shipped_configuration_can_be_read(name: str) -> None:
         assert settled(found, CPU) == found
 
 
-def test_a_file_and_changes_to_it(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text('filters = "F-02-02"\nnoise = 1\n')
-    read = read_configuration(str(path), {"noise": 3, "betas": [0.9, 0.999]})
-    assert (read.noise, read.betas) == (3.0, (0.9, 0.999))
-    assert read.architecture("dfd-net")["filters"] == list(FILTERS["F-02-02"])
-
-
 def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('crop = 3\nnoice = 1\nprecision = "int8"\nlearning_rate = -1\n')
@@ -219,8 +209,3 @@ def test_a_processor_trains_in_what_it_does_fast(
     assert found == precision
     assert said in reason
     assert settled(TrainingConfiguration(precision="auto"), CPU).precision == precision
-
-
-def test_a_pytorch_that_cannot_be_asked_trains_in_float32(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(torch.cpu, "get_capabilities")
-    assert precision_for(CPU)[0] == "float32"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 
@@ -153,13 +151,6 @@ def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
     pixels, levels = crops.Cropper(images, 16, 6, "one", 0.0, 1, redraw).draw(0)
     for patch, level in zip(pixels, levels, strict=True):
         assert found_at(whole.float(), patch, images.levels[0], level)
-
-
-def test_levels_are_counted_without_those_left_out() -> None:
-    counts = crops.count_levels(torch.tensor([[3, 3], [crops.IGNORED, 255]]))
-    assert counts[3] == 2
-    assert counts[255] == 1
-    assert counts.sum() == 3
 
 
 def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -1,18 +1,14 @@
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.training.experiments import (
     experiment_table,
     experiments,
     find_experiment,
-    folds_of,
     run_trial,
     trials,
 )
@@ -42,12 +38,6 @@ def test_the_thesis_experiments_are_there() -> None:
     assert known["noise"].repeats == known["sampling-size"].repeats == 10
     with pytest.raises(UnknownNameError, match="did you mean noise"):
         find_experiment("nois")
-
-
-def test_folds_are_the_manifests_or_single_scenes(tiny_manifest: Manifest) -> None:
-    assert folds_of(tiny_manifest) == ("K1", "K2")
-    without = tiny_manifest.model_copy(update={"folds": []})
-    assert folds_of(without) == ("One", "Two", "Three")
 
 
 def test_each_value_and_seed_is_a_training(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -1,14 +1,28 @@
-from __future__ import annotations
-
 import copy
+import math
+from collections import deque
+from collections.abc import Iterable
+from itertools import pairwise
 
+import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
+from scipy.stats import linregress, norm
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
+from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED
-from dfdbench.training.learner import Learner, LevelLoss
+from dfdbench.training.learner import (
+    DlibSchedule,
+    EndedBy,
+    Learner,
+    LevelLoss,
+    probability_of_fall,
+    schedule_of,
+    without_largest,
+)
 from tests.training.test_trainer import task
 
 CPU = torch.device("cpu")
@@ -104,3 +118,166 @@ def test_pixels_left_out_do_not_count(width: float) -> None:
     both = torch.cat([logits_for(7), logits_for(200)], 3)
     counted = loss(both, torch.tensor([[[7, 7, IGNORED, IGNORED]]]))
     assert torch.allclose(counted, loss(logits_for(7), torch.tensor([[[7, 7]]])))
+
+
+def steps_without_decrease(losses: Iterable[float], ignored_above: float = math.inf) -> int:
+    """dlib's count, a value at a time from the newest back: sums of a growing regression."""
+    n = sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
+    count = 0
+    for number, loss in enumerate(losses, 1):
+        if loss <= ignored_above:
+            x, y = n, loss - 1.0
+            n, sum_x, sum_y = n + 1, sum_x + x, sum_y + y
+            sum_xx, sum_xy, sum_yy = sum_xx + x * x, sum_xy + x * y, sum_yy + y * y
+        if n > 2:
+            spread = sum_xx - sum_x**2 / n
+            slope = (sum_xy - sum_x * sum_y / n) / spread
+            residual = sum_yy - sum_y**2 / n - slope**2 * spread
+            error = math.sqrt(max(residual, 0.0) / (n - 2) * 12 / (n**3 - n))
+            if math.erfc(-slope / error / math.sqrt(2)) / 2 < 0.51:
+                count = number
+    return count
+
+
+def lowered_by_dlib(losses: Iterable[float], patience: int) -> list[int]:
+    """The steps at which dlib's trainer lowers the rate, as its source tells it."""
+    kept: deque[float] = deque()
+    budget, lowered = 0, []
+    for step, loss in enumerate(losses, 1):
+        budget += 200
+        kept.append(loss)
+        while len(kept) > patience:
+            kept.popleft()
+        if budget <= patience:
+            continue
+        budget = 0
+        newest_first = list(reversed(kept))
+        if steps_without_decrease(newest_first) >= patience:
+            quantile = sorted(kept)[math.floor((len(kept) - 1) * (1 - 0.10) + 0.5)]
+            if steps_without_decrease(newest_first, quantile) >= patience:
+                lowered.append(step)
+                for _ in range(min(len(kept), 400 + patience // 10)):
+                    kept.popleft()
+    return lowered
+
+
+def lowered_by(schedule: DlibSchedule, losses: Iterable[float]) -> list[int]:
+    lowered = []
+    for step, loss in enumerate(losses, 1):
+        before = schedule.rate
+        schedule.after(step, loss)
+        if schedule.rate < before:
+            lowered.append(step)
+    return lowered
+
+
+def curve(name: str, steps: int = 5000) -> NDArray[np.float64]:
+    random = np.random.default_rng(7)
+    step = np.arange(steps)
+    if name == "falls, then level":
+        return 1 + 4 * np.exp(-step / 500) + random.normal(0, 0.1, steps)
+    if name == "falls on and on":
+        return 3 / np.sqrt(1 + step / 300) + random.normal(0, 0.3, steps)
+    return 1 + 2 * np.exp(-step / 300) + random.normal(0, 0.05, steps) + 3 * (step % 700 > 640)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["falls, then level", "falls on and on", "bad stretches"])
+def test_dlibs_schedule_lowers_the_rate_where_dlib_does(name: str) -> None:
+    losses, choices = curve(name), TrainingConfiguration(patience=600)
+    expected = lowered_by_dlib(losses, 600)
+    assert lowered_by(DlibSchedule(choices), losses) == expected
+    assert len(expected) > 2
+
+
+def test_dlib_checks_every_13_steps_and_drops_the_oldest_650() -> None:
+    published = DlibSchedule(TrainingConfiguration())
+    # 193 * 13 is the first check of 2,500 losses, 650 more are there at step 243 * 13.
+    assert lowered_by(published, [1.0] * 3200) == [2509, 3159]
+
+
+def test_a_bad_stretch_at_the_end_alone_does_not_lower_the_rate() -> None:
+    losses = 2 - np.arange(600) / 1000 + np.random.default_rng(1).normal(0, 0.01, 600)
+    losses[-40:] += 30
+    assert steps_without_decrease(losses[::-1]) == 600
+    assert lowered_by(DlibSchedule(TrainingConfiguration(patience=600)), losses) == []
+
+
+def test_it_ends_at_the_least_rate() -> None:
+    schedule = DlibSchedule(TrainingConfiguration(patience=50))
+    lowered = lowered_by(schedule, [1.0] * 300)
+    assert (schedule.ended, len(lowered)) == ("learning rate 1e-10", 6)
+    assert schedule.rate == pytest.approx(1e-10)
+
+
+def test_it_ends_at_its_steps_where_that_is_earlier() -> None:
+    schedule = schedule_of(TrainingConfiguration(steps=7))
+    for step in range(1, 8):
+        assert not schedule.ended
+        schedule.after(step, 1.0)
+    assert schedule.ended == "its number of steps"
+
+
+def test_the_cosine_rises_then_falls_to_nothing() -> None:
+    schedule = schedule_of(
+        TrainingConfiguration(schedule="cosine", steps=100, warm_up=9, learning_rate=1.0)
+    )
+    rates = []
+    for step in range(1, 101):
+        rates.append(schedule.rate)
+        schedule.after(step, 1.0)
+    assert rates[0] == pytest.approx(0.1)
+    assert max(rates) == pytest.approx(rates[9], rel=0.05)
+    assert all(before > after for before, after in pairwise(rates[9:]))
+    assert rates[-1] < 1e-3
+    assert schedule.ended
+
+
+@pytest.mark.parametrize("kind", ["dlib", "cosine"])
+def test_a_restored_schedule_goes_on_alike(kind: str) -> None:
+    choices = TrainingConfiguration.model_validate(
+        {"schedule": kind, "steps": 900, "patience": 100}
+    )
+    whole, half = schedule_of(choices), schedule_of(choices)
+    losses = np.random.default_rng(0).normal(1, 0.1, 400)
+    rates = []
+    for step, loss in enumerate(losses, 1):
+        whole.after(step, float(loss))
+        rates.append(whole.rate)
+    for step, loss in enumerate(losses[:170], 1):
+        half.after(step, float(loss))
+    again = schedule_of(choices)
+    again.restore(half.state())
+    for step, loss in enumerate(losses[170:], 171):
+        again.after(step, float(loss))
+        assert again.rate == rates[step - 1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_probability_of_a_fall_is_that_of_the_line_through_all(seed: int) -> None:
+    losses = np.linspace(1.03, 1, 200) + np.random.default_rng(seed).normal(0, 0.1, 200)
+    fit = linregress(np.arange(200), losses)
+    assert probability_of_fall(losses) == pytest.approx(norm.cdf(-fit.slope / fit.stderr))
+
+
+def test_the_largest_tenth_is_left_out_and_what_equals_its_least_is_kept() -> None:
+    losses = np.random.default_rng(2).permutation(2500).astype(float)
+    assert without_largest(losses).tolist() == [loss for loss in losses if loss <= 2249]
+    assert without_largest([1.0] * 30).tolist() == [1.0] * 30
+
+
+@pytest.mark.parametrize(
+    ("text", "ended", "early"),
+    [
+        ("its number of steps", EndedBy.STEPS, False),
+        ("learning rate 1e-10", EndedBy.LEARNING_RATE, False),
+        ("its time limit", EndedBy.TIME_LIMIT, True),
+        ("its time limit, within the warm-up, at step 1 of 5", EndedBy.TIME_LIMIT_IN_WARM_UP, True),
+        ("hand", None, None),
+    ],
+)
+def test_a_card_says_why_training_ended(
+    text: str, ended: EndedBy | None, early: bool | None
+) -> None:
+    assert EndedBy.of(text) is ended
+    assert ended is None or ended.early is early

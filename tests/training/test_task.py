@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from pathlib import Path
@@ -134,11 +132,6 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
     assert network.training
     after = network.state_dict()
     assert all(torch.equal(before[name], after[name]) for name in before)
-
-
-def test_without_pairs_there_is_no_score(tiny_store: Dataset) -> None:
-    network = build_network("dfd-net", {"filters": list(SMALL)})
-    assert mean_scores(network, tiny_store, (), CPU) == {"thesis": {}, "thesis-networks-2": {}}
 
 
 def test_threads_are_as_many_afterwards_whatever_happens() -> None:

@@ -1,15 +1,12 @@
 """Where images and depth maps come from: a module a data set, one interface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from dfdbench.building.sources.demo import DemoScenes
 from dfdbench.building.sources.folder import FolderScenes
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
-from dfdbench.building.sources.middlebury import MiddleburyScenes
-from dfdbench.building.sources.middlebury_download import Download, download_middlebury
+from dfdbench.building.sources.middlebury import Download, MiddleburyScenes, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.building.sources.simulated_rig import SimulatedRig

@@ -1,27 +1,150 @@
 """One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.depth_values import depth_of
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph
+from dfdbench.building.sources.interface import gathered
 from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.optics.sharpness import laplacian_energy
 
+#: Units that depth files are written in, in metres: metres, centimetres, millimetres, tenths of
+#: them, the 1/5000 of TUM RGB-D and the 1/256 of KITTI.
+_UNITS = {
+    "metres": 1.0,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "tenths of a millimetre": 0.0001,
+    "1/5000 of a metre": 0.0002,
+    "1/256 of a metre": 1 / 256,
+}
+# A median that misses the bounds by no more than this factor is of a scene, not of a unit.
+_NEARBY = 1.5
+
+
+def depth_of(
+    values: NDArray[Any], files: CapturedFiles, depth: Depth, where: str
+) -> NDArray[np.float32]:
+    """Return a depth file's values in the unit of the set, NaN where they are not known.
+
+    What lies before near or beyond far counts as not known. Of whole numbers levels are whole; a
+    file with fractions keeps them.
+
+    Parameters
+    ----------
+    values : ndarray, shape (y, x)
+        As they stand in the file.
+    files, depth : CapturedFiles, Depth
+        The manifest's sections.
+    where : str
+        The file, for messages.
+
+    Raises
+    ------
+    SourceError
+        Where no pixel's depth is known, half the pixels or more lie outside the stated bounds, as
+        in another unit, or values are no levels.
+    """
+    numbers = values.astype(np.float64)
+    known = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
+    metres = depth.kind == "metres" or files.depth_unit is not None
+    if metres:
+        known &= numbers > 0
+    if not known.any():
+        kind = f"finite{' and above 0' * metres}, and not missing"
+        raise SourceError(f"none of {values.size} depths is {kind}", where=where)
+    if metres and depth.scale is not None:
+        whole = values.dtype.kind != "f"
+        _refuse_another_unit(float(np.median(numbers[known])), whole, files, depth.scale, where)
+    elif files.depth_ends is None:
+        _refuse_no_levels(numbers[known], where)
+        known &= numbers != depth.unknown
+    ends = files.depth_ends
+    if ends is not None:
+        known &= (numbers >= min(ends)) & (numbers <= max(ends))
+    if metres and depth.scale is not None:
+        distance = numbers * (files.depth_unit or 1.0)
+        known &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
+    found = in_unit_of(np.where(known, numbers, np.nan), files, depth)
+    if depth.kind == "levels" and values.dtype.kind != "f":
+        found = np.rint(found)
+    return found.astype(np.float32)
+
+
+def in_unit_of(
+    values: NDArray[np.float64], files: CapturedFiles, depth: Depth
+) -> NDArray[np.float64]:
+    """Return values of a depth file in the unit of the set.
+
+    Parameters
+    ----------
+    values : ndarray of float64, any shape
+        NaN stays.
+    files, depth : CapturedFiles, Depth
+        The manifest's sections.
+    """
+    ends = files.depth_ends
+    if ends is not None:
+        near, far = (LAST_LEVEL, 1) if depth.grows_with == "nearness" else (1, LAST_LEVEL)
+        return far + (values - ends[1]) / (ends[0] - ends[1]) * (near - far)
+    if depth.kind == "levels" and files.depth_unit is None:
+        return values
+    return depth.of_metres(values * (files.depth_unit or 1.0))
+
+
+def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
+    whole = (found == np.rint(found)).all()
+    if not whole or found.min() < 0 or found.max() > LAST_LEVEL:
+        what = f"{_short(found.min())} to {_short(found.max())} are no depth levels, 0 to 255"
+        fix = "state depth_unit and [depth.scale] with near and far in metres, or depth_ends"
+        raise SourceError(what, where=where, fix=fix)
+
+
+def _refuse_another_unit(
+    median: float, whole: bool, files: CapturedFiles, scale: DepthScale, where: str
+) -> None:
+    unit = files.depth_unit or 1.0
+    fitting = _units_that_fit(median, scale)
+    would = f"depth_unit = {' or '.join(fitting)} would fit"
+    if whole and files.depth_unit is None:
+        what = f"whole numbers, and not metres, with a median of {_short(median)}"
+        fix = would if fitting else "no usual unit fits near and far under [depth.scale]"
+        raise SourceError(what, where=where, fix=fix)
+    if scale.near <= median * unit <= scale.far:
+        return
+    if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:
+        fix = "widen near and far under [depth.scale]"
+    else:
+        fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
+    what = f"a median of {_short(median * unit)} m, not {scale.near:g} to {scale.far:g} m"
+    raise SourceError(f"{what}: another unit, or other bounds", where=where, fix=fix)
+
+
+def _units_that_fit(median: float, scale: DepthScale) -> list[str]:
+    return [
+        f"{_short(size)} ({name})"
+        for name, size in _UNITS.items()
+        if scale.near <= median * size <= scale.far
+    ]
+
+
+def _short(number: Any) -> str:
+    return f"{float(number):.6g}"
+
+
 Image = NDArray[Any]
 Mask = NDArray[np.bool_]
-Returned = TypeVar("Returned")
 #: The bytes of a file, and its name for messages.
 File = tuple[bytes, str]
 
@@ -68,26 +191,24 @@ def captured_images(
         With everything that is wrong: damaged files, sizes that differ, depth in another unit, an
         alignment that is not found, a crop beyond the image.
     """
-    tries = _Tries([])
+    problems: list[Problem] = []
     is_pair = files.images is None
+    bits, rotation = files.image_bits, files.exif_rotation
     read: list[tuple[Image, str]] = []
     for content, where in photographs:
-        image = tries.to(
-            read_photograph, content, where, files.image_bits, files.exif_rotation, not is_pair
-        )
-        if image is not None:
-            read.append((image, where))
+        with gathered(problems):
+            read.append((read_photograph(content, where, bits, rotation, not is_pair), where))
     sized = list(read)
     found = None
     if depth is not None:
-        values = tries.to(read_depth_file, *depth, files.exif_rotation)
-        if values is not None:
+        with gathered(problems):
+            values = read_depth_file(*depth, rotation)
             sized.append((values, depth[1]))
-            found = tries.to(depth_of, values, files, about, depth[1])
+            found = depth_of(values, files, about, depth[1])
     for image, where in sized[1:]:
-        tries.to(_require_size, image, where, *sized[0], depth is not None and where == depth[1])
-    if tries.problems:
-        raise SourceError.of(tries.problems)
+        is_depth = depth is not None and where == depth[1]
+        problems += _odd_size(image, where, *sized[0], is_depth)
+    SourceError.raise_if(problems)
     if found is None:
         found = np.full(read[0][0].shape[:2], np.nan, np.float32)
     warnings = _swapped(read) if is_pair else ()
@@ -97,20 +218,6 @@ def captured_images(
     if depth is not None and not np.isfinite(known).any():
         raise SourceError("no depth is known inside the crop", where=depth[1])
     return CapturedImages(_in_one(laid)[:, *kept], known, told, warnings)
-
-
-@dataclass(frozen=True)
-class _Tries:
-    """Calls functions and gathers what they raise."""
-
-    problems: list[Problem]
-
-    def to(self, step: Callable[..., Returned], *arguments: Any) -> Returned | None:
-        try:
-            return step(*arguments)
-        except SourceError as error:
-            self.problems.extend(error.problems)
-            return None
 
 
 def _laid_on_the_first(
@@ -136,8 +243,7 @@ def _laid_on_the_first(
                 Problem(p.what, where=moved, expected=p.expected, got=p.got, fix=p.fix)
                 for p in error.problems
             ]
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return [first, *others], covered, tuple(told)
 
 
@@ -221,15 +327,13 @@ def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:
     return (f"{where}: the defocus image is the sharper one, are the two swapped?",)
 
 
-def _require_size(image: Image, where: str, first: Image, named: str, is_depth: bool) -> None:
+def _odd_size(
+    image: Image, where: str, first: Image, named: str, is_depth: bool
+) -> Iterator[Problem]:
     if image.shape[:2] != first.shape[:2]:
-        raise SourceError(
-            "size differs",
-            where=where,
-            expected=f"{_sides(first)} as {named}",
-            got=_sides(image),
-            fix="resample the depth map onto the image" if is_depth else "",
-        )
+        expected, got = f"{_sides(first)} as {named}", _sides(image)
+        fix = "resample the depth map onto the image" * is_depth
+        yield Problem("size differs", where=where, expected=expected, got=got, fix=fix)
 
 
 def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice, slice]:
@@ -237,13 +341,8 @@ def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice,
         return slice(None), slice(None)
     bottom, right = crop.y + crop.height, crop.x + crop.width
     if bottom > shape[0] or right > shape[1]:
-        raise SourceError(
-            "the crop reaches beyond the image",
-            where=where,
-            expected=f"within {shape[0]} rows, {shape[1]} columns",
-            got=f"rows to {bottom}, columns to {right}",
-            fix="mend [files.crop]",
-        )
+        what = f"the crop reaches to row {bottom} and column {right} of {shape[0]} and {shape[1]}"
+        raise SourceError(what, where=where, fix="mend [files.crop]")
     return slice(crop.y, bottom), slice(crop.x, right)
 
 

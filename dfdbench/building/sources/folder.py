@@ -1,7 +1,5 @@
 """Read a captured set that its manifest describes: pairs or stacks, and a depth map each."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.building.fetching.checksums import check_checksum, sha256
+from dfdbench.building.fetching import check_checksum, sha256
 from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images

@@ -1,9 +1,6 @@
 """Read photographs (PNG, JPEG, TIFF) and depth files (also npy, npz, pfm); reject damaged ones."""
 
-from __future__ import annotations
-
 import io
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -25,10 +22,9 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 #: Endings of the arrays that are read as depth.
 ARRAYS = (".npy", ".npz", ".pfm")
 
-_ARRAY_HEADS = {b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"Pf": "pfm", b"PF": "pfm"}
+_ARRAY_HEADS = {b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"Pf": "pfm"}
 # Of an npz with several arrays the one of this name is the depth.
 _DEPTH_NAME = "depth"
-_PFM_HEAD = re.compile(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+([-+.\deE]+)\s")
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
@@ -131,8 +127,9 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
     if kind is None:
         return decode_file(content, where)
     try:
+        file = io.BytesIO(content)
         values: Any = (
-            _pfm(content) if kind == "pfm" else np.load(io.BytesIO(content), allow_pickle=False)
+            np.array(Pillow.open(file)) if kind == "pfm" else np.load(file, allow_pickle=False)
         )
         if kind == "npz":
             names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
@@ -149,17 +146,6 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
         what = f"{values.dtype} of shape {values.shape} is not a depth map: numbers of shape (y, x)"
         raise SourceError(what, where=where)
     return np.asarray(values)
-
-
-def _pfm(content: bytes) -> NDArray[np.float32]:
-    # Rows run from the bottom up; the sign of the scale tells the order of bytes.
-    head = _PFM_HEAD.match(content)
-    if head is None:
-        raise ValueError("no header of width, height and scale")
-    shape = (int(head[3]), int(head[2]), 3 if head[1] == b"PF" else 1)
-    kind = "<f4" if float(head[4]) < 0 else ">f4"
-    values = np.frombuffer(content, kind, offset=head.end())
-    return np.flipud(values.reshape(shape)).astype(np.float32)
 
 
 def decode_file(content: bytes, where: str) -> NDArray[Any]:

@@ -1,7 +1,5 @@
 """The images of a capture: which files they are, in which order, and what is known of each."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -12,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.building.sources.depth_values import in_unit_of
+from dfdbench.building.sources.captured_images import in_unit_of
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import (
     ANY_ENDING,
@@ -82,12 +80,9 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
             _json_rows(json.loads(text)) if where.endswith(".json") else _text_rows(text, columns)
         )
     except ValueError as error:
-        raise SourceError(
-            "no table of the images",
-            where=where,
-            got=str(error),
-            fix="" if columns else "a text without a heading needs `columns` under [files]",
-        ) from error
+        what = f"no table of the images: {error}"
+        fix = "" if columns else "a text without a heading needs `columns` under [files]"
+        raise SourceError(what, where=where, fix=fix) from error
     if not rows:
         raise SourceError("the table of the images is empty", where=where)
     return rows
@@ -160,8 +155,7 @@ def taken_images(
         except ValueError as error:
             problems.append(Problem(str(error), where=where, got=path))
     problems += _odd_ones(taken, where, manifest.pair_images or ())
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     near, far = manifest.depth.ends
     return sorted(taken, key=lambda image: _place(image, 1 if near > far else -1))
 
@@ -174,10 +168,8 @@ def _taken(manifest: Manifest, path: str, values: Row) -> TakenImage:
         facts[name] = _number(name, text) if text else math.nan
     focal_length = (manifest.rig and manifest.rig.focal_length) or 0.0
     if facts["focus_distance"] <= focal_length:
-        raise ValueError(
-            f"focus_distance {facts['focus_distance']:g} m is not beyond the focal length, "
-            f"{focal_length:g} m"
-        )
+        focus = f"focus_distance {facts['focus_distance']:g} m"
+        raise ValueError(f"{focus} is not beyond the focal length, {focal_length:g} m")
     focused = np.array(facts["focus_depth"])
     facts["focus_depth"] = float(in_unit_of(focused, files, manifest.depth))
     role = values.get("role", "defocus")
@@ -218,13 +210,8 @@ def _rows(
         return
     rows, where = table
     if numbered and IMAGE not in rows[0] and len(rows) != len(there):
-        problems.append(
-            Problem(
-                f"the table has {len(rows)} rows, and there are {len(there)} images",
-                where=where,
-                got=listed(there, _NAMED),
-            )
-        )
+        what = f"the table has {len(rows)} rows, and there are {len(there)} images"
+        problems.append(Problem(what, where=where, got=listed(there, _NAMED)))
         return
     in_order, by_number = list(there), {number: path for path, number in there.items()}
     named = set()
@@ -244,11 +231,8 @@ def _rows(
         yield path, row
     lacking = [p for p in there if not {p, str(PurePosixPath(p).with_suffix(ANY_ENDING))} & named]
     if lacking:
-        problems.append(
-            Problem(
-                "images that the table does not tell of", where=where, got=listed(lacking, _NAMED)
-            )
-        )
+        what = f"images that the table does not tell of: {listed(lacking, _NAMED)}"
+        problems.append(Problem(what, where=where))
 
 
 def _fitting(folder: Path, pattern: str) -> list[tuple[str, int]]:
@@ -279,12 +263,8 @@ def _odd_ones(taken: Sequence[TakenImage], where: str, pair: Sequence[int]) -> I
     if max(pair, default=0) >= len(taken) > 1:
         yield Problem(f"pair_images are {pair}, and there are {len(taken)} images", where=where)
     if len(taken) < 2:
-        yield Problem(
-            "a stack of one image" if taken else "no image fits the pattern",
-            where=where,
-            expected="two or more",
-            got=listed([image.path for image in taken]) or "none",
-        )
+        what = f"a stack of one image, {taken[0].path}" if taken else "no image fits the pattern"
+        yield Problem(what, where=where)
     seen: dict[tuple[float, ...], str] = {}
     for image in taken:
         at = tuple(image.facts.get(name, math.nan) for name in BY_IMAGE)
@@ -294,12 +274,8 @@ def _odd_ones(taken: Sequence[TakenImage], where: str, pair: Sequence[int]) -> I
         other = seen.setdefault(key, image.path)
         if other != image.path:
             focus = at[1] if math.isnan(at[0]) else at[0]
-            yield Problem(
-                f"two images are focused at {focus:g}",
-                where=where,
-                got=f"{other} and {image.path}",
-                fix="leave one out of the table, or mend its focus",
-            )
+            fix = f"leave {other} or {image.path} out of the table, or mend its focus"
+            yield Problem(f"two images are focused at {focus:g}", where=where, fix=fix)
 
 
 def _place(image: TakenImage, nearness: int) -> tuple[bool, float, float]:

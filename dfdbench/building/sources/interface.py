@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -80,8 +79,6 @@ class SceneImages:
         valid: NDArray[np.bool_],
         available: NDArray[np.bool_],
         defocus: NDArray[np.uint8] | None = None,
-        found: Mapping[str, Any] = MappingProxyType({}),
-        warnings: tuple[str, ...] = (),
     ) -> SceneImages:
         """Return what pairs consist of, shapes (*pair axes, y, x, channel), in depth levels.
 
@@ -90,7 +87,7 @@ class SceneImages:
         images = [infocus] if defocus is None else [infocus, defocus]
         depth = np.where(valid, levels, np.nan).astype(np.float32)
         facts = ImageFacts(PAIR[: len(images)])
-        return cls(np.stack(images, axis=-4), depth, available, facts, found, warnings)
+        return cls(np.stack(images, axis=-4), depth, available, facts)
 
 
 class Made:

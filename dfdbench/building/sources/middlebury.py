@@ -1,24 +1,23 @@
-"""Read the Middlebury 2005 and 2006 scenes from disk, in the site's layout or its archives."""
-
-from __future__ import annotations
+"""Read the Middlebury 2005 and 2006 scenes, in the site's layout or its archives; fetch them."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.fetching.archive import archive_members, read_member
-from dfdbench.building.fetching.checksums import check_checksum, sha256
-from dfdbench.building.sources.image_files import decode_image, decode_levels
+from dfdbench.building import fetching
+from dfdbench.building.fetching import archive_members, check_checksum, read_member, sha256
+from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.interface import SceneImages, gathered
-from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.errors import Problem, SourceError
-from dfdbench.system.files import LARGEST_ARRAY, read_as
+from dfdbench.datasets.manifest import Manifest, Pair, Scene
+from dfdbench.errors import Problem, SourceError, reason_of, room_or
+from dfdbench.system.files import LARGEST_ARRAY, hold, read_as
+from dfdbench.tables.table import listed
 
 Levels = NDArray[np.uint8]
 
@@ -60,7 +59,8 @@ class MiddleburyScenes:
         }
         if not self._scenes:
             what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
-            raise SourceError(what, where=str(folder), got=_kind_of(folder))
+            got = "" if folder.is_dir() else "no such folder"
+            raise SourceError(what, where=str(folder), got=got)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -71,12 +71,12 @@ class MiddleburyScenes:
         """Return the pairs whose image and depth map are there."""
         problems: list[Problem] = []
         available = []
-        for scene in self._scenes:
+        for scene, files in self._scenes.items():
             with gathered(problems):
                 available += [
                     pair
                     for pair in self._manifest.pairs_of_scene(scene)
-                    if self._has_image(pair) and self._scenes[scene].has(depth_name(pair.at))
+                    if files.has(image_name(pair.at)) and files.has(depth_name(pair.at))
                 ]
         SourceError.raise_if(problems)
         return tuple(available)
@@ -134,9 +134,6 @@ class MiddleburyScenes:
             f"{hint if default else ''}; --allow-missing accepts what is there"
         )
 
-    def _has_image(self, pair: Pair) -> bool:
-        return self._scenes[pair.scene].has(image_name(pair.at))
-
     def _names(self, scene: str) -> list[str]:
         depths = [depth_name({"view": view}) for view in self._manifest.axes["view"]]
         images = [image_name(pair.at) for pair in self._manifest.pairs_of_scene(scene)]
@@ -184,12 +181,6 @@ def image_name(at: Mapping[str, int]) -> str:
 def depth_name(at: Mapping[str, int]) -> str:
     """Return the file name of a view's depth map below its scene."""
     return f"disp{at['view']}.png"
-
-
-def _kind_of(folder: Path) -> str:
-    if folder.is_dir():
-        return "none"
-    return "a file" if folder.exists() else "no such folder"
 
 
 @dataclass(frozen=True)
@@ -280,3 +271,226 @@ def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
         None,
     )
     return SceneFiles(name, folder, archive) if folder or archive else None
+
+
+_NAMES_SHOWN = 10
+
+_Check = Callable[[str, Path, str], None]
+
+
+@dataclass(frozen=True)
+class Download:
+    """What a download did.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files lie, in the site's layout.
+    new, kept : int
+        Files fetched now, and found whole from before.
+    missing : tuple of str
+        Files that no address has, or that are not there where nobody may be asked.
+    lock : Path or None
+        The lock file, where this call was the first that was complete.
+    lacking : tuple of Problem
+        One for each mirror that was asked for files that it does not have.
+    """
+
+    folder: Path
+    new: int
+    kept: int
+    missing: tuple[str, ...]
+    lock: Path | None
+    lacking: tuple[Problem, ...] = ()
+
+
+def download_middlebury(
+    manifest: Manifest,
+    folder: Path,
+    mirrors: Sequence[str] = (),
+    offline: bool = False,
+    on_progress: fetching.Progress | None = None,
+    patience: fetching.Patience | None = None,
+) -> Download:
+    """Bring a data set's files into a folder; check all that are there.
+
+    A set in the site's default lighting comes as one archive a scene; scenes whose archive cannot
+    be had, and any other set, come file by file.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The Middlebury manifest.
+    folder : Path
+        Where the files go, as ``SCENE/Illum1/Exp0/view1.png`` or ``SCENE-2views.zip``.
+    mirrors : sequence of str
+        Addresses to ask before the site itself; each stands for ``.../stereo/data``.
+    offline : bool
+        Ask nobody; only check what is there.
+    on_progress : callable, optional
+        Told of (files done, files in all, bytes received).
+    patience : Patience, optional
+        With slow and failing servers.
+
+    Raises
+    ------
+    SourceError
+        With every file that is damaged or could not be reached; the missing are counted beside
+        them. What came is kept.
+    """
+    what = "another download into this folder is running"
+    taken = SourceError(what, where=str(folder), fix="wait for it")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with hold(folder / f".{fetching.lock_name(manifest)}.lock", taken):
+            known = fetching.known_checksums(manifest, folder)
+            site = _Site(manifest, folder, tuple(mirrors), known)
+            fetcher = fetching.Fetcher(folder, on_progress, patience, offline)
+            # The site's archives hold the default lighting and no other.
+            default_lighting = set(manifest.axes) == {"view"}
+            fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
+            lock = _write_lock(manifest, folder, fates)
+    except OSError as error:
+        what = f"cannot keep the download: {reason_of(error)}"
+        fix = room_or("choose another place with --cache DIR", error)
+        raise SourceError(what, where=str(error.filename or folder), fix=fix) from error
+    lacking = fetching.mirrors_lacking(fates, mirrors)
+    _refuse(fates, folder, lacking)
+    return Download(
+        folder,
+        sum(fate.kind == "new" for fate in fates),
+        sum(fate.kind == "kept" for fate in fates),
+        tuple(fate.name for fate in fates if fate.kind == "missing"),
+        lock,
+        lacking,
+    )
+
+
+@dataclass(frozen=True)
+class _Site:
+    """Which files there are, where they may be had, and how each is checked."""
+
+    manifest: Manifest
+    folder: Path
+    mirrors: tuple[str, ...]
+    known: Mapping[str, str]
+
+    def depths(self, scene: Scene) -> list[fetching.WantedFile]:
+        names = [depth_name({"view": view}) for view in self.manifest.axes["view"]]
+        return [self._file(scene, name, self._check_depth) for name in names]
+
+    def images(self, scene: Scene) -> list[fetching.WantedFile]:
+        return [
+            self._file(scene, image_name(pair.at), self._check_image)
+            for pair in self.manifest.pairs_of_scene(scene.name)
+        ]
+
+    def archive(self, scene: Scene) -> fetching.WantedFile:
+        name = f"{scene.name}-2views.zip"
+        addresses = self._addresses(scene, f"zip-2views/{name}")
+        return fetching.WantedFile(name, addresses, partial(self._check_archive, name))
+
+    def _file(self, scene: Scene, name: str, check: _Check) -> fetching.WantedFile:
+        full = f"{scene.name}/{name}"
+        addresses = self._addresses(scene, full)
+        return fetching.WantedFile(full, addresses, partial(check, full))
+
+    def _addresses(self, scene: Scene, path: str) -> tuple[str, ...]:
+        url = next(s.url for s in self.manifest.sources if s.name == scene.source).rstrip("/")
+        below = "/".join(url.split("/")[-2:])
+        bases = [*(f"{mirror.rstrip('/')}/{below}" for mirror in self.mirrors), url]
+        return tuple(f"{base}/{path}" for base in bases)
+
+    def _check_depth(self, name: str, path: Path, where: str) -> None:
+        content = path.read_bytes()
+        if not self._is_known(name, content, where):
+            decode_levels(content, where, self.manifest.depth.unknown)
+
+    def _check_image(self, name: str, path: Path, where: str) -> None:
+        content = path.read_bytes()
+        if self._is_known(name, content, where):
+            return
+        view = path.name.removeprefix("view").split(".")[0]
+        depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
+        size = decode_file(depth.read_bytes(), str(depth)).shape[:2] if depth.exists() else None
+        decode_image(content, where, size)
+
+    def _check_archive(self, name: str, path: Path, where: str) -> None:
+        if not self._is_known(name, path.read_bytes(), where):
+            archive_members(path, where)
+
+    def _is_known(self, name: str, content: bytes, where: str) -> bool:
+        fetching.check_checksum(name, content, self.known, where)
+        return name in self.known
+
+
+def _bring_all(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:
+    # Depth maps first: an image is checked against the size of its own.
+    scenes = site.manifest.scenes
+    depths = [file for scene in scenes for file in site.depths(scene)]
+    images = [file for scene in scenes for file in site.images(scene)]
+    fates = fetcher.bring(depths, len(images))
+    if all(fate.kind == "unreachable" for fate in fates):
+        return fates
+    return fates + fetcher.bring(images)
+
+
+def _bring_default(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:
+    single = {
+        scene.name: (site.depths(scene), site.images(scene)) for scene in site.manifest.scenes
+    }
+    whole = [
+        scene.name
+        for scene in site.manifest.scenes
+        if all((site.folder / file.name).exists() for kind in single[scene.name] for file in kind)
+    ]
+    archives = [scene for scene in site.manifest.scenes if scene.name not in whole]
+    fates = fetcher.bring([site.archive(scene) for scene in archives])
+    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
+    alone = [scene.name for scene in archives if site.archive(scene).name not in had] + whole
+    depths = [file for name in alone for file in single[name][0]]
+    images = [file for name in alone for file in single[name][1]]
+    later = fetcher.bring(depths, len(images)) + fetcher.bring(images)
+    return [fate for fate in fates if fate.name in had] + later
+
+
+def _write_lock(manifest: Manifest, folder: Path, fates: list[fetching.Fate]) -> Path | None:
+    path = folder / fetching.lock_name(manifest)
+    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
+    locked = fetching.read_checksums(path)
+    if len(had) < len(fates) or had <= set(locked):
+        return None
+    found = {name: fetching.sha256((folder / name).read_bytes()) for name in had - set(locked)}
+    fetching.write_checksums(path, locked | found)
+    return path
+
+
+def _refuse(fates: list[fetching.Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
+    problems = [
+        problem
+        for kind in ("damaged", "unreachable")
+        for problem in _first_few([fate for fate in fates if fate.kind == kind], kind)
+    ]
+    damaged = sum(fate.kind == "damaged" for fate in fates)
+    if damaged:
+        whole = sum(fate.kind in ("new", "kept") for fate in fates)
+        what = f"{damaged} damaged files in all, set aside; the other {whole} are whole and kept"
+        fix = "the same command asks for them again, here or with another --mirror"
+        problems.append(Problem(what, where=str(folder / fetching.SET_ASIDE), fix=fix))
+    missing = [fate.name for fate in fates if fate.kind == "missing"]
+    if problems and missing:
+        what = f"no address has these {len(missing)} files: {listed(missing, _NAMES_SHOWN)}"
+        problems.append(Problem(what, where=str(folder)))
+    if problems:
+        raise SourceError.of([*problems, *lacking])
+
+
+def _first_few(fates: list[fetching.Fate], kind: str) -> list[Problem]:
+    # A server that is down fails every file alike: the first few tell enough.
+    problems = [problem for fate in fates for problem in fate.problems]
+    if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
+        return problems
+    names = [fate.name for fate in fates]
+    what = f"{len(fates)} files in all could not be had: {listed(names, _NAMES_SHOWN)}"
+    rest = Problem(what, fix="the same command goes on from here")
+    return [*problems[:3], rest]

@@ -1,7 +1,5 @@
 """Rendered rooms: the sets that are drawn from a seed."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulate the rig and treat what it gives as its captures: a real-world set from no file."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterator, Mapping

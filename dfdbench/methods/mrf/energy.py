@@ -6,8 +6,6 @@
 This is the thesis's Eq. 4.2 with integer terms (Boykov, Veksler and Zabih, PAMI 2001).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -239,12 +237,6 @@ class Energy:
             if np.any(table > rest + table[by]) or np.any(rest > table + table[by]):
                 return False
         return True
-
-    @property
-    def is_convex(self) -> bool:
-        """Whether V is convex in the label difference, so that split and jump cuts are exact."""
-        slopes = np.diff(self.smoothness.astype(np.int64))
-        return bool(slopes[0] >= 0 and np.all(np.diff(slopes) >= 0))
 
     def edge_weights(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Give the weights of all edges to the right and downward, each (y, x) int32.

@@ -5,8 +5,6 @@ among sixteen, exactly, by dynamic programming, which takes no longer. Labels tr
 where surfaces end, a pixel's right label is mostly some neighbour's.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

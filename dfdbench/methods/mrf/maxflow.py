@@ -11,8 +11,6 @@ image's edge. The parts share ten arrays and are one algorithm, hence one long m
 one long function because its state would travel through every call of a shorter one.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

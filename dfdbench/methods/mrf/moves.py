@@ -11,8 +11,6 @@ Where the smoothness is a slope up to a cap, lines may move too, with more than 
 from (`lines`).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What may be chosen of DfD-Net, checked: filters, their sizes, activations, normalization."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -174,8 +172,7 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
         for one, other in EQUAL
         if numbers[one] != numbers[other]
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return numbers
 
 

@@ -1,7 +1,5 @@
 """A network's answer for images of any size, in tiles where memory is short."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Literal
 

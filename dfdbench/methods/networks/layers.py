@@ -1,7 +1,5 @@
 """What the networks are put together from."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A network's weights in one file, with a card that says where they come from."""
 
-from __future__ import annotations
-
 import hashlib
 from importlib.resources import files
 from pathlib import Path
@@ -166,9 +164,8 @@ def _read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], str]:
             text = (file.metadata() or {}).get(_METADATA)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (safetensors.SafetensorError, OSError) as error:
-        raise MethodError(
-            f"the weights cannot be read: {reason_of(error)}", where=str(path), fix=_AGAIN
-        ) from error
+        what = f"the weights cannot be read: {reason_of(error)}"
+        raise MethodError(what, where=str(path), fix=_AGAIN) from error
     if text is None:
         what = "the weights have no model card"
         raise MethodError(what, where=str(path), fix="name a file that dfdbench train wrote")
@@ -200,9 +197,8 @@ def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -
     variances = [name for name in tensors if name.endswith(_VARIANCE)]
     negative = [name for name in variances if bool((tensors[name] < 0).any())]
     if negative:
-        raise MethodError(
-            "the weights hold a variance below 0", where=f"{path}: {negative[0]}", fix=_AGAIN
-        )
+        where = f"{path}: {negative[0]}"
+        raise MethodError("the weights hold a variance below 0", where=where, fix=_AGAIN)
     if broken:
         what = f"the weights hold nan or infinity in {', '.join(broken[:3])}"
         raise MethodError(what, where=str(path), fix="train again, with a lower learning_rate")

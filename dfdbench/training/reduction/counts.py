@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
@@ -291,7 +291,6 @@ def _require_usable(found: Mapping[int, Tapped]) -> None:
 
 Matrix = NDArray[np.float64]
 Tuning = Literal["own", "neighbours"]
-TUNINGS: tuple[Tuning, ...] = get_args(Tuning)
 _EPOCHS = 200
 _ORDERING = 100
 _FIRST_RADIUS = 2.0

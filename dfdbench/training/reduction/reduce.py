@@ -1,7 +1,5 @@
 """Write configurations of narrower networks, and compare them with the thesis."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -1,7 +1,5 @@
 """Train and score the networks of a search, and keep the log of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -17,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from dfdbench.errors import InputError, MethodError, Problem
+from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
@@ -171,30 +169,21 @@ def _read_identity(file: Path) -> dict[str, Any]:
 
 
 def _read_rows(log: Path) -> list[LogRow]:
-    try:
-        lines = log.read_bytes().decode("utf-8").split("\n")
-    except UnicodeDecodeError as error:
-        raise InputError.of(_damaged("the log is no text", str(log), str(error))) from error
     found: dict[Place, LogRow] = {}
-    problems: list[Problem] = []
-    # What follows the last line break is empty, or was cut short by a kill.
-    for number, values in enumerate(csv.DictReader(lines[:-1]), 2):
-        where = f"{log}: line {number}"
-        try:
+    where = str(log)
+    try:
+        # What follows the last line break is empty, or was cut short by a kill.
+        lines = log.read_text("utf-8").split("\n")[:-1]
+        for number, values in enumerate(csv.DictReader(lines), 2):
+            where = f"{log}: line {number}"
             row = _row_of(values)
-        except (ValueError, TypeError, KeyError) as error:
-            problems.append(_damaged("a row of the log cannot be read", where, str(error)[:100]))
-            continue
-        if found.setdefault(row.place, row) is not row:
-            got = f"iteration {row.place[0]}, particle {row.place[1]} once more"
-            problems.append(_damaged("a training is in the log twice", where, got))
-    InputError.raise_if(problems)
+            if found.setdefault(row.place, row) is not row:
+                raise ValueError(f"particle {row.place[1]} of iteration {row.place[0]} twice")
+    except (ValueError, TypeError, KeyError) as error:
+        what = f"the log cannot be read: {str(error)[:100]}"
+        fix = "put the line back as it was, or remove it: the particle is then trained anew"
+        raise InputError(what, where=where, fix=fix) from error
     return list(found.values())
-
-
-def _damaged(what: str, where: str, got: str) -> Problem:
-    fix = "put the line back as it was, or remove it: the particle is then trained anew"
-    return Problem(what, where=where, got=got, fix=fix)
 
 
 def _row_of(values: Mapping[str, str]) -> LogRow:

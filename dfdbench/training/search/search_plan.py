@@ -1,7 +1,5 @@
 """What is searched, on what, and how its networks are selected; checked before the first begins."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -169,14 +167,10 @@ def plan_search(
 
     Parameters
     ----------
-    store : Dataset
-        The data set.
-    base : TrainingConfiguration
-        Every choice that a particle does not make.
+    store, base, choices : Dataset, TrainingConfiguration, Choices
+        As of a `SearchPlan`.
     changes : mapping
-        What of it the user set himself.
-    choices : Choices
-        What else was asked for.
+        What of the base the user set himself.
     device : str
         If it is trained: decides what precision ``auto`` is.
 

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.captured_images import CapturedImages, captured_images
+from dfdbench.building.sources.captured_images import CapturedImages, captured_images, depth_of
 from dfdbench.datasets.captured_files import CapturedFiles
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
@@ -65,7 +66,7 @@ def test_a_crop_is_the_same_of_all(scene: Path) -> None:
     whole, part = made(scene), made(scene, crop={"x": 10, "y": 5, "width": 40, "height": 30})
     for of, kept in ((whole.images[1], part.images[1]), (whole.depth, part.depth)):
         np.testing.assert_array_equal(of[5:35, 10:50], kept)
-    with pytest.raises(SourceError, match="crop reaches beyond"):
+    with pytest.raises(SourceError, match="the crop reaches to"):
         made(scene, crop={"x": 60, "y": 0, "width": 40, "height": 30})
 
 
@@ -97,3 +98,79 @@ def test_an_alignment_that_is_not_found_names_the_file(scene: Path, tmp_path: Pa
     with pytest.raises(SourceError, match="no alignment") as caught:
         made(scene, align="euclidean")
     assert caught.value.problems[0].where == "blurred.png"
+
+
+SCALE = DepthScale(near=0.5, far=5.0)
+INVERSE = Depth(axes=[], unknown=0, grows_with="nearness", unit="", scale=SCALE)
+
+
+def files(**fields: object) -> CapturedFiles:
+    return CapturedFiles.model_validate(
+        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
+    )
+
+
+def test_metres_become_levels_and_what_is_missing_or_beyond_is_unknown() -> None:
+    values = np.array([[500, 1000, 5000, 0, 65535, 499, 5001]], np.uint16)
+    levels = depth_of(values, files(depth_missing=[0, 65535]), INVERSE, "d.png")
+    assert levels[0, :3].tolist() == [255, 114, 1]
+    assert np.isnan(levels[0, 3:]).all()
+
+
+def test_a_file_with_fractions_keeps_them_in_levels_and_in_metres() -> None:
+    values = np.array([[0.75, 1.0, 5.5, np.nan]], np.float32)
+    (levels,) = depth_of(values, files(depth_unit=1.0), INVERSE, "d.npy").tolist()
+    assert levels[:2] == pytest.approx([160.926, 113.889], abs=1e-3)
+    metres = INVERSE.model_copy(update={"unit": "metres"})
+    found = depth_of(values, files(depth_unit=None), metres, "d.npy")
+    np.testing.assert_array_equal(found, np.array([[0.75, 1, np.nan, np.nan]], np.float32))
+
+
+def test_whole_numbers_are_no_metres_unless_a_unit_says_so() -> None:
+    metres = INVERSE.model_copy(update={"unit": "metres"})
+    values = np.full((2, 2), 2000, np.uint16)
+    with pytest.raises(SourceError, match="whole numbers, and not metres") as caught:
+        depth_of(values, files(depth_unit=None), metres, "d.png")
+    assert caught.value.problems[0].fix == "depth_unit = 0.001 (millimetres) would fit"
+    assert depth_of(values, files(), metres, "d.png").tolist() == [[2, 2], [2, 2]]
+
+
+def test_another_unit_is_linear_in_levels_between_two_values() -> None:
+    disparity = np.array([[2.5, 0, -1.5, 2.6]], np.float32)
+    about = files(depth_unit=None, depth_ends=[2.5, -1.5], depth_missing=[])
+    plain = INVERSE.model_copy(update={"scale": None})
+    levels = depth_of(disparity, about, plain, "d.npy")
+    np.testing.assert_allclose(levels, [[255, 96.25, 1, np.nan]])
+    farther = plain.model_copy(update={"grows_with": "distance"})
+    np.testing.assert_allclose(
+        depth_of(disparity, about, farther, "d.npy"), [[1, 159.75, 255, np.nan]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "fix"),
+    [(1.0, "depth_unit = 0.001 (millimetres)"), (0.01, "0.001 (millimetres)"), (0.00001, "0.001")],
+)
+def test_another_unit_is_told_with_the_one_that_fits(unit: float, fix: str) -> None:
+    values = np.full((2, 2), 2000.0)
+    with pytest.raises(SourceError, match="another unit") as caught:
+        depth_of(values, files(depth_unit=unit), INVERSE, "d.png")
+    assert fix in caught.value.problems[0].fix
+    with pytest.raises(SourceError, match="another unit") as caught:
+        depth_of(values * 1e9, files(depth_unit=unit), INVERSE, "d.png")
+    assert "mend near and far" in caught.value.problems[0].fix
+
+
+def test_files_may_hold_levels() -> None:
+    plain = INVERSE.model_copy(update={"scale": None})
+    values = np.array([[0, 7, 255, 9]], float)
+    levels = depth_of(values, files(depth_unit=None, depth_missing=[9]), plain, "d.png")
+    np.testing.assert_array_equal(levels, [[np.nan, 7, 255, np.nan]])
+    for wrong in (256.0, 1.5, -1.0):
+        with pytest.raises(SourceError, match="no depth levels"):
+            depth_of(np.array([[wrong, 3]]), files(depth_unit=None), plain, "d.png")
+
+
+def test_a_map_without_depth_is_refused() -> None:
+    with pytest.raises(SourceError, match=r"none of 2 depths .*above 0"):
+        depth_of(np.array([[0, np.nan]]), files(), INVERSE, "d.png")

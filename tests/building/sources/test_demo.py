@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.demo import DemoScenes, photograph_light
+from dfdbench.building.sources.demo import SCENES, DemoScenes, photograph_light
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -85,18 +85,23 @@ def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_on
         assert found in str(caught.value)
 
 
-def test_other_axes_are_told() -> None:
-    with pytest.raises(SourceError, match="other axes"):
-        DemoScenes(with_axes(aperture=[1]))
-    manifest = find_manifest("demo")
-    depth = manifest.depth.model_copy(update={"axes": ["exposure"]})
-    with pytest.raises(SourceError, match="other axes"):
-        DemoScenes(manifest.model_copy(update={"depth": depth}))
-
-
 def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset) -> None:
     few = DemoScenes(with_axes(view=[5], illumination=[3], exposure=[1])).read("Attic")
     scene = demo_store.to_xarray("Attic")
     at = {"view": 5, "illumination": 3, "exposure": 1}
     assert np.array_equal(few.infocus[0, 0, 0], scene["images"].sel(at).values[0])
     assert np.array_equal(few.depth[0], scene["depth"].sel(view=5).values, equal_nan=True)
+
+
+def test_training_and_test_share_no_photograph(demo_store: Dataset) -> None:
+    manifest: Manifest = demo_store.manifest
+    used = {
+        split: {
+            surface.texture.photograph
+            for scene in manifest.scenes_of(split)
+            for surface in SCENES[scene]
+        }
+        for split in ("train", "test")
+    }
+    assert not used["train"] & used["test"]
+    assert set(SCENES) == set(manifest.scene_names)

@@ -1,7 +1,5 @@
 """Captured sets that their manifest describes: whole, in part, and not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil
@@ -14,7 +12,7 @@ import pytest
 from dfdbench.blur.formation import decode
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
-from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.interface import SceneError
 from dfdbench.datasets.catalog import find_manifest

@@ -78,13 +78,13 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        (["1,1", "2,2"], "images that the table does not tell of (WHERE): got desk/f_003.png"),
+        (["1,1", "2,2"], "images that the table does not tell of: desk/f_003.png (WHERE)"),
         (["1,1", "2,2", "3,4", "4,8"], "a file is missing (FOLDER/desk/f_4.png)"),
         (["1,1", "2,2", "3,2"], "two images are focused at 2 (WHERE)"),
         (["1,1", "2,2", "3,far"], "focus_distance is 'far', and not a number above 0"),
         (["1,1", "2,2", "3,-4"], "focus_distance is '-4', and not a number above 0"),
         (["1,1", "2,2", "3,0.04"], "focus_distance 0.04 m is not beyond the focal length, 0.05 m"),
-        (["1,1", "2,2", "3"], "no table of the images (WHERE): got 3, where image, focus_distance"),
+        (["1,1", "2,2", "3"], "no table of the images: 3, where image, focus_distance"),
         (["one,1", "2,2", "3,4"], "invalid literal"),
         ([], "the table of the images is empty (WHERE)"),
     ],

@@ -9,14 +9,14 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.realworld import RealworldFolder
+from dfdbench.building.sources.realworld import PublishedScene, RawScene, RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import NAME as REGISTRATION
-from dfdbench.simulation.capture_files import CaptureSettings, write_captures
+from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
@@ -235,3 +235,53 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
         open_source(CAPTURED, tmp_path / "none")
     with pytest.raises(SourceError, match="simulate realworld"):
         open_source(CAPTURED)
+
+
+CAPTURE = find_manifest("realworld").capture or pytest.fail("the rig captured it")
+
+
+def touch(*paths: Path) -> None:
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+
+def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    touch(*(frames / f"exp_10/image_{step}_10.00_{n}.png" for step in (129, 141) for n in (0, 1)))
+    touch(frames / "exp_5/image_129_5.00_0.png", frames / "exp_x/image_129_10.00_0.png")
+    touch(frames / "exp_10/image_thumb_10.00.png", frames / "exp_70")
+    scene = RawScene(tmp_path, CAPTURE)
+    # A file is no exposure; a folder without a number neither.
+    assert scene.exposures() == (5, 10)
+    assert scene.steps(10) == (129, 141)
+    names = [path.name for path in scene.images(10, 141)]
+    assert names == ["image_141_10.00_0.png", "image_141_10.00_1.png"]
+    assert scene.images(10, 130) == scene.images(20, 141) == []
+
+
+def test_a_scenes_own_calibration_comes_before_its_folders(tmp_path: Path) -> None:
+    scene = RawScene(tmp_path / "k00", CAPTURE)
+    assert scene.beams_file() is None
+    assert len(scene.beams().altitude) == 64
+    touch(tmp_path / "beams.csv")
+    assert scene.beams_file() == tmp_path / "beams.csv"
+    touch(tmp_path / "k00/beams.csv")
+    assert scene.beams_file() == tmp_path / "k00/beams.csv"
+    assert scene.depth_files() == [tmp_path / "k00/beams.csv", tmp_path / "k00" / REGISTRATION]
+
+
+def test_of_published_depth_maps_the_scaled_one_is_taken(tmp_path: Path) -> None:
+    scene = PublishedScene(tmp_path, CAPTURE)
+    (problem,) = scene.depth_problems()
+    assert problem.what.startswith("scene has no LIDAR depth map")
+    touch(tmp_path / "lidar/lidar_rng_left_00000_8bit.png")
+    assert [path.name for path in scene.depth_files()] == ["lidar_rng_left_00000_8bit.png"]
+    levels = np.full((630, 630), 90, np.uint8)
+    levels[0, :3] = (0, 255, 254)
+    write_png(tmp_path / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
+    assert scene.depth_problems() == []
+    found, valid = scene.depth()
+    assert np.array_equal(found, levels)
+    # 0 and 255 say that nothing came back.
+    assert np.argwhere(~valid).tolist() == [[0, 0], [0, 1]]

@@ -1,7 +1,5 @@
 """What the solvers' tests share: small random energies, brute force."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

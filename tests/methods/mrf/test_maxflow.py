@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -113,8 +111,3 @@ def test_reused_memory_gives_the_same_cut(rng: np.random.Generator) -> None:
             fill(graph, terminal, capacity)
         assert used.cut() == fresh.cut()
         assert np.array_equal(used.sink_side(), fresh.sink_side())
-
-
-def test_empty_grid_is_refused() -> None:
-    with pytest.raises(ValueError, match="grid size: expected at least 1 x 1, got 0 x 4"):
-        GridGraph(0, 4)

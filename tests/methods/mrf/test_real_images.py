@@ -1,7 +1,5 @@
 """The solvers on a published pair, against the energies that other programs reached on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

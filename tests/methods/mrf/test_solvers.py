@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -73,12 +71,6 @@ def test_many_labels_and_single_pixels(rng: np.random.Generator, solver: str) ->
     assert SOLVERS[solver](wide).labels.dtype == np.uint16
     single = Energy(np.array([[[5, 3, 0, 4]]], np.uint16), truncated_absolute(4, cap=9))
     assert SOLVERS[solver](single).labels.tolist() == [[2]]
-
-
-def test_bad_arguments_are_refused(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 2, 2, 4, "absolute")
-    with pytest.raises(ValueError, match="quality: expected one of"):
-        split(energy, "superb")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", ["absolute", "quadratic"])
@@ -212,19 +204,6 @@ def test_lengths_beyond_the_labels_change_nothing(rng: np.random.Generator) -> N
     # A period longer than the range offers each label to all: one sweep of expansions.
     swept = repair(energy, start, [(-16,)]).energy
     assert swept <= expansion(energy, start, max_sweeps=1).history[0]
-
-
-def test_nothing_to_do_gives_back_the_start(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 6, 7, 3, "absolute")
-    start = rng.integers(0, 3, energy.shape)
-    solution = repair(energy, start, [])
-    assert np.array_equal(solution.labels, start)
-    assert solution.history == (energy.evaluate(start),)
-
-
-def test_a_start_of_another_size_is_an_error(rng: np.random.Generator) -> None:
-    with pytest.raises(InputError):
-        repair(random_energy(rng, 6, 7, 3, "absolute"), np.zeros((6, 8), int), [(1,)])
 
 
 @settings(max_examples=60)

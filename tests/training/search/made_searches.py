@@ -1,7 +1,5 @@
 """Searches so small that they end in seconds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

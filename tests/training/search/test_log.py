@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable
@@ -142,12 +140,6 @@ def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path
         training_folder(folder.path, place).mkdir(parents=True)
     folder.forget([(0, 1), (7, 7)])
     assert [item.name for item in (tmp_path / "s/particles").iterdir()] == ["000-000"]
-
-
-def test_a_log_that_is_no_text_is_refused(plan: SearchPlan, path: Path) -> None:
-    (path / "positions.csv").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(InputError, match="the log is no text"):
-        opened(plan, path)
 
 
 def evaluated(

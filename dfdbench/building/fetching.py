@@ -1,14 +1,14 @@
 """Download files into a folder, several at once; check each, and set bad ones aside."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import threading
+import zipfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +18,10 @@ import requests
 from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
+from dfdbench.system.array_files import UNREADABLE
+from dfdbench.system.files import read_text, write_whole
 from dfdbench.tables.table import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
@@ -325,3 +328,161 @@ def _short(error: Any) -> str:
         cause = getattr(cause.args[0], "reason", cause.args[0])
     text = _CONNECTION.sub("", str(cause))
     return f"{type(cause).__name__}: {text}"[:300]
+
+
+_LARGEST = 64 * 2**20  # bytes
+# Other methods may take as much memory as the file asks for.
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+
+def archive_members(path: Path, where: str = "") -> tuple[str, ...]:
+    """Return the names of an archive's files.
+
+    Parameters
+    ----------
+    path : Path
+        A zip file.
+    where : str
+        What messages call it; its path by default.
+
+    Raises
+    ------
+    SourceError
+        If it is no zip file.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return tuple(member.filename for member in archive.infolist() if not member.is_dir())
+    except UNREADABLE as error:
+        what = f"not a zip archive, or a damaged one: {str(error)[:200]}"
+        raise SourceError(what, where=where or str(path), fix="fetch it again") from error
+
+
+def read_member(path: Path, name: str) -> bytes:
+    """Return one file of an archive.
+
+    Raises
+    ------
+    SourceError
+        If it is larger than any file of these data sets, is packed in another way than theirs, or
+        its bytes do not decompress to what the archive says they are.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            member = archive.getinfo(name)
+            if member.file_size > _LARGEST or member.compress_type not in _METHODS:
+                raise ValueError(f"{member.file_size} bytes, method {member.compress_type}")
+            with archive.open(member) as file:
+                # One byte more than stated is asked for: what goes on for ever is stopped there.
+                content = file.read(member.file_size + 1)
+        if len(content) != member.file_size:
+            raise ValueError(f"{len(content)} bytes, and {member.file_size} are stated")
+    except UNREADABLE as error:
+        what, where = f"a file in the archive is damaged: {error}", f"{path}, {name}"
+        raise SourceError(what, where=where, fix="fetch the archive again") from error
+    return content
+
+
+_LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def lock_name(manifest: Manifest) -> str:
+    """Return the name of a data set's lock file, such as ``middlebury-third-1.lock``."""
+    return f"{manifest.file_stem}.lock"
+
+
+def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str, str]:
+    """Return the SHA-256 of files by their names, ``SCENE/...``.
+
+    The manifest's own come first, then those of the lock file released with it, then those of
+    the lock file that the first complete download wrote.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    folder : Path, optional
+        Where its downloads lie.
+
+    Raises
+    ------
+    SourceError
+        Where a lock file is damaged.
+    """
+    known: dict[str, str] = {}
+    if folder is not None:
+        known |= read_checksums(folder / lock_name(manifest))
+    released = resources.files("dfdbench.manifests") / lock_name(manifest)
+    if released.is_file():
+        known |= parse_checksums(released.read_text(encoding="utf-8"), lock_name(manifest))
+    return known | manifest.checksums
+
+
+def read_checksums(path: Path) -> dict[str, str]:
+    """Return the SHA-256 by name of a lock file; none where there is no such file.
+
+    Raises
+    ------
+    SourceError
+        Where it is damaged.
+    """
+    if not path.exists():
+        return {}
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        what = f"cannot read the lock file: {reason_of(error)}"
+        raise SourceError(what, where=str(path), fix="delete it") from error
+    return parse_checksums(text, str(path))
+
+
+def parse_checksums(text: str, where: str) -> dict[str, str]:
+    """Return the SHA-256 by name from text as ``sha256sum`` writes it.
+
+    Raises
+    ------
+    SourceError
+        With every line that is not of that form.
+
+    Examples
+    --------
+    >>> parse_checksums("0" * 64 + "  Art/disp1.png", "here")["Art/disp1.png"][:4]
+    '0000'
+    """
+    known, problems = {}, []
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := _LINE.fullmatch(line):
+            known[match[2]] = match[1]
+        else:
+            what = f"not SHA-256, two blanks and a name: {line[:80]}"
+            problems.append(
+                Problem(what, where=f"{where}, line {number}", fix="delete the lock file")
+            )
+    SourceError.raise_if(problems)
+    return known
+
+
+def write_checksums(path: Path, checksums: Mapping[str, str]) -> None:
+    """Write a lock file; ``sha256sum --check`` reads it."""
+    lines = [f"{digest}  {name}\n" for name, digest in sorted(checksums.items())]
+    write_whole(path, "".join(lines))
+
+
+def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: str) -> None:
+    """Refuse a file that is not the one that is known by its name.
+
+    Raises
+    ------
+    SourceError
+        Where its SHA-256 is known and another.
+    """
+    expected = known.get(name)
+    if expected is not None and sha256(content) != expected:
+        got = f"SHA-256 {sha256(content)}, not {expected}"
+        fix = "fetch the site's own file again; pixels encoded anew do not count"
+        raise SourceError("not the file of this data set", where=where, got=got, fix=fix)

@@ -1,14 +1,26 @@
-from __future__ import annotations
-
 import ssl
+import struct
+import subprocess
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import trustme
 
-from dfdbench.building.fetching.checksums import check_checksum, sha256
-from dfdbench.building.fetching.download import Fate, Fetcher, Patience, Progress, WantedFile
+from dfdbench.building import fetching
+from dfdbench.building.fetching import (
+    Fate,
+    Fetcher,
+    Patience,
+    Progress,
+    WantedFile,
+    archive_members,
+    check_checksum,
+    read_member,
+    sha256,
+)
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from tests.site import Site, served
 
@@ -161,14 +173,6 @@ def test_addresses_that_lead_nowhere(tmp_path: Path, address: str, why: str) -> 
     assert why in str(fetched(address, tmp_path).problems[0])
 
 
-def test_a_proxy_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
-    monkeypatch.delenv("NO_PROXY", raising=False)
-    monkeypatch.delenv("no_proxy", raising=False)
-    fate = fetched("http://example.invalid/file", tmp_path)
-    assert "proxy" in str(fate.problems[0])
-
-
 def test_a_certificate_nobody_vouches_for_is_refused_and_a_bundle_mends_it(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -190,3 +194,93 @@ def test_a_disk_that_is_full(site: Site, tmp_path: Path) -> None:
     (tmp_path / "file.part").symlink_to("/dev/full")
     with pytest.raises(SourceError, match="cannot keep the download"):
         fetched(f"{site.address}/file", tmp_path)
+
+
+def made(path: Path, *names: str | zipfile.ZipInfo, content: bytes = b"content") -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in names:
+            file.writestr(name, content)
+    return path
+
+
+def test_members_and_their_content(tmp_path: Path) -> None:
+    path = made(tmp_path / "Art-2views.zip", "Art/", "Art/view1.png", "Art/disp1.png")
+    assert archive_members(path) == ("Art/view1.png", "Art/disp1.png")
+    assert read_member(path, "Art/view1.png") == b"content"
+
+
+def test_a_file_too_large_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "a.zip", "a", content=bytes(1000))
+    monkeypatch.setattr(fetching, "_LARGEST", 999)
+    with pytest.raises(SourceError, match="1000 bytes"):
+        read_member(path, "a")
+
+
+def test_a_bomb_that_lies_about_its_size_is_stopped(tmp_path: Path) -> None:
+    path = made(tmp_path / "a.zip", "a", content=bytes(100_000))
+    content = bytearray(path.read_bytes())
+    # The size unpacked, in the directory at the end and in the member's own header.
+    directory = content.rfind(b"PK\x01\x02")
+    for place in (directory + 24, 22):
+        content[place : place + 4] = struct.pack("<I", 10)
+    path.write_bytes(bytes(content))
+    assert archive_members(path) == ("a",)
+    with pytest.raises(SourceError, match="damaged"):
+        read_member(path, "a")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"<html>"])
+def test_what_is_no_archive(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.zip").write_bytes(content)
+    with pytest.raises(SourceError, match="not a zip archive"):
+        archive_members(tmp_path / "a.zip")
+
+
+def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
+    # What packs as LZMA or bzip2 may ask for any amount of memory.
+    info = zipfile.ZipInfo("Art/view1.png")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        file.writestr(info, b"content", zipfile.ZIP_LZMA)
+    with pytest.raises(SourceError, match="method 14"):
+        read_member(tmp_path / "a.zip", "Art/view1.png")
+
+
+def test_a_lock_file_is_read_back_and_sha256sum_reads_it(tmp_path: Path) -> None:
+    names = {"Art/disp1.png": b"one", "Art/Illum1/Exp0/view1.png": b"two"}
+    for name, content in names.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    known = {name: fetching.sha256(content) for name, content in names.items()}
+    fetching.write_checksums(tmp_path / "a.lock", known)
+    assert fetching.parse_checksums((tmp_path / "a.lock").read_text(), "a.lock") == known
+    check = ["sha256sum", "--check", "--strict", "a.lock"]
+    assert subprocess.run(check, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+
+
+def test_every_bad_line_is_named() -> None:
+    text = "0" * 64 + "  good\nbad\n" + "0" * 63 + "  short\n"
+    with pytest.raises(SourceError) as caught:
+        fetching.parse_checksums(text, "a.lock")
+    assert [problem.where for problem in caught.value.problems] == [
+        "a.lock, line 2",
+        "a.lock, line 3",
+    ]
+
+
+def test_the_manifest_counts_more_than_a_lock_file(tiny_manifest: Manifest, tmp_path: Path) -> None:
+    manifest = tiny_manifest.model_copy(update={"checksums": {"a": "1" * 64}})
+    fetching.write_checksums(
+        tmp_path / fetching.lock_name(manifest), {"a": "2" * 64, "b": "3" * 64}
+    )
+    assert fetching.known_checksums(manifest, tmp_path) == {"a": "1" * 64, "b": "3" * 64}
+    assert fetching.known_checksums(manifest) == {"a": "1" * 64}
+
+
+def test_another_file_is_refused_and_an_unknown_one_passes() -> None:
+    known = {"a": fetching.sha256(b"one")}
+    fetching.check_checksum("a", b"one", known, "here")
+    fetching.check_checksum("b", b"anything", known, "here")
+    with pytest.raises(SourceError, match="not the file of this data set") as caught:
+        fetching.check_checksum("a", b"two", known, "here/a")
+    assert fetching.sha256(b"one") in str(caught.value)
+    assert fetching.sha256(b"two") in str(caught.value)

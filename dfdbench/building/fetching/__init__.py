@@ -1,1 +1,0 @@
-"""Files of others brought here: fetched, resumed, checked, unpacked."""
