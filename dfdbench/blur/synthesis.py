@@ -206,31 +206,39 @@ def _blur_pixels(
     channels: int,
 ) -> NDArray[np.float64]:
     # The window is folded vertically first (all its columns at once, which vectorises), then
-    # horizontally. The order of the sums is fixed and no fast-math is allowed, so the bytes do
-    # not depend on the machine or on who else is running.
+    # horizontally; pixels of one level that lie side by side share their columns. The order of the
+    # sums is fixed and no fast-math is allowed, so the bytes do not depend on the machine or on who
+    # else is running.
     height, width = levels.shape
     radius = half_kernels.shape[1] - 1
-    span = (2 * radius + 1) * channels
     out = np.empty((height, width * channels), np.float64)
-    column = np.empty(span, np.float64)
+    folded = np.empty((width + 2 * radius) * channels, np.float64)
     for y in range(height):
-        for x in range(width):
-            kernel = half_kernels[levels[y, x]]
-            left = x * channels
-            centre = rows[y + radius, left : left + span]
-            for i in range(span):
-                column[i] = kernel[0] * centre[i]
+        begin = 0
+        while begin < width:
+            end = begin + 1
+            while end < width and levels[y, end] == levels[y, begin]:
+                end += 1
+            kernel = half_kernels[levels[y, begin]]
+            left, right = begin * channels, (end + 2 * radius) * channels
+            centre = rows[y + radius, left:right]
+            for i in range(right - left):
+                folded[i] = kernel[0] * centre[i]
             for offset in range(1, radius + 1):
-                above = rows[y + radius - offset, left : left + span]
-                below = rows[y + radius + offset, left : left + span]
+                above = rows[y + radius - offset, left:right]
+                below = rows[y + radius + offset, left:right]
                 weight = kernel[offset]
-                for i in range(span):
-                    column[i] += weight * (above[i] + below[i])
-            for channel in range(channels):
-                middle = radius * channels + channel
-                total = kernel[0] * column[middle]
-                for offset in range(1, radius + 1):
-                    step = offset * channels
-                    total += kernel[offset] * (column[middle - step] + column[middle + step])
-                out[y, left + channel] = total
+                for i in range(right - left):
+                    folded[i] += weight * (above[i] + below[i])
+            count = (end - begin) * channels
+            middle = radius * channels
+            for i in range(count):
+                out[y, left + i] = kernel[0] * folded[middle + i]
+            for offset in range(1, radius + 1):
+                step = offset * channels
+                weight = kernel[offset]
+                for i in range(count):
+                    before, after = folded[middle - step + i], folded[middle + step + i]
+                    out[y, left + i] += weight * (before + after)
+            begin = end
     return out

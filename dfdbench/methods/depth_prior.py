@@ -26,7 +26,7 @@ SHARPNESSES = (1.0, 4.0, 16.0)
 #: Consecutive captures are alike, so that they are left out together.
 FOLDS = 4
 # Captures that are solved, evenly among all, and the side of the part of each.
-_LOOKED_AT, _SIDE = 8, 200
+_LOOKED_AT, _SIDE = 8, 256
 # Levels that a histogram is smoothed by, and the share that is spread over all.
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
 # So many weights in a row that do not help end the search.
