@@ -134,7 +134,8 @@ class ViewChange:
             if abs(turn) > _TURNED:
                 words[0] += f", turned by {np.degrees(turn):.2f} degrees"
             if np.hypot(down, right) > _STILL:
-                words[0] += f", moved by {down:.1f} and {right:.1f} pixels down and right"
+                down, right = (round(way, 1) + 0.0 for way in (down, right))
+                words[0] += f", moved by {down} and {right} pixels down and right"
         if self.falloff:
             lost = 1 - float(np.mean([curve[-1] for curve in self.falloff]))
             side = "darker" if lost > 0 else "brighter"
@@ -173,7 +174,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     Parameters
     ----------
     captures : sequence of Images
-        Of one camera and size; the median of what each shows is taken.
+        Of one camera; the median of what each shows is taken.
 
     Notes
     -----
@@ -194,7 +195,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     >>> find_change([Images(image, image)] * 3).changes
     False
     """
-    if len(captures) < _FEW_CAPTURES or len({pair.infocus.shape for pair in captures}) > 1:
+    if len(captures) < _FEW_CAPTURES:
         return ViewChange()
     light = _falloff(captures)
     found = np.array([_similarity(pair, light) for pair in captures])
@@ -203,7 +204,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     change = replace(light, similarity=tuple(typical.tolist()))
     turn, larger = np.abs(typical[2:])
     # Of shifts alone each capture may have its own, which a law finds anew.
-    corner = np.hypot(*captures[0].infocus.shape[:2]) / 2 * captures[0].times
+    corner = np.median([np.hypot(*pair.infocus.shape[:2]) / 2 * pair.times for pair in captures])
     size = np.hypot(turn, larger)
     still = size * corner < _STILL or size < _CLEARLY * np.hypot(*spread[2:])
     return light if still or max(turn, larger) > _FARTHEST else change
@@ -239,10 +240,7 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         return ViewChange()
     typical = np.nanmedian(ratios, axis=0)
     channels = np.moveaxis(typical, -1, 0)
-    # Each knot's share in each field.
-    steps, radius = np.linspace(0, 1, KNOTS), _square_radius(pair.infocus.shape)
-    shares = [np.interp(radius, steps, knot)[..., np.newaxis] for knot in np.eye(KNOTS)]
-    terms = np.stack([_by_field(share, np.mean).ravel() for share in shares], axis=1)
+    terms = np.mean([_knots_by_field(pair.infocus.shape) for pair in captures], axis=0)
     # Hardly anything lies at the last knot: the curve goes on there as it went before.
     bends = _STIFF * np.diff(np.eye(KNOTS), 2, axis=0)
     rows, none = np.concatenate([terms, bends]), np.zeros(len(bends))
@@ -261,6 +259,13 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         return ViewChange(by_radius=explained)
     falloff = tuple(tuple(curve.tolist()) for curve in fitted)
     return ViewChange(falloff=falloff, by_radius=explained)
+
+
+def _knots_by_field(shape: Sequence[int]) -> Array:
+    """Return what share each knot of the curve has in each field, shape (field, knot)."""
+    radius, steps = _square_radius(shape), np.linspace(0, 1, KNOTS)
+    shares = [np.interp(radius, steps, knot)[..., np.newaxis] for knot in np.eye(KNOTS)]
+    return np.stack([_by_field(share, np.mean).ravel() for share in shares], axis=1)
 
 
 def _by_field(values: Array, of: Any = np.sum) -> Array:

@@ -69,6 +69,15 @@ def test_the_fall_off_is_found_beside_a_magnification_and_undone() -> None:
     assert found.words().endswith("% larger; 25 % darker at the corners than in the middle")
 
 
+def test_images_may_differ_in_size() -> None:
+    pairs = [pair(number, (0, 0, 0, 0.006), dark=0.25) for number in range(3)]
+    whole = pair(3, (0, 0, 0, 0.006), dark=0.25)
+    cut = Images(whole.infocus[5:-5, 8:-8], whole.defocus[5:-5, 8:-8])
+    found = find_change([*pairs, cut])
+    assert found.falloff[0][-1] == pytest.approx(0.75, abs=0.03)
+    assert found.similarity[3] == pytest.approx(0.006, abs=3e-4)
+
+
 def test_nothing_is_undone_where_nothing_changed() -> None:
     pairs = [pair(number) for number in range(4)]
     found = find_change(pairs)
