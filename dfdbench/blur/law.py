@@ -11,6 +11,7 @@ from pydantic import Field
 
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, KernelSize
+from dfdbench.errors import InputError
 from dfdbench.system.strict import check_fields, made_of
 
 #: The field that only a law has, and no recipe.
@@ -21,6 +22,12 @@ GREYS = 17
 ROUNDING_VARIANCE = 1 / 12
 _Sigma = Annotated[float, Field(gt=0, le=1000)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Shift = Annotated[float, Field(ge=-100, le=100)]
+_Turn = Annotated[float, Field(ge=-0.5, le=0.5)]
+_Size = Annotated[float, Field(ge=-0.3, le=0.3)]
+_Share = Annotated[float, Field(ge=0.01, le=100)]
+#: A channel's light at even steps of r^2, from the middle to the corners.
+FallOff = Annotated[tuple[_Share, ...], Field(min_length=2, max_length=100)]
 _Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -56,7 +63,8 @@ class BlurLaw:
         turned, how much larger (0.006 for 0.6 %), about the middle.
     falloff : tuple of tuple of float
         Each channel's light in the defocus image, as a part of the in-focus image's, at even steps
-        of r^2 from the middle to the corners; straight lines between. None: alike all over.
+        of r^2 from the middle to the corners; straight lines between. One stands for all channels,
+        none for light that falls off alike.
 
     Raises
     ------
@@ -80,11 +88,13 @@ class BlurLaw:
     linear: bool = False
     registered: bool = True
     even: bool = True
-    similarity: Annotated[tuple[_Finite, ...], Field(min_length=4, max_length=4)] = (0.0,) * 4
-    falloff: tuple[tuple[_Finite, ...], ...] = ()
+    similarity: tuple[_Shift, _Shift, _Turn, _Size] = (0.0, 0.0, 0.0, 0.0)
+    falloff: Annotated[tuple[FallOff, ...], Field(max_length=3)] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "blur law")
+        if len(self.falloff) == 2:
+            raise InputError("two curves of fall-off, not one, or three of RGB", where="falloff")
 
     @property
     def levels(self) -> int:

@@ -24,6 +24,9 @@ IMAGE = "image"
 Index = Annotated[int, Field(ge=0)]
 Extent = Annotated[int, Field(ge=1)]
 
+_Share = Annotated[float, Field(ge=0.01, le=100)]
+_FallOff = Annotated[list[_Share], Field(min_length=2, max_length=100)]
+
 
 class Crop(StrictRecord):
     """The part of each image that is kept, in pixels from its top left corner."""
@@ -113,7 +116,7 @@ class CapturedFiles(StrictRecord):
     align: Literal["none", "translation", "euclidean", "similarity"] = "none"
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
-    flat_field: Annotated[list[list[float]], Field(min_length=3, max_length=3)] | None = None
+    flat_field: Annotated[list[_FallOff], Field(min_length=3, max_length=3)] | None = None
 
     @property
     def patterns(self) -> dict[str, str]:

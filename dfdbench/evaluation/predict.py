@@ -34,6 +34,7 @@ from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
+from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.system.files import write_whole
@@ -204,7 +205,13 @@ class DepthPredictor:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
-        if self._align:
+        laws = self.method.attribute("blurs") or ()
+        changes = [ViewChange.of(law) for law in laws if isinstance(law, BlurLaw)]
+        words = ", ".join(change.words() for change in changes if change.changes)
+        if self._align and words:
+            # The method takes that out by itself: twice would be worse than never.
+            found = f"the law says of the defocus image: {words}; that is taken out"
+        elif self._align:
             needed = matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
                 fix = "align them yourself and say --no-align"

@@ -46,7 +46,7 @@ _BY_RADIUS = 0.5
 # does.
 KNOTS = 9
 # What a bend of the curve counts beside a field's misfit.
-_STIFF = 0.1
+_STIFF = 0.5
 _FEW_CAPTURES = 3
 
 
@@ -95,7 +95,7 @@ class ViewChange:
         and left.
     """
 
-    similarity: tuple[float, ...] = (0.0,) * 4
+    similarity: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     falloff: tuple[tuple[float, ...], ...] = ()
     by_radius: float = 1.0
 
@@ -201,7 +201,8 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     found = np.array([_similarity(pair, light) for pair in captures])
     typical = np.median(found, axis=0)
     spread = np.median(np.abs(found - typical), axis=0)
-    change = replace(light, similarity=tuple(typical.tolist()))
+    down, right, angle, growth = typical.tolist()
+    change = replace(light, similarity=(down, right, angle, growth))
     turn, larger = np.abs(typical[2:])
     # Of shifts alone each capture may have its own, which a law finds anew.
     corner = np.median([np.hypot(*pair.infocus.shape[:2]) / 2 * pair.times for pair in captures])

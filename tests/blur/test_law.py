@@ -34,6 +34,11 @@ def test_a_gaussian_law_has_the_recipes_kernels() -> None:
         ({"sigmas": [1.0, 2.0], "offset": float("nan")}, "offset"),
         ({"sigmas": [1.0, 2.0], "noise": [0.3, -0.1]}, "noise"),
         ({"sigmas": [1.0, 2.0], "linear": 1}, "linear"),
+        ({"sigmas": [1.0, 2.0], "similarity": [0.0, 0.0, 0.0, -1.0]}, "similarity"),
+        ({"sigmas": [1.0, 2.0], "similarity": [0.0, 0.0, 0.0]}, "similarity"),
+        ({"sigmas": [1.0, 2.0], "falloff": [[]]}, "falloff"),
+        ({"sigmas": [1.0, 2.0], "falloff": [[1.0, 0.0]]}, "falloff"),
+        ({"sigmas": [1.0, 2.0], "falloff": [[1.0, 0.9], [1.0, 0.9]]}, "two curves"),
         ({"sigmas": [1.0, 2.0], "sigma_min": 1}, "sigma_min"),
     ],
 )

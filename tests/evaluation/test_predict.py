@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dfdbench.blur.formation import magnify
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
@@ -63,6 +65,21 @@ def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) ->
     assert error(aligned.depth) < straight + 10 < as_is
     assert "brightness" in aligned.found
     assert DepthPredictor("local", "published")(sharp, blurred).found == ""
+
+
+def test_what_a_law_says_of_the_view_is_undone_once(
+    pair: tuple[Image, Image, Image], tmp_path: Path
+) -> None:
+    sharp, blurred, _ = pair
+    larger = np.rint(np.clip(magnify(blurred.astype(float), [0.02] * 3), 0, 255)).astype(np.uint8)
+    recipe = RECIPES["published"]
+    law = BlurLaw(tuple(recipe.sigmas[::-1].tolist()), similarity=(0.0, 0.0, 0.0, 0.02))
+    file = tmp_path / "law.toml"
+    file.write_text(law.as_toml())
+    found = DepthPredictor("local", file)(sharp, larger)
+    assert found.found == "the law says of the defocus image: 2.00 % larger; that is taken out"
+    alone = DepthPredictor("local", file, align=False)(sharp, larger)
+    assert np.array_equal(found.depth, alone.depth)
 
 
 def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -> None:

@@ -67,6 +67,13 @@ def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> 
         manifest_of(stack)
 
 
+@pytest.mark.parametrize("row", ["[]", "[1.0]", "[1.0, 0.0]", "[1.0, nan]", "[1.0, -0.5]"])
+def test_a_flat_field_that_no_lens_has_is_refused(row: str) -> None:
+    text = FOLDER_TOML.replace("[table]", f"flat_field = [{row}, {row}, {row}]\n\n[table]")
+    with pytest.raises(ManifestError, match="flat_field"):
+        manifest_of(text)
+
+
 def test_broken_scenes_are_named_together_and_the_others_built(
     folder: Path, tmp_path: Path
 ) -> None:
