@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit, read_out
+from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit
 from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.readout import read_out
 
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
@@ -120,8 +121,9 @@ class Local(Solver):
     recipe : BlurRecipe, BlurLaw or None
         How the defocus images were made; in a run, the data set's recipe. Without one the
         method is fitted: see `dfdbench.methods.calibration`.
-    window : int
-        Side of the square window in pixels, odd.
+    window : int, optional
+        Side of the square window in pixels, odd. By default 7, or where the law is fitted what the
+        fit chooses.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
@@ -138,18 +140,13 @@ class Local(Solver):
     def __init__(
         self,
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
-        window: int = 7,
-        prior: bool = False,
+        window: int | None = None,
+        prior: bool = True,
     ) -> None:
-        if not isinstance(window, int) or window < 1 or window % 2 == 0:
-            raise MethodError(
-                "wrong parameter", where="window", expected="odd, positive", got=str(window)
-            )
-        super().__init__(recipe, prior)
-        self._window = (window, window)
+        super().__init__(recipe, prior, window)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        blur = self.blur
+        blur, window = self.blur, self.window_in(infocus)
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
         squares: Iterator[Cost]
@@ -163,11 +160,11 @@ class Local(Solver):
             squares = _by_law(blur, infocus, images[0])
         else:
             squares = _by_recipe(blur, infocus, images[0])
-        energy, sharpness = nat * self.prior.energy, self.prior.sharpness / nat
+        energy, sharpness = nat * self.chosen.energy, self.chosen.sharpness / nat
         volume = []
         for candidate, single in enumerate(squares):
-            cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
-            if self.prior.weight:
+            cost = cv2.boxFilter(single, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE)
+            if self.chosen.weight:
                 cost = cost + np.float32(energy[candidate])
             if sharpness:
                 volume.append(cost)

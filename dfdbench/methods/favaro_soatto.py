@@ -13,23 +13,21 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.depth_prior import Part, choose_prior
+from dfdbench.methods.choices import Part, choose
 from dfdbench.methods.fitted import (
-    NO_PRIOR,
     REFIT,
-    DepthPrior,
     Image,
     evenly_spread,
+    fit_problems,
     learned_array,
     not_fitted,
     nothing_to_fit,
     odd_window,
-    prior_problems,
-    read_out,
-    require_window_fits,
+    window_in,
     wrong,
 )
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.readout import AS_USUAL, Chosen, read_out
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.system.compiled import compiled
 
@@ -65,8 +63,9 @@ class FavaroSoatto:
         should reach as far as the blur does.
     groups : int
         How many groups the 256 levels are divided into, 2 to 128.
-    window : int
-        Side of the window that residuals are summed over, in pixels, odd.
+    window : int, optional
+        Side of the window that residuals are summed over, in pixels, odd; by default what the fit
+        chooses, 7 if no other is better.
     prior : bool
         Weigh depths by how often training shows them, if that helps there.
 
@@ -107,8 +106,8 @@ class FavaroSoatto:
         sharp_patch: int = 13,
         blurred_patch: int = 3,
         groups: int = 64,
-        window: int = 7,
-        prior: bool = False,
+        window: int | None = None,
+        prior: bool = True,
     ) -> None:
         problems = odd_window("sharp_patch", sharp_patch, most=21)
         problems += odd_window("blurred_patch", blurred_patch, most=21)
@@ -117,12 +116,11 @@ class FavaroSoatto:
             problems.append(wrong("blurred_patch", expected, blurred_patch))
         if not isinstance(groups, int) or not 2 <= groups <= _LEVELS // 2:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
-        problems += odd_window("window", window)
-        problems += prior_problems(prior)
+        problems += fit_problems(prior, window)
         MethodError.raise_if(problems)
-        self._with_prior, self._prior = prior, NO_PRIOR
+        self._with_prior, self._chosen = prior, AS_USUAL
         self._sides = sharp_patch, blurred_patch
-        self._groups, self._window = groups, window
+        self._groups, self._given_window = groups, window
         self._operators: NDArray[np.float32] | None = None
         self._images = 1
 
@@ -135,16 +133,16 @@ class FavaroSoatto:
             Where no group of levels has patches enough.
         """
         learned = self._learned(pairs)
-        if not self._with_prior:
+        if not pairs[0].is_pair:
             return learned
         trial = copy.copy(self)
         trial.restore(learned)
 
-        def solve(part: Part, prior: DepthPrior) -> Array:
-            trial._prior = prior
-            return trial._solve(part.infocus, part.images)
+        def solve(part: Part, chosen: Chosen) -> Array:
+            trial._chosen = chosen
+            return trial._solve(part.infocus, [part.defocus])
 
-        return learned | choose_prior(solve, pairs, readouts=True).as_learned()
+        return learned | choose(solve, pairs, self._with_prior, not self._given_window).as_learned()
 
     def _learned(self, pairs: Sequence[TrainingPair]) -> Learned:
         sharp, blurred = self._sides
@@ -189,7 +187,7 @@ class FavaroSoatto:
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
-        self._prior = DepthPrior.taken_from(dict(learned))
+        self._chosen = Chosen.taken_from(dict(learned))
         operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
         self._depths = learned_array(learned, "depth", _NAME, 1)
         sharp, blurred = self._sides
@@ -205,7 +203,7 @@ class FavaroSoatto:
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        extent = max(32, self._window)
+        extent = max(32, self._given_window or 0)
         part = [defocus[:extent, :extent].copy()] * self._images
         self._solve(infocus[:extent, :extent].copy(), part)
 
@@ -223,7 +221,7 @@ class FavaroSoatto:
         if len(images) != self._images:
             what = f"{len(images)} defocus images, but {self._images} were fitted"
             raise MethodError(what, where=_NAME, fix=REFIT)
-        require_window_fits(self._window, infocus, _NAME)
+        window = window_in(infocus, self._given_window, self._chosen, _NAME)
         side, small = self._sides
         sharp, *blurred = (
             np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)
@@ -232,11 +230,10 @@ class FavaroSoatto:
         shape = infocus.shape[:2]
         costs = np.empty((len(self._operators), *shape), np.float32)
         _residuals(sharp, np.stack(blurred), side, small, self._operators, costs)
-        window = (self._window, self._window)
         for cost in costs:
             cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)
-        self._prior.weigh_in(costs, np.rint(self._depths).astype(np.int64))
-        best = read_out(costs, self._prior.sharpness)
+        self._chosen.weigh_in(costs, np.rint(self._depths).astype(np.int64))
+        best = read_out(costs, self._chosen.sharpness)
         # Between two groups, but not out into depths that no training pair has shown.
         own, width = self._depths[np.rint(best).astype(np.int64)], _LEVELS / self._groups
         depth = np.interp(best, np.arange(self._depths.size), self._depths)

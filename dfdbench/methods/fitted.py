@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -15,132 +15,12 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.readout import AS_USUAL, Chosen
 
 if TYPE_CHECKING:
     from xarray import DataArray
 
     from dfdbench.methods.measured_law import Calibration
-
-
-def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
-    """Return each pixel's label of least cost, refined to a fraction of a label.
-
-    The fraction is the minimum of a parabola through the least cost and those beside it. The
-    first and the last label stay whole, and so does one whose neighbours cost the same.
-
-    Parameters
-    ----------
-    costs : ndarray, shape (label, y, x)
-        Of any real type.
-
-    Returns
-    -------
-    ndarray of float64, shape (y, x)
-        0 to the number of labels less one.
-
-    Examples
-    --------
-    >>> least_label(np.array([9, 1, 3, 9]).reshape(4, 1, 1)).tolist()
-    [[1.3]]
-    """
-    labels = costs.argmin(axis=0)
-    inner = np.clip(labels, 1, max(len(costs) - 2, 1))
-    if len(costs) < 3:
-        return np.asarray(labels, np.float64)
-    before, least, after = (
-        np.take_along_axis(costs, (inner + step)[np.newaxis], 0)[0].astype(np.float64)
-        for step in (-1, 0, 1)
-    )
-    bend = before - 2 * least + after
-    fits = (labels == inner) & (bend > 0)
-    fraction = np.divide(before - after, 2 * bend, out=np.zeros(bend.shape), where=fits)
-    return np.asarray(labels + fraction)
-
-
-def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
-    """Return each pixel's label from costs in nats, shape (label, y, x).
-
-    Parameters
-    ----------
-    costs : ndarray
-        The prior's among them.
-    sharpness : float
-        See `DepthPrior`.
-
-    Examples
-    --------
-    >>> costs = np.array([0.0, 0.1, 0.2, 5.0]).reshape(4, 1, 1)
-    >>> read_out(costs, 0).tolist(), read_out(costs, 1).round(2).tolist()
-    ([[0.0]], [[0.9]])
-    """
-    if not sharpness:
-        return least_label(costs)
-    least = costs.min(axis=0)
-    total = np.zeros(least.shape)
-    sums = np.empty(costs.shape, np.float32)
-    for label, cost in enumerate(costs):
-        total += np.exp(-sharpness * (cost - least))
-        sums[label] = total
-    half = total / 2
-    label = (sums < half).sum(axis=0)
-    after = np.take_along_axis(sums, label[np.newaxis], 0)[0]
-    before = np.take_along_axis(sums, np.maximum(label - 1, 0)[np.newaxis], 0)[0]
-    before = np.where(label > 0, before, 0)
-    # Each label's share lies evenly over its place, half a label to either side.
-    part = np.divide(
-        half - before, after - before, out=np.full(half.shape, 0.5), where=after > before
-    )
-    return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
-
-
-@dataclass(frozen=True)
-class DepthPrior:
-    """What each level costs beside the images, and how a volume of costs is read.
-
-    Parameters
-    ----------
-    energy : ndarray of float64, shape (level,)
-        Nats; all 0 where no prior helps.
-    sharpness : float
-        0 for the level of least cost; else the median of ``exp(-sharpness * cost)``.
-    weight : float
-        What the histogram's logarithm was multiplied with.
-    """
-
-    energy: NDArray[np.float64]
-    sharpness: float = 0.0
-    weight: float = 0.0
-
-    def as_learned(self) -> Learned:
-        """Return it as a method's fit returns it."""
-        return {"prior": self.energy, "sharpness": self.sharpness, "prior_weight": self.weight}
-
-    def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
-        """Add itself to costs of no known unit, shape (label, y, x), where they lie.
-
-        Their unit is taken to be the image's median of the least cost.
-
-        Parameters
-        ----------
-        costs : ndarray of float32
-        levels : ndarray of int, optional
-            The level of each label; default: they are the same.
-        """
-        if self.weight:
-            costs /= max(float(np.median(costs.min(axis=0))), 1e-12)
-            costs += self.energy[levels, np.newaxis, np.newaxis].astype(np.float32)
-
-    @classmethod
-    def taken_from(cls, learned: Learned) -> DepthPrior:
-        """Take it out of what a fit learned; without it there is none."""
-        if "prior" not in learned:
-            return NO_PRIOR
-        energy = np.asarray(learned.pop("prior"), np.float64)
-        return cls(energy, float(learned.pop("sharpness")), float(learned.pop("prior_weight")))
-
-
-#: No prior, and the level of least cost.
-NO_PRIOR = DepthPrior(np.zeros(LEVELS))
 
 
 class Calibrated(ABC):
@@ -152,31 +32,46 @@ class Calibrated(ABC):
         The blur; None leaves it to the fit.
     prior : bool
         Let the fit find out whether it helps to know how often training shows each depth.
+    window : int, optional
+        Side of the square window in pixels that costs are summed over, odd; by default the fit
+        chooses it.
 
     Raises
     ------
     MethodError
-        If `prior` is true and the blur is given, so that nothing is fitted.
+        For a window or a prior that is none.
     """
 
     #: Whether a median can be read from its costs.
     reads_out: ClassVar[bool] = True
+    #: Whether more or less can be smoothed.
+    smooths: ClassVar[bool] = True
 
     @abstractmethod
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
 
-    def __init__(self, recipe: BlurRecipe | BlurLaw | None, prior: bool = False) -> None:
-        MethodError.raise_if(prior_problems(prior))
-        if prior and recipe is not None:
-            what = "prior=true is for a fit, and the blur is given"
-            fix = "add --param recipe=null, so that the method is fitted, or leave prior out"
-            raise MethodError(what, where="prior", fix=fix)
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True, window: int | None = None
+    ) -> None:
+        MethodError.raise_if(fit_problems(prior, window))
         self._told = recipe
         self._with_prior = prior
-        self.prior = NO_PRIOR
+        self._given_window = window
+        #: What the fit chose; as usual if the blur was given, or before.
+        self.chosen = AS_USUAL
         #: What the fit measured of each defocus image; nothing if the blur was given, or before.
         self.calibrations: tuple[Calibration, ...] = ()
+
+    def window_in(self, image: Image) -> tuple[int, int]:
+        """Return the window for an image: one that a fit chose on larger ones is cut to fit.
+
+        Raises
+        ------
+        MethodError
+            If the window that was given is larger than the image.
+        """
+        return window_in(image, self._given_window, self.chosen, type(self).__name__)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -194,7 +89,7 @@ class Calibrated(ABC):
         from dfdbench.methods.measured_law import Calibration
 
         learned = dict(learned)
-        self.prior = DepthPrior.taken_from(learned)
+        self.chosen = Chosen.taken_from(learned)
         self.calibrations = Calibration.all_of(learned)
 
     @property
@@ -228,22 +123,25 @@ class Calibrated(ABC):
         return self._learned([calibrate(pairs)], pairs)
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.depth_prior import Part, choose_prior
+        from dfdbench.methods.choices import Part, choose
         from dfdbench.methods.measured_law import Calibration
         from dfdbench.methods.view_change import ViewChange, without_change
 
         learned = Calibration.all_as_learned(found)
-        if not self._with_prior:
+        # A stack leaves less to choose, and its fit takes long enough.
+        if len(found) > 1:
             return learned
-        changes = [ViewChange.of(one.law) for one in found]
         trial = copy.copy(self)
-        trial.calibrations = tuple(replace(one, law=without_change(one.law)) for one in found)
+        trial.calibrations = (replace(found[0], law=without_change(found[0].law)),)
 
-        def solve(part: Part, prior: DepthPrior) -> Array:
-            trial.prior = prior
-            return trial._solve(part.infocus, part.images)
+        def solve(part: Part, chosen: Chosen) -> Array:
+            trial.chosen = chosen
+            return trial._solve(part.infocus, [part.defocus])
 
-        return learned | choose_prior(solve, captures, self.reads_out, changes).as_learned()
+        smooth = self.smooths and not self._given_window
+        change = ViewChange.of(found[0].law)
+        chosen = choose(solve, captures, self._with_prior, smooth, self.reads_out, change)
+        return learned | chosen.as_learned()
 
 
 class Solver(Calibrated):
@@ -302,6 +200,7 @@ Fit = Callable[[Sequence[TrainingPair]], Learned]
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
 REFIT = "fit the method again"
+_USUAL_WINDOW = 7
 # The largest default.
 _SMALL_WINDOW = 9
 # Entries of a table of depths, and pixels of a pair that go into it.
@@ -424,9 +323,26 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
         raise MethodError(what, where=f"{method}: window")
 
 
-def prior_problems(value: Any) -> list[Problem]:
-    """Return what is wrong with the parameter `prior`: true or false."""
-    return [] if isinstance(value, bool) else [wrong("prior", "true or false", value)]
+def fit_problems(prior: Any, window: Any) -> list[Problem]:
+    """Return what is wrong with the parameters of a fit: true or false, and a window."""
+    problems = [] if isinstance(prior, bool) else [wrong("prior", "true or false", prior)]
+    return problems + ([] if window is None else odd_window("window", window))
+
+
+def window_in(image: Image, given: int | None, chosen: Chosen, method: str) -> tuple[int, int]:
+    """Return the window for an image: as it was given, or what a fit chose, cut to the image.
+
+    Raises
+    ------
+    MethodError
+        If the window that was given is larger than the image.
+    """
+    if given:
+        require_window_fits(given, image, method)
+        return given, given
+    most = max((min(image.shape[:2]) - 1) // 2 * 2 + 1, _SMALL_WINDOW)
+    side = min(_USUAL_WINDOW * chosen.smoothing // 2 * 2 + 1, most)
+    return side, side
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

@@ -123,7 +123,7 @@ class GraphCuts(Solver):
         solver: str = "split",
         quality: str = "default",
         published_offset: bool = False,
-        prior: bool = False,
+        prior: bool = True,
     ) -> None:
         super().__init__(recipe, prior)
         for kind, name, known in (
@@ -190,7 +190,7 @@ class GraphCuts(Solver):
             # Of a stack it is made twice, as nobody could hold it all.
             held = list(blurred()) if len(images) == 1 else []
             told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
-            nat = self._nat(told)
+            nat = self._nat(told) / self.chosen.smoothing
             limit = min(math.ceil(_MOST_NATS * nat / len(images)), self._limit)
             unary, offset, add = memory, 0, False
             for one in held or blurred():
@@ -198,8 +198,8 @@ class GraphCuts(Solver):
                 add = True
                 # Before the next is made: they are large.
                 del one
-            if self.prior.weight:
-                energy = nat * self.prior.energy[self._levels]
+            if self.chosen.weight:
+                energy = nat * self.chosen.energy[self._levels]
                 offset += add_energy(unary, energy, self._limit)
         else:
             unary, offset = data_cost(

@@ -12,16 +12,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import (
-    Image,
-    Solver,
-    channels_of,
-    number_within,
-    odd_window,
-    read_out,
-    require_window_fits,
-)
+from dfdbench.methods.fitted import Image, Solver, channels_of, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
+from dfdbench.methods.readout import read_out
 
 
 class Guided(Solver):
@@ -36,8 +29,9 @@ class Guided(Solver):
     ----------
     recipe : BlurRecipe or BlurLaw, optional
         How the defocus images were made; without it the law is fitted.
-    window : int
-        Side of the square window in pixels, odd.
+    window : int, optional
+        Side of the square window in pixels, odd. By default 7, or where the law is fitted what the
+        fit chooses.
     flatness : float
         Variance in squared grey levels below which a window counts as flat, and its costs are
         but averaged; epsilon of the paper.
@@ -73,47 +67,44 @@ class Guided(Solver):
     def __init__(
         self,
         recipe: BlurRecipe | BlurLaw | None = None,
-        window: int = 7,
+        window: int | None = None,
         flatness: float = 100.0,
         limit: float = 15.0,
-        prior: bool = False,
+        prior: bool = True,
     ) -> None:
-        problems = odd_window("window", window)
-        problems += number_within("flatness", flatness, 0, 1e6)
+        problems = number_within("flatness", flatness, 0, 1e6)
         problems += number_within("limit", limit, 0, 10000)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe, prior)
+        super().__init__(recipe, prior, window)
         self._limit = limit
-        self._window = (window, window)
         self._flatness = np.float32(flatness)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        side = max(32, self._window[0])
+        side = max(32, self._given_window or 0)
         part = [defocus[:side, :side].copy()] * len(self.blurs)
         self._settled(infocus[:side, :side].copy(), part)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        require_window_fits(self._window[0], infocus, "guided")
+        window = self.window_in(infocus)
         costs = level_costs(self.blurs, infocus, images, self._limit)
         guide = channels_of(infocus).mean(2)
-        mean = self._box(guide)
-        spread = self._box(guide * guide) - mean * mean + self._flatness
+        mean = _box(window, guide)
+        spread = _box(window, guide * guide) - mean * mean + self._flatness
         smooth = np.empty((costs.shape[2], *costs.shape[:2]), np.float32)
         for label, filtered in enumerate(smooth):
             cost = costs[:, :, label].astype(np.float32)
-            average = self._box(cost)
-            slope = (self._box(guide * cost) - mean * average) / spread
+            average = _box(window, cost)
+            slope = (_box(window, guide * cost) - mean * average) / spread
             start = average - slope * mean
-            filtered[:] = self._box(slope) * guide + self._box(start)
-        if self.prior.weight:
-            smooth += (UNIT * self.prior.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
-        found = read_out(smooth, self.prior.sharpness / UNIT)
+            filtered[:] = _box(window, slope) * guide + _box(window, start)
+        if self.chosen.weight:
+            smooth += (UNIT * self.chosen.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
+        found = read_out(smooth, self.chosen.sharpness / UNIT)
         return np.asarray(self.blur.depth_of_level(found), np.float32)
 
-    def _box(self, image: NDArray[Any]) -> NDArray[np.float32]:
-        return np.asarray(
-            cv2.boxFilter(image, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE),
-            np.float32,
-        )
+
+def _box(window: tuple[int, int], image: NDArray[Any]) -> NDArray[np.float32]:
+    found = cv2.boxFilter(image, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)

@@ -12,14 +12,8 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import (
-    Calibrated,
-    Image,
-    channels_of,
-    odd_window,
-    read_out,
-    require_window_fits,
-)
+from dfdbench.methods.fitted import Calibrated, Image, channels_of
+from dfdbench.methods.readout import read_out
 
 # Side of the filters in pixels: as wide as the widest blur.
 _SIZE = 15
@@ -85,19 +79,19 @@ class RationalFilters(Calibrated):
     paper = "Watanabe and Nayar, Rational filters for passive depth from defocus, IJCV 1998"
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = False
+        self,
+        recipe: BlurRecipe | BlurLaw | None = None,
+        window: int | None = None,
+        prior: bool = True,
     ) -> None:
-        problems = odd_window("window", window)
-        MethodError.raise_if(problems)
-        super().__init__(recipe, prior)
-        self._window = (window, window)
+        super().__init__(recipe, prior, window)
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         return self._solve(infocus, [defocus])
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        require_window_fits(self._window[0], infocus, "rational-filters")
+        window = self.window_in(infocus)
         blur = self.blur
         sigmas = np.asarray(blur.sigmas, np.float64)
         low, high = float(sigmas.min()), float(sigmas.max())
@@ -108,29 +102,10 @@ class RationalFilters(Calibrated):
         sharp, blurred = channels_of(infocus), channels_of(images[0])
         terms = [_filtered(sharp - blurred, before)]
         terms += [_filtered(sharp + blurred, -kernel) for kernel in filters]
-        residuals = self._residuals(terms, (sigmas - low) / (high - low))
-        self.prior.weigh_in(residuals)
-        label = read_out(residuals, self.prior.sharpness)
+        residuals = _residuals(window, terms, (sigmas - low) / (high - low))
+        self.chosen.weigh_in(residuals)
+        label = read_out(residuals, self.chosen.sharpness)
         return np.asarray(blur.depth_of_level(label), np.float32)
-
-    def _residuals(self, terms: list[Array], widths: Array) -> NDArray[np.float32]:
-        """Return each level's squared residual, summed over window and channels, (level, y, x)."""
-        powers = [0, *range(len(terms) - 1)]
-        sums = np.zeros((2 * powers[-1] + 1, *terms[0].shape[:2]), np.float32)
-        for first, one in enumerate(terms):
-            for second, other in enumerate(terms[: first + 1]):
-                product = np.asarray((one * other).sum(2) * (1 if first == second else 2))
-                sums[powers[first] + powers[second]] += cv2.boxFilter(
-                    product, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE
-                )
-        residuals = np.empty((len(widths), *sums.shape[1:]), np.float32)
-        for level, width in enumerate(widths):
-            residual = residuals[level]
-            residual[:] = sums[-1]
-            for coefficient in sums[-2::-1]:
-                residual *= np.float32(width)
-                residual += coefficient
-        return residuals
 
 
 @lru_cache(maxsize=8)
@@ -174,6 +149,26 @@ def design(
     factors = np.rint(factors / _STEP) * _STEP
     filters = np.einsum("ju,uyx->jyx", factors.reshape(_DEGREE + 1, -1), units)
     return before, filters
+
+
+def _residuals(window: tuple[int, int], terms: list[Array], widths: Array) -> NDArray[np.float32]:
+    """Return each level's squared residual, summed over window and channels, (level, y, x)."""
+    powers = [0, *range(len(terms) - 1)]
+    sums = np.zeros((2 * powers[-1] + 1, *terms[0].shape[:2]), np.float32)
+    for first, one in enumerate(terms):
+        for second, other in enumerate(terms[: first + 1]):
+            product = np.asarray((one * other).sum(2) * (1 if first == second else 2))
+            sums[powers[first] + powers[second]] += cv2.boxFilter(
+                product, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE
+            )
+    residuals = np.empty((len(widths), *sums.shape[1:]), np.float32)
+    for level, width in enumerate(widths):
+        residual = residuals[level]
+        residual[:] = sums[-1]
+        for coefficient in sums[-2::-1]:
+            residual *= np.float32(width)
+            residual += coefficient
+    return residuals
 
 
 def _units() -> NDArray[np.float64]:

@@ -311,12 +311,13 @@ class RoundedGraphCuts(Solver):
     """
 
     reads_out = False
+    smooths = False
 
     def __init__(
         self,
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         truncation: int = 8,
-        prior: bool = False,
+        prior: bool = True,
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
@@ -344,8 +345,8 @@ class RoundedGraphCuts(Solver):
             unary[..., : shown.start] = unary[..., shown.stop :] = np.iinfo(np.uint16).max
             channels = infocus.shape[2] * len(images)
             offset = costs_of_misfits(unary, channels, _UNIT, limit)
-            if self.prior.weight:
-                offset += add_energy(unary, _UNIT * self.prior.energy, limit)
+            if self.chosen.weight:
+                offset += add_energy(unary, _UNIT * self.chosen.energy, limit)
         else:
             unary, offset = rounded_cost(infocus, images[0], blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)

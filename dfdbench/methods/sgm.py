@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fitted import Image, Solver, number_within, read_out
+from dfdbench.methods.fitted import Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
+from dfdbench.methods.readout import read_out
 from dfdbench.system.compiled import compiled
 
 _DIRECTIONS = 8
@@ -152,7 +153,7 @@ class SemiGlobal(Solver):
         small_step: float = 0.5,
         large_step: float = 15.0,
         limit: float = 100.0,
-        prior: bool = False,
+        prior: bool = True,
     ) -> None:
         most = MOST // (2 * UNIT)
         problems = number_within("small_step", small_step, 0, most)
@@ -174,10 +175,12 @@ class SemiGlobal(Solver):
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         costs = level_costs(self.blurs, infocus, images, self._limit)
         # As many images as there are, as often a cost is counted.
-        small, large = (min(step * len(images), MOST // 2) for step in self._steps)
-        if self.prior.weight:
-            costs += np.rint(UNIT * self.prior.energy).astype(np.uint16)
+        small, large = (
+            min(step * len(images) * self.chosen.smoothing, MOST // 2) for step in self._steps
+        )
+        if self.chosen.weight:
+            costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
         np.minimum(costs, MOST - large, out=costs)
         sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
-        label = read_out(sums, self.prior.sharpness / (UNIT * _DIRECTIONS))
+        label = read_out(sums, self.chosen.sharpness / (UNIT * _DIRECTIONS))
         return np.asarray(self.blur.depth_of_level(label), np.float32)

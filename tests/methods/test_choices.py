@@ -9,10 +9,11 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.errors import MethodError
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.depth_prior import Part, choose_prior, energy_of
-from dfdbench.methods.fitted import NO_PRIOR, DepthPrior, Solver, read_out
+from dfdbench.methods.choices import Part, choose, energy_of
+from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy
 from dfdbench.methods.measured_law import Calibration
+from dfdbench.methods.readout import AS_USUAL, Chosen, read_out
 from dfdbench.methods.registry import load_method
 from tests.methods.made_planes import texture
 
@@ -33,22 +34,6 @@ def mostly_far(number: int) -> MadePair:
     return MadePair(image, np.clip(np.rint(noisy), 0, 255).astype(np.uint8), depth, depth > 0)
 
 
-@pytest.mark.parametrize("sharpness", [0.5, 1, 4])
-def test_the_median_of_a_bell_is_its_middle(sharpness: float) -> None:
-    labels = np.arange(100.0)[:, np.newaxis, np.newaxis]
-    middles = np.array([[40.0, 50.3, 61.7]])
-    found = read_out((labels - middles) ** 2 / 50, sharpness)
-    np.testing.assert_allclose(found, middles, atol=0.02)
-
-
-def test_the_median_of_two_heaps_lies_in_the_heavier() -> None:
-    shares = np.zeros(100)
-    shares[10], shares[79:82] = 0.4, 0.2
-    costs = -np.log(np.maximum(shares, 1e-9))[:, np.newaxis, np.newaxis]
-    assert read_out(costs, 0) == 10
-    assert 78.5 < read_out(costs, 1)[0, 0] < 80
-
-
 def test_a_depth_that_is_shown_e_times_as_often_costs_a_nat_less() -> None:
     shares = np.zeros((2, LEVELS))
     shares[:, :128], shares[:, 128:] = math.e, 1
@@ -60,25 +45,39 @@ def test_a_depth_that_is_shown_e_times_as_often_costs_a_nat_less() -> None:
 def test_a_prior_is_chosen_where_it_helps_and_left_off_elsewhere() -> None:
     captures = [mostly_far(number) for number in range(6)]
 
-    def twofold(part: Part, prior: DepthPrior) -> NDArray[np.float64]:
+    def twofold(part: Part, chosen: Chosen) -> NDArray[np.float64]:
         # Each level and its mirror image beyond the focus cost the same, but for what is shown.
         levels = np.arange(LEVELS)[:, np.newaxis, np.newaxis]
         off = np.minimum(abs(levels - part.levels), abs(260 - levels - part.levels))
-        energy = prior.energy[:, np.newaxis, np.newaxis] if prior.weight else 1e-6 * (260 - levels)
-        return read_out(off + energy, prior.sharpness)
+        energy = chosen.energy if chosen.weight else 1e-6 * np.arange(LEVELS)[::-1]
+        return read_out(off + energy[:, np.newaxis, np.newaxis], chosen.sharpness)
 
-    found = choose_prior(twofold, captures, readouts=True)
+    found = choose(twofold, captures, prior=True, smooth=False)
     assert found.weight > 0
-    assert found.energy[200] - found.energy[60] > 1
-    perfect = choose_prior(lambda part, prior: part.levels, captures, readouts=True)
-    assert perfect is NO_PRIOR
-    assert choose_prior(twofold, captures[:1], readouts=True) is NO_PRIOR
+    assert found.energy[200] - found.energy[60] > found.weight
+    perfect = choose(lambda part, chosen: part.levels, captures, prior=True, smooth=True)
+    assert perfect is AS_USUAL
+    assert choose(twofold, captures[:3], prior=True, smooth=True) is AS_USUAL
+    assert choose(twofold, captures, prior=False, smooth=False) is AS_USUAL
+
+
+def test_as_much_is_smoothed_as_noise_wants() -> None:
+    captures = [mostly_far(number) for number in range(6)]
+    random = np.random.default_rng(4)
+
+    def noisy(part: Part, chosen: Chosen) -> NDArray[np.float64]:
+        # The mean of as many pixels as a window of 7 times the factor has, and a bias by its side.
+        noise = random.normal(size=part.levels.shape) * 60 / chosen.smoothing
+        return part.levels + noise + 3 * chosen.smoothing
+
+    found = choose(noisy, captures, prior=False, smooth=True)
+    assert (found.smoothing, found.weight, found.sharpness) == (4, 0, 0)
+    assert found.as_dict() == {"smoothing": 4}
+    assert Chosen.taken_from(found.as_learned()).as_dict() == found.as_dict()
 
 
 @pytest.mark.parametrize("name", ["local", "guided", "sgm", "graph-cuts", "rational-filters"])
-def test_a_prior_that_nothing_would_fit_is_refused(name: str) -> None:
-    with pytest.raises(MethodError, match="the blur is given"):
-        load_method(name, {"recipe": "published", "prior": True}, {})
+def test_a_prior_is_true_or_false(name: str) -> None:
     with pytest.raises(MethodError, match="true or false"):
         load_method(name, {"recipe": None, "prior": "yes"}, {})
 
@@ -98,7 +97,7 @@ def test_a_cut_takes_the_depth_that_occurs_where_nothing_is_seen(name: str) -> N
     method.calibrations = (Calibration(law, FOCUSED, np.ones(LEVELS, np.int64), np.ones(LEVELS)),)
     bare = np.full((40, 50, 3), 120, np.uint8)
     energy = np.abs(np.arange(LEVELS) - 77.0)
-    method.prior = DepthPrior(energy, weight=1.0)
+    method.chosen = Chosen(energy, weight=1.0)
     np.testing.assert_allclose(method(bare, bare), 77, atol=2)
 
 

@@ -1,0 +1,149 @@
+"""How an answer is read from a volume of costs, and what a fit chose for that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.methods.method import Learned
+
+Array = NDArray[Any]
+
+
+def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
+    """Return each pixel's label of least cost, refined to a fraction of a label.
+
+    The fraction is the minimum of a parabola through the least cost and those beside it. The
+    first and the last label stay whole, and so does one whose neighbours cost the same.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (label, y, x)
+        Of any real type.
+
+    Returns
+    -------
+    ndarray of float64, shape (y, x)
+        0 to the number of labels less one.
+
+    Examples
+    --------
+    >>> least_label(np.array([9, 1, 3, 9]).reshape(4, 1, 1)).tolist()
+    [[1.3]]
+    """
+    labels = costs.argmin(axis=0)
+    inner = np.clip(labels, 1, max(len(costs) - 2, 1))
+    if len(costs) < 3:
+        return np.asarray(labels, np.float64)
+    before, least, after = (
+        np.take_along_axis(costs, (inner + step)[np.newaxis], 0)[0].astype(np.float64)
+        for step in (-1, 0, 1)
+    )
+    bend = before - 2 * least + after
+    fits = (labels == inner) & (bend > 0)
+    fraction = np.divide(before - after, 2 * bend, out=np.zeros(bend.shape), where=fits)
+    return np.asarray(labels + fraction)
+
+
+def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
+    """Return each pixel's label from costs in nats, shape (label, y, x).
+
+    Parameters
+    ----------
+    costs : ndarray
+        The prior's among them.
+    sharpness : float
+        See `DepthPrior`.
+
+    Examples
+    --------
+    >>> costs = np.array([0.0, 0.1, 0.2, 5.0]).reshape(4, 1, 1)
+    >>> read_out(costs, 0).tolist(), read_out(costs, 1).round(2).tolist()
+    ([[0.0]], [[0.9]])
+    """
+    if not sharpness:
+        return least_label(costs)
+    least = costs.min(axis=0)
+    total = np.zeros(least.shape)
+    sums = np.empty(costs.shape, np.float32)
+    for label, cost in enumerate(costs):
+        total += np.exp(-sharpness * (cost - least))
+        sums[label] = total
+    half = total / 2
+    label = (sums < half).sum(axis=0)
+    after = np.take_along_axis(sums, label[np.newaxis], 0)[0]
+    before = np.take_along_axis(sums, np.maximum(label - 1, 0)[np.newaxis], 0)[0]
+    before = np.where(label > 0, before, 0)
+    # Each label's share lies evenly over its place, half a label to either side.
+    part = np.divide(
+        half - before, after - before, out=np.full(half.shape, 0.5), where=after > before
+    )
+    return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What a fit chose by cross-validation, beside what it measured.
+
+    Parameters
+    ----------
+    energy : ndarray of float64, shape (level,)
+        What each level costs beside the images, in nats; all 0 where that does not help.
+    weight : float
+        What the logarithm of the training depths' histogram was multiplied with.
+    sharpness : float
+        0 for the level of least cost; else the median of ``exp(-sharpness * cost)``.
+    smoothing : int
+        How many times as much a method smooths as usual.
+    """
+
+    energy: NDArray[np.float64]
+    weight: float = 0.0
+    sharpness: float = 0.0
+    smoothing: int = 1
+
+    def as_learned(self) -> Learned:
+        """Return it as a method's fit returns it."""
+        return {
+            "prior": self.energy,
+            "prior_weight": self.weight,
+            "sharpness": self.sharpness,
+            "smoothing": self.smoothing,
+        }
+
+    def as_dict(self) -> dict[str, float]:
+        """Return it as a run's record has it: what is as usual left out."""
+        found = {"prior": self.weight, "smoothing": self.smoothing, "sharpness": self.sharpness}
+        return {name: value for name, value in found.items() if value != getattr(AS_USUAL, name, 0)}
+
+    def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
+        """Add what levels cost to costs of no known unit, shape (label, y, x), where they lie.
+
+        Their unit is taken to be the image's median of the least cost.
+
+        Parameters
+        ----------
+        costs : ndarray of float32
+        levels : ndarray of int, optional
+            The level of each label; default: they are the same.
+        """
+        if self.weight:
+            costs /= max(float(np.median(costs.min(axis=0))), 1e-12)
+            costs += self.energy[levels, np.newaxis, np.newaxis].astype(np.float32)
+
+    @classmethod
+    def taken_from(cls, learned: Learned) -> Chosen:
+        """Take it out of what a fit learned; without it nothing was chosen."""
+        if "prior" not in learned:
+            return AS_USUAL
+        energy = np.asarray(learned.pop("prior"), np.float64)
+        weight, sharpness = float(learned.pop("prior_weight")), float(learned.pop("sharpness"))
+        return cls(energy, weight, sharpness, int(learned.pop("smoothing")))
+
+
+#: No prior, the level of least cost, and no more smoothing than usual.
+AS_USUAL = Chosen(np.zeros(LEVELS))

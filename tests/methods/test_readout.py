@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from dfdbench.methods.readout import least_label, read_out
+
+
+@pytest.mark.parametrize("where", [0.6, 1.0, 2.3, 3.49])
+def test_the_minimum_of_a_parabola_is_found_exactly(where: float) -> None:
+    costs = (np.arange(6.0) - where)[:, np.newaxis, np.newaxis] ** 2
+    assert least_label(costs)[0, 0] == pytest.approx(where)
+
+
+def test_the_ends_stay_as_they_are() -> None:
+    costs = np.array([[0, 5], [1, 3], [9, 1]], np.uint16)[:, np.newaxis]
+    assert least_label(costs).tolist() == [[0, 2]]
+
+
+@pytest.mark.parametrize("labels", [1, 2])
+def test_fewer_labels_than_a_parabola_needs(labels: int) -> None:
+    assert least_label(np.arange(labels)[::-1].reshape(-1, 1, 1)).tolist() == [[labels - 1]]
+
+
+def test_equal_costs_give_the_first() -> None:
+    assert least_label(np.full((5, 1, 1), 7, np.uint16)).tolist() == [[0]]
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 1, 4])
+def test_the_median_of_a_bell_is_its_middle(sharpness: float) -> None:
+    labels = np.arange(100.0)[:, np.newaxis, np.newaxis]
+    middles = np.array([[40.0, 50.3, 61.7]])
+    found = read_out((labels - middles) ** 2 / 50, sharpness)
+    np.testing.assert_allclose(found, middles, atol=0.02)
+
+
+def test_the_median_of_two_heaps_lies_in_the_heavier() -> None:
+    shares = np.zeros(100)
+    shares[10], shares[79:82] = 0.4, 0.2
+    costs = -np.log(np.maximum(shares, 1e-9))[:, np.newaxis, np.newaxis]
+    assert read_out(costs, 0) == 10
+    assert 78.5 < read_out(costs, 1)[0, 0] < 80
