@@ -246,9 +246,10 @@ def difference_table(
 
 def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple[PairChange, ...]]]:
     groups = [(_ALL, found)]
-    for axis in (run.dataset.blocks, run.dataset.rows):
-        for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
-            of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
+    for axis in filter(None, (run.dataset.blocks, run.dataset.rows)):
+        values = sorted({c.first.coordinates[axis] for c in found})
+        for value in values if len(values) > 1 else []:
+            of_value = tuple(c for c in found if c.first.coordinates[axis] == value)
             groups.append((f"{axis} {value}", of_value))
     return groups
 
