@@ -84,10 +84,11 @@ def make_demo_result(
     fingerprint: str = "2" * 64,
     protocols: tuple[str, ...] = ("thesis",),
     dataset: str = "demo",
+    split: str = "test",
 ) -> Result:
-    """A complete result on a set's test split; NMAE is half the NRMSE."""
+    """A complete result on a set's split; NMAE is half the NRMSE."""
     manifest = find_manifest(dataset)
-    pairs = [_scored(pair, nrmse(pair), protocols) for pair in manifest.pairs("test")]
+    pairs = [_scored(pair, nrmse(pair), protocols) for pair in manifest.pairs(split)]
     blank = make_result({("a", 1, 1, 0): 0.1}, name)
     return blank.model_copy(
         update={
@@ -99,6 +100,8 @@ def make_demo_result(
                     "blocks": manifest.table.blocks,
                     "rows": manifest.table.rows,
                     "simulated": manifest.simulated,
+                    "groups": manifest.groups,
+                    "split": split,
                     "manifest_sha256": manifest.sha256,
                     "fingerprint": fingerprint,
                     "expected": len(pairs),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise, zip_longest
 from math import fsum
 from pathlib import Path
 
@@ -11,10 +12,10 @@ import numpy as np
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
-from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
+from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
-from dfdbench.results.differences import PairedDifference, paired_difference
-from dfdbench.results.frame import group_means, mean_defined, scores_of
+from dfdbench.results.differences import PairedDifference, corrected, paired_difference
+from dfdbench.results.frame import capture_means, group_means, mean_defined, scores_of, with_groups
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.wording import NOTHING, knew_blur, labelled, method_label, score_text
@@ -82,14 +83,15 @@ class Standing:
     entry : Entry
         The method.
     rank : int or None
-        Shared if the intervals overlap, provided there are scenes enough for intervals. None if a
+        Shared if the intervals overlap, provided there are groups enough for intervals. None if a
         score is lacking, the method was given a blur on a track, or nobody is ranked.
     scores : dict of str to float or None
         By metric; on a suite of tracks the mean over tracks of the mean over severities.
     interval : tuple of float, or None
-        Of the score that ranks, from `dfdbench.metrics.intervals.scene_interval`.
+        Of the score that ranks, from `dfdbench.metrics.intervals.group_interval`.
     above : PairedDifference or None
-        This row's score less that of the row above, pair by pair.
+        This row's score less that of the row above, pair by pair; its `p` is corrected for the
+        number of rows.
     """
 
     entry: Entry
@@ -128,9 +130,9 @@ class ScoreBoard:
         return ranked_by(self.protocol)[0]
 
     @property
-    def scenes(self) -> int:
-        """How many scenes the split has."""
-        return int(self.scores["scene"].nunique())
+    def groups(self) -> int:
+        """How many independent groups of scenes the split has."""
+        return int(self.scores["group"].nunique())
 
     def means(self, scores: pd.DataFrame, *by: str) -> pd.DataFrame:
         """Return means of some of the board's scores: a row per group, a column per standing."""
@@ -230,24 +232,23 @@ def _board(
     places = [order(number) for number in placed]
     others = {n for n in members if n not in able}
     placed += sorted(others, key=lambda n: (entries[n].given_blur, entries[n].label))
-    values = part[part["metric"] == first].dropna(subset="value").set_index("capture")
+    own = part[(part["metric"] == first) & ((part["track"] != CLEAN) | (suite == CLEAN))]
+    values = capture_means(own, "entry")
+    ranking = [values[number] for number in placed[: len(able)]]
+    intervals = [group_interval(*with_groups(each)) for each in ranking]
+    differences = [
+        paired_difference(*with_groups(each - before), first) for before, each in pairwise(ranking)
+    ]
     standings: list[Standing] = []
-    for at, number in enumerate(placed):
+    for at, (number, interval, above) in enumerate(
+        zip_longest(placed, intervals, corrected([None, *differences]))
+    ):
         found = {
             metric: score(number, metric) for metric in metrics_of(protocol) if metric in means
         }
-        interval = above = None
-        if number in able and suite == CLEAN:
-            own = values[values["entry"] == number]
-            interval = scene_interval(own["value"].tolist(), own["scene"].tolist())
-            if at:
-                before = values[values["entry"] == placed[at - 1]]
-                changes = (own["value"] - before["value"]).reindex(before.index).dropna()
-                scenes = before["scene"].reindex(changes.index)
-                above = paired_difference(changes.tolist(), scenes.tolist(), first)
         rank = places.index(places[at]) + 1 if number in able and ranked else None
         standings.append(Standing(entries[number], rank, found, interval, above))
-    if suite == CLEAN and part["scene"].nunique() >= SCENES_TO_TELL:
+    if part["group"].nunique() >= INTERVAL_GROUPS:
         standings = _with_shared_ranks(standings)
     rows = part["entry"].map({number: at for at, number in enumerate(placed)})
     return ScoreBoard(suite, protocol, tuple(standings), part.assign(row=rows))

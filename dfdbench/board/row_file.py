@@ -187,7 +187,8 @@ class Row(Record):
             records = run.records(pairs)
             done = sum(status == "ok" for status in run.status)
             on = "" if run.label == CLEAN else f"{AT}{run.label}"
-            dataset = record.DatasetRecord(
+            dataset = record.DatasetRecord.of(
+                manifest,
                 name=self.dataset + on,
                 short=manifest.short + on,
                 manifest_sha256=self.manifest_sha256,
@@ -198,10 +199,6 @@ class Row(Record):
                 recipe=run.recipe,
                 degradation=run.label,
                 options=run.options,
-                axes=list(manifest.axes),
-                blocks=manifest.table.blocks,
-                rows=manifest.table.rows,
-                simulated=manifest.simulated,
             )
             result = record.Result.model_construct(
                 schema_version=1,

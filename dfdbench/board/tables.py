@@ -11,10 +11,11 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.ranking import Entry, ScoreBoard, over_tracks
 from dfdbench.datasets.catalog import part_name, released_manifests
-from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
+from dfdbench.metrics.intervals import INTERVAL_GROUPS, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results import frame, record, wording
+from dfdbench.results.differences import verdict_note
 from dfdbench.tables.table import Link, Table
 
 
@@ -52,7 +53,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         "method",
         "given",
         find_metric(board.metric).heading,
-        interval_name(board.scenes),
+        interval_name(board.groups),
         *(metric.heading for metric in metrics),
         "difference from the row above",
         "seconds per pair",
@@ -97,20 +98,28 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
             _shown(on_clean.get(row, np.nan)),
             *map(_shown, tracks.loc[row]),
             wording.score_text(standing.scores[board.metric]),
+            wording.interval_text(standing.interval),
+            str(standing.above or wording.NOTHING),
             _seen(standing.entry, lambda run: run.method.fitted_on),
             _seen(standing.entry, lambda run: run.method.trained_on),
         )
         for row, standing in enumerate(board.standings)
     )
     dataset = board.result.dataset
+    columns = (
+        *("", "method", CLEAN, *tracks, "mean of tracks", interval_name(board.groups)),
+        *("difference from the row above", "fitted on", "trained on"),
+    )
+    scores = len(columns) - 3
     return Table(
         f"{part_name(dataset.name)[0]}, split {dataset.split}, {board.suite}, "
         f"protocol {title_of(board.protocol)}: {find_metric(board.metric).heading}",
-        ("", "method", CLEAN, *tracks, "mean of tracks", "fitted on", "trained on"),
+        columns,
         rows,
-        "rl" + "r" * (len(tracks.columns) + 2) + "ll",
+        "rl" + "r" * (scores - 2) + "lll",
         tuple(_tracks_notes(board, tracks)),
         records=tuple(records_of(board, folder)),
+        parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
     )
 
 
@@ -223,10 +232,11 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 **standing.scores,
                 f"{metric}_low": low,
                 f"{metric}_high": high,
-                "interval": interval_name(board.scenes),
+                "interval": interval_name(board.groups),
                 f"{metric}_difference": above.mean if above else None,
                 f"{metric}_difference_low": above.low if above else None,
                 f"{metric}_difference_high": above.high if above else None,
+                f"{metric}_difference_p": above.p if above else None,
                 **{place: plain(values[row]) for place, values in by_place.items()},
                 "seconds": entry.seconds,
                 "machine": wording.machine_of(entry.ranked_runs[0]),
@@ -296,22 +306,7 @@ def _shown(value: Any) -> str:
 
 def _ranking_notes(board: ScoreBoard) -> list[str]:
     score = find_metric(board.metric).title
-    above = f"Difference from the row above: how much larger {score} is, pair by pair, with its"
-    if board.scenes == 1:
-        note = "A single scene: no interval."
-    elif board.scenes >= SCENES_TO_TELL:
-        note = (
-            f"95 %: interval of {score} from a bootstrap over {board.scenes} scenes. Rows whose "
-            "intervals overlap are too close to tell: a rank counts only the rows whose whole "
-            f"interval is lower. {above} interval; real if that excludes 0."
-        )
-    else:
-        note = (
-            f"Range of scene means: the lowest and the highest {score} of {board.scenes} scenes. "
-            f"{above} range over scenes. Fewer than six scenes are too few for a 95 % interval, "
-            "and too few to tell a difference from chance."
-        )
-    notes = [note, wording.GIVEN_NOTE]
+    notes = [*_interval_notes(board), wording.GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
     notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]
@@ -335,6 +330,22 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
     return notes
 
 
+def _interval_notes(board: ScoreBoard) -> list[str]:
+    if board.groups == 1:
+        return ["A single group of scenes: no interval."]
+    notes = [
+        f"Difference from the row above: how much larger {find_metric(board.metric).title} is, "
+        "capture by capture.",
+        verdict_note(board.groups),
+    ]
+    if board.groups >= INTERVAL_GROUPS:
+        notes.append(
+            "Rows whose intervals overlap are too close to tell: a rank counts only the rows whose "
+            "whole interval is lower."
+        )
+    return notes
+
+
 def _tracks_notes(board: ScoreBoard, tracks: pd.DataFrame) -> list[str]:
     notes = [
         "A track's column is the mean over its severities. Methods are ranked by the mean of "
@@ -342,6 +353,7 @@ def _tracks_notes(board: ScoreBoard, tracks: pd.DataFrame) -> list[str]:
         "a method that asks for the recipe is.",
         "Fitted on, trained on: this track means its training pairs at the same severity; clean "
         "means the training pairs of the set without a track.",
+        *_interval_notes(board),
     ]
     for row, standing in enumerate(board.standings):
         label = standing.entry.label

@@ -87,9 +87,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)
-    text = "\n".join(
-        (_head(stem, facts, scenes), *_splits(scenes), *(scene.toml for scene in scenes))
-    )
+    places = _places(scenes)
+    told = (_scene_toml(*both) for both in zip(scenes, places, strict=True))
+    text = "\n".join((_head(stem, facts, scenes), *_splits(scenes, places), *told))
     return NewManifest(f"{stem}-1.toml", text, tuple(facts.found), tuple(facts.open))
 
 
@@ -116,12 +116,6 @@ class _Scene:
     name: str
     split: str
     names: dict[str, str]
-
-    @property
-    def toml(self) -> str:
-        names = ", ".join(f"{key} = {_text(value)}" for key, value in self.names.items())
-        told = f"names = {{ {names} }}\n" if names else ""
-        return f'[[scenes]]\nname = "{self.name}"\nsource = "mine"\n{told}'
 
 
 def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
@@ -193,15 +187,18 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
 
 
-def _splits(scenes: list[_Scene]) -> list[str]:
+def _scene_toml(scene: _Scene, place: str) -> str:
+    names = ", ".join(f"{key} = {_text(value)}" for key, value in scene.names.items())
+    told = f'group = "{place}"\n' * (place != scene.name)
+    told += f"names = {{ {names} }}\n" * bool(names)
+    return f'[[scenes]]\nname = "{scene.name}"\nsource = "mine"\n{told}'
+
+
+def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
     chosen: dict[str, list[str]] = {}
-    told = _are_told(scenes)
-    places = list(dict.fromkeys(map(_place_of, scenes)))
-    if len(places) < _TEST:
-        places = [scene.name for scene in scenes]
-    for scene in scenes:
-        place = _place_of(scene) if _place_of(scene) in places else scene.name
-        counted = "train" if (places.index(place) + 1) % _TEST else "test"
+    told, distinct = _are_told(scenes), list(dict.fromkeys(places))
+    for scene, place in zip(scenes, places, strict=True):
+        counted = "train" if (distinct.index(place) + 1) % _TEST else "test"
         split = (told and _split_name(scene.split)) or counted
         chosen.setdefault(split, []).append(scene.name)
     if len(scenes) == 1 and not told:
@@ -219,9 +216,14 @@ def _split_toml(chosen: dict[str, list[str]]) -> list[str]:
     ]
 
 
-def _place_of(scene: _Scene) -> str:
+def _places(scenes: list[_Scene]) -> list[str]:
     # Cameras and people count the pictures of a place: Kitchen_1, Kitchen_2.
-    return _COUNTED.sub("", scene.name) or scene.name
+    places = [_COUNTED.sub("", scene.name) or scene.name for scene in scenes]
+    alone = len(set(places)) < _TEST
+    return [
+        scene.name if alone or places.count(place) == 1 else place
+        for scene, place in zip(scenes, places, strict=True)
+    ]
 
 
 def _are_told(scenes: list[_Scene]) -> bool:

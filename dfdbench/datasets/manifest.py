@@ -38,14 +38,16 @@ class Origin(StrictRecord):
 class Scene(StrictRecord):
     """A scene; `geometry` and `texture` where the data set tells them apart.
 
-    `names` are what its files are called by, where patterns of `CapturedFiles` ask for more than
-    the scene's name.
+    Scenes of one family or room have one `group`: they are alike, and means are only as sure as
+    there are groups. `names` are what its files are called by, where patterns of `CapturedFiles`
+    ask for more than the scene's name.
     """
 
     name: Name
     source: str
     geometry: str | None = None
     texture: int | None = None
+    group: Name | None = None
     names: dict[str, str] = Field(default_factory=dict)
 
 
@@ -278,6 +280,11 @@ class Manifest(StrictRecord):
     def scene_names(self) -> tuple[str, ...]:
         """Every scene's name, in the manifest's order."""
         return tuple(scene.name for scene in self.scenes)
+
+    @property
+    def groups(self) -> dict[str, str]:
+        """The group of each scene that shares one; every other scene stands alone."""
+        return {scene.name: scene.group for scene in self.scenes if scene.group}
 
     def scenes_of(self, split: str) -> tuple[str, ...]:
         """Return the names of the scenes in a split, in the manifest's order.

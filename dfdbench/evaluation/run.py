@@ -343,7 +343,8 @@ def compose(
 
 def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -> DatasetRecord:
     manifest = store.manifest
-    return DatasetRecord(
+    return DatasetRecord.of(
+        manifest,
         name=manifest.stem,
         short=manifest.short,
         manifest_sha256=manifest.sha256,
@@ -354,10 +355,6 @@ def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -
         recipe=store.attributes["recipe"],
         degradation=store.attributes["degradation"],
         options=store.attributes["options"],
-        axes=list(manifest.axes),
-        blocks=manifest.table.blocks,
-        rows=manifest.table.rows,
-        simulated=manifest.simulated,
     )
 
 

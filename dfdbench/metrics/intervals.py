@@ -1,80 +1,162 @@
-"""How sure a mean is: intervals bootstrapped over scenes."""
+"""How sure a mean is: intervals and tests over independent groups of scenes."""
 
 from collections.abc import Sequence
+from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-#: That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
-#: fewer, a bootstrap over scenes is narrower than its 95 % say.
-SCENES_TO_TELL = 6
-_RESAMPLES = 2000
+#: The least number of groups for which the interval's coverage was simulated. Of fewer, the range
+#: of their means is shown.
+INTERVAL_GROUPS = 8
+#: The least number of groups for which a difference may be called real.
+GROUPS_TO_TELL = 10
+#: A difference is real if chance has a smaller part in it; intervals leave out as much.
+LEVEL = 0.05
+# Hall's transformation is flat where skewness times reach is about 1.
+_STEEP = 0.9
 
 
-def interval_name(scenes: int) -> str:
-    """Return what `scene_interval` gives for so many scenes, as a column's heading.
+def interval_name(groups: int) -> str:
+    """Return what `group_interval` gives for so many groups, as a column's heading.
 
     Examples
     --------
-    >>> interval_name(6), interval_name(3)
-    ('95 %', 'range of scene means')
+    >>> interval_name(8), interval_name(3)
+    ('95 %', 'range of group means')
     """
-    return "95 %" if scenes >= SCENES_TO_TELL else "range of scene means"
+    return "95 %" if groups >= INTERVAL_GROUPS else "range of group means"
 
 
-def scene_interval(
-    values: Sequence[float], scenes: Sequence[str], seed: int = 0
-) -> tuple[float, float] | None:
-    """Return the 95 % interval of the mean or, of fewer than six scenes, their means' range.
+def group_interval(values: Sequence[float], groups: Sequence[str]) -> tuple[float, float] | None:
+    """Return the 95 % interval of the mean or, of fewer than eight groups, their means' range.
+
+    Captures of one scene share their depth map, and scenes of one family or room their things: only
+    groups are independent. Each end is the farther of two: Student's t over group means, and the
+    same after Hall's cubic transformation (J. R. Statist. Soc. B 54, 1992, 221-228), which takes
+    out the skewness that errors have. Where that would turn flat within the interval, the skewness
+    is taken for less. The mean stays that over all values: in mean, variance and skewness a group
+    weighs as much as it has values, w, and 1 / sum(w^2) stands for the number of groups.
+
+    Covered by 95 % intervals in 200,000 simulations (bootstraps: 3,000), at 8, 16 and 24 groups:
+
+    ======================  ===================  ===================  ===================
+    interval                normal               lognormal, 0.5       exponential
+    ======================  ===================  ===================  ===================
+    this one                96.3, 95.8, 95.7     94.7, 95.1, 95.4     94.1, 95.4, 95.8
+    t                       95.0, 95.0, 95.1     91.9, 92.7, 93.2     89.4, 91.3, 92.3
+    Hall                    94.9, 94.9, 95.0     93.7, 94.1, 94.3     93.5, 94.5, 94.7
+    bootstrap, percentile   89.5, 92.4, 92.7     85.3, 89.9, 91.0     83.5, 89.1, 90.1
+    bootstrap, BCa          89.2, 91.9, 92.3     86.0, 89.9, 91.7     85.1, 90.5, 91.7
+    bootstrap, t            94.7, 94.7, 94.4     93.2, 93.7, 93.8     92.7, 94.4, 94.4
+    ======================  ===================  ===================  ===================
+
+    Of symmetric differences with heavy tails (Laplace) Hall's alone covers 93 %, this one 95 to 96.
+    Of 17 groups of 1 to 4 scenes this one covers 96 to 98 %.
 
     Parameters
     ----------
     values : sequence of float
-        One a pair.
-    scenes : sequence of str
-        The scene of each.
-    seed : int
-        Of the resampling.
+        One a capture.
+    groups : sequence of str
+        The group of each.
 
     Returns
     -------
     tuple of float, or None
-        None if there is only one scene.
+        None if there is only one group.
 
     Examples
     --------
-    >>> scene_interval([1.0, 2.0, 3.0, 5.0], ["a", "a", "b", "b"])
+    >>> group_interval([1.0, 2.0, 3.0, 5.0], ["a", "a", "b", "b"])
     (1.5, 4.0)
     """
-    names = sorted(set(scenes))
-    if len(names) >= SCENES_TO_TELL:
-        return bootstrap_interval(values, scenes, seed)
-    if len(names) < 2:
-        return None
-    by_scene = [[v for v, s in zip(values, scenes, strict=True) if s == name] for name in names]
-    means = [float(np.mean(of_scene)) for of_scene in by_scene]
-    return min(means), max(means)
+    found = _moments(values, groups)
+    if len(found.means) < INTERVAL_GROUPS:
+        ends = float(found.means.min()), float(found.means.max())
+        return ends if len(found.means) > 1 else None
+
+    def hall(side: float) -> float:
+        even = side - found.third / (2 * found.number)
+        flat = abs(found.third) < 1e-9
+        return even if flat else float(np.cbrt(1 + 3 * found.third * even) - 1) / found.third
+
+    below, above = max(found.reach, hall(found.reach)), min(-found.reach, hall(-found.reach))
+    return found.mean - below * found.spread, found.mean - above * found.spread
 
 
-def bootstrap_interval(
-    values: Sequence[float], scenes: Sequence[str], seed: int = 0
-) -> tuple[float, float] | None:
-    """Return the 95 % interval of the mean, resampling whole scenes.
+def chance(values: Sequence[float], groups: Sequence[str]) -> float | None:
+    """Return how probable a mean so far from 0 is if the true one is 0; None below eight groups.
 
-    Pairs of a scene share their depth map and are not independent, so scenes are drawn, with
-    replacement, not pairs. Parameters and answer are those of `scene_interval`, which asks this
-    where there are scenes enough.
+    It is below 5 % exactly where the interval of `group_interval` leaves out 0.
 
     Examples
     --------
-    >>> bootstrap_interval([1.0, 1.0, 3.0, 3.0], ["a", "a", "b", "b"])
-    (1.0, 3.0)
+    >>> chance([0.1, -0.1] * 5, list("abcdefghij"))
+    1.0
     """
-    names, place = np.unique(np.asarray(scenes), return_inverse=True)
-    if len(names) < 2:
+    from scipy import special
+
+    found = _moments(values, groups)
+    if len(found.means) < INTERVAL_GROUPS:
         return None
-    totals = np.bincount(place, weights=np.asarray(values))
-    counts = np.bincount(place)
-    draws = np.random.default_rng(seed).integers(0, len(names), (_RESAMPLES, len(names)))
-    means = totals[draws].sum(axis=1) / counts[draws].sum(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
+    if found.spread == 0:
+        return float(found.mean == 0)
+    third, t = found.third, found.mean / found.spread
+    even = t + third * t**2 + third**2 * t**3 / 3 + third / (2 * found.number)
+    nearer = min(abs(t), abs(even)) * sqrt(found.number)
+    return float(2 * special.stdtr(len(found.means) - 1, -nearer))
+
+
+def holm(chances: Sequence[float | None]) -> list[float | None]:
+    """Return the probabilities of a table's differences, corrected for their number (Holm 1979).
+
+    That any difference of the table is called real though there is none then has at most the
+    probability at which each is. None stays and does not count.
+
+    Examples
+    --------
+    >>> holm([0.01, None, 0.04, 0.03])
+    [0.03, None, 0.06, 0.06]
+    """
+    corrected = list(chances)
+    left = sorted((p, at) for at, p in enumerate(chances) if p is not None)
+    largest = 0.0
+    for rank, (p, at) in enumerate(left):
+        corrected[at] = largest = max(largest, min(1.0, p * (len(left) - rank)))
+    return corrected
+
+
+class _Moments(NamedTuple):
+    """Of group means: `third` is a third of their skewness, `reach` of t's interval in spreads.
+
+    `number` is how many groups of one size they amount to.
+    """
+
+    means: NDArray[np.float64]
+    mean: float
+    spread: float
+    third: float
+    number: float
+    reach: float
+
+
+def _moments(values: Sequence[float], groups: Sequence[str]) -> _Moments:
+    from scipy import special  # slow, and not for those who only look
+
+    _, place, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
+    means = np.bincount(place, np.asarray(values, float)) / sizes
+    weights = sizes / sizes.sum()
+    mean = float(weights @ means)
+    squares, cubes = float(weights @ weights), float(weights @ weights**2)
+    number, count = 1 / squares, len(means)
+    if count < INTERVAL_GROUPS:
+        return _Moments(means, mean, np.nan, np.nan, number, np.nan)
+    reach = float(special.stdtrit(count - 1, 1 - LEVEL / 2)) / sqrt(number)
+    # Divided so that independent means give both without bias.
+    spread = sqrt(weights @ (means - mean) ** 2 / (1 - squares))
+    scaled = (means - mean) / (spread or 1.0)
+    skewness = weights @ scaled**3 / (1 - 3 * squares + 2 * cubes)
+    most = _STEEP / reach
+    return _Moments(means, mean, spread, float(np.clip(skewness, -most, most)) / 3, number, reach)

@@ -64,9 +64,10 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
     headings = ("seconds per pair" if name == SECONDS else metrics[name].heading for name in names)
     dataset = board.result.dataset
     pairs = max(standing.entry.result.dataset.expected for standing in board.standings)
+    scenes = board.scores["scene"].nunique()
     return Table(
         f"{dataset.name}, split {dataset.split} "
-        f"({counted(pairs, 'pair')} of {counted(board.scenes, 'scene')}), "
+        f"({counted(pairs, 'pair')} of {counted(scenes, 'scene')}), "
         f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
         f"dfdbench {PACKAGE_VERSION}",
         ("method", "given", *headings),

@@ -1,17 +1,25 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name, scene_interval
+from dfdbench.metrics.intervals import (
+    GROUPS_TO_TELL,
+    INTERVAL_GROUPS,
+    LEVEL,
+    chance,
+    group_interval,
+    holm,
+    interval_name,
+)
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import label_of, metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import method_label, score_text
 from dfdbench.tables.table import Table
 
-#: The verdict on a difference over fewer scenes than `SCENES_TO_TELL`.
+#: The verdict on a difference over fewer groups of scenes than `GROUPS_TO_TELL`.
 TOO_FEW = "too few scenes to tell"
 
 
@@ -33,11 +41,13 @@ class PairedDifference:
     mean : float
         Second run less first.
     low, high : float or None
-        95 % interval or, of fewer than six scenes, the range of their means; None for one scene.
+        From `dfdbench.metrics.intervals.group_interval`.
     wins, losses, ties : int
         Pairs on which the second run is better, worse, the same.
-    scenes : int
-        How many scenes the pairs are of.
+    groups : int
+        How many groups of scenes the pairs are of.
+    p : float or None
+        From `dfdbench.metrics.intervals.chance`; in a table after Holm's correction.
     """
 
     mean: float
@@ -46,7 +56,8 @@ class PairedDifference:
     wins: int
     losses: int
     ties: int
-    scenes: int
+    groups: int
+    p: float | None
 
     def __str__(self) -> str:
         text = f"{self.mean:+.4f}"
@@ -58,12 +69,28 @@ class PairedDifference:
     def verdict(self) -> str:
         """Whether the difference is more than chance.
 
-        ``real`` if the 95 % interval excludes 0, else ``may be chance``. Below six scenes there is
-        no interval and no verdict: three scenes all lean one way by chance one time in four.
+        ``real`` if `p` is below 5 %, else ``may be chance``. Below ten groups there is no verdict.
         """
-        if self.scenes < SCENES_TO_TELL or self.low is None or self.high is None:
+        if self.groups < GROUPS_TO_TELL or self.p is None:
             return TOO_FEW
-        return "may be chance" if self.low <= 0 <= self.high else "real"
+        return "real" if self.p < LEVEL else "may be chance"
+
+
+def verdict_note(groups: int) -> str:
+    """Return what a table's verdicts mean whose differences are over so many groups of scenes."""
+    over = f"{groups} groups of scenes (those of one family or room are one)"
+    if groups >= GROUPS_TO_TELL:
+        return (
+            f"95 %: interval over {over}. Real: chance alone would make such a difference in under "
+            "5 % of cases, after Holm's correction for the number of differences in this table."
+        )
+    few = f"Fewer than {GROUPS_TO_TELL} are too few to tell a difference from chance"
+    if groups >= INTERVAL_GROUPS:
+        return f"95 %: interval over {over}. {few}."
+    return (
+        f"Range of group means: the lowest and the highest over {over}. {few}, and fewer than "
+        f"{INTERVAL_GROUPS} for an interval."
+    )
 
 
 def check_comparable(first: Result, second: Result, protocol: str) -> None:
@@ -110,7 +137,7 @@ def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[
 
 
 def paired_difference(
-    values: Sequence[float], scenes: Sequence[str], metric: str, seed: int = 0
+    values: Sequence[float], groups: Sequence[str], metric: str
 ) -> PairedDifference | None:
     """Return mean, interval, wins and losses of some differences; None where there are none.
 
@@ -118,12 +145,10 @@ def paired_difference(
     ----------
     values : sequence of float
         The second run's score less the first's, one a pair.
-    scenes : sequence of str
-        The scene of each.
+    groups : sequence of str
+        The group of scenes of each.
     metric : str
         Which metric they are of: it says whether larger is better.
-    seed : int
-        Of the bootstrap.
     """
     mean = mean_of(values)
     if mean is None:
@@ -132,9 +157,16 @@ def paired_difference(
     worse = sum(value < 0 for value in values)
     if not find_metric(metric).larger_is_better:
         better, worse = worse, better
-    low, high = scene_interval(values, scenes, seed) or (None, None)
+    low, high = group_interval(values, groups) or (None, None)
     ties = len(values) - better - worse
-    return PairedDifference(mean, low, high, better, worse, ties, len(set(scenes)))
+    count, p = len(set(groups)), chance(values, groups)
+    return PairedDifference(mean, low, high, better, worse, ties, count, p)
+
+
+def corrected(table: Sequence[PairedDifference | None]) -> list[PairedDifference | None]:
+    """Return a table's differences with Holm's correction for their number."""
+    chances = holm([None if difference is None else difference.p for difference in table])
+    return [each and replace(each, p=p) for each, p in zip(table, chances, strict=True)]
 
 
 _ALL = "all"
@@ -184,57 +216,53 @@ def difference_table(
 ) -> Table:
     """Return the mean paired difference of each metric, and wins and losses by lighting."""
     dataset = first.dataset
+    places, found = [], []
+    for name in metrics_of(protocol):
+        for where, part in _parted(changes(first, second, protocol, name), first):
+            groups = [dataset.group_of(change.first.scene) for change in part]
+            found.append(paired_difference([c.difference for c in part], groups, name))
+            places.append((name, where))
     rows, records = [], []
-    rules = set()
-    for name, metric in metrics_of(protocol).items():
-        for where, group in _parted(changes(first, second, protocol, name), first):
-            scenes_of = [change.first.scene for change in group]
-            difference = paired_difference([c.difference for c in group], scenes_of, name)
-            if difference is None:
-                continue
+    for (name, where), difference in zip(places, corrected(found), strict=True):
+        if difference is not None:
             counts = (difference.wins, difference.losses, difference.ties)
-            head = metric.heading if where == _ALL else ""
+            head = find_metric(name).heading if where == _ALL else ""
             rows.append((head, where, str(difference), *map(str, counts)))
             records.append({"metric": name, "pairs": where, **_as_record(difference)})
-        rules.add(len(rows) - 1)
     compared = changes(first, second, protocol, ranked_by(protocol)[0])
-    scenes = len({change.first.scene for change in compared})
-    interval = f"B less A, {interval_name(scenes)}"
+    count = len({dataset.group_of(change.first.scene) for change in compared})
+    interval = f"B less A, {interval_name(count)}"
     a, b = names or (method_label(first.method), method_label(second.method))
     return Table(
         f"A: {a}, B: {b}; {dataset.label}, split {dataset.split}, {protocol}",
         ("metric", "pairs", interval, "B better", "B worse", "same"),
         tuple(rows),
         "lllrrr",
-        tuple(_notes(first, second, protocol, scenes)),
-        frozenset(rules),
+        tuple(_notes(first, second, protocol, count)),
+        frozenset(before for before, row in enumerate(rows, -1) if row[0]),
         tuple(records),
     )
 
 
 def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple[PairChange, ...]]]:
     groups = [(_ALL, found)]
-    for axis in (run.dataset.blocks, run.dataset.rows):
-        for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
-            of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
+    for axis in filter(None, (run.dataset.blocks, run.dataset.rows)):
+        values = sorted({c.first.coordinates[axis] for c in found})
+        for value in values if len(values) > 1 else []:
+            of_value = tuple(c for c in found if c.first.coordinates[axis] == value)
             groups.append((f"{axis} {value}", of_value))
     return groups
 
 
 def _as_record(difference: PairedDifference) -> dict[str, object]:
     values = asdict(difference)
-    del values["scenes"]
+    del values["groups"]
     return {"difference": values.pop("mean"), **values, "verdict": difference.verdict}
 
 
-def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterator[str]:
-    if scenes >= SCENES_TO_TELL:
-        yield "95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0."
-    elif scenes > 1:
-        yield (
-            f"{scenes} scenes: fewer than six are too few for a 95 % interval, and too few to "
-            "tell a difference from chance."
-        )
+def _notes(first: Result, second: Result, protocol: str, groups: int) -> Iterator[str]:
+    if groups > 1:
+        yield verdict_note(groups)
     both = len(changes(first, second, protocol, ranked_by(protocol)[0]))
     if both < first.dataset.expected:
         yield f"{both} of {first.dataset.expected} pairs were scored in both runs"

@@ -7,15 +7,22 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, TRACKS, find_degradation
 from dfdbench.datasets.catalog import part_name
+from dfdbench.metrics.intervals import group_interval, interval_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored, title_of
 from dfdbench.results.record import Result, shown_protocol
-from dfdbench.results.wording import given_to, method_label, parameters_of, score_text
+from dfdbench.results.wording import (
+    given_to,
+    interval_text,
+    method_label,
+    parameters_of,
+    score_text,
+)
 from dfdbench.tables.table import Table
 
 COLUMNS = (
     "run", "dataset", "track", "severity", "split", "method", "parameters", "capture", "scene",
-    "coordinates", "status", "protocol", "metric", "value", "seconds",
+    "group", "coordinates", "status", "protocol", "metric", "value", "seconds",
 )  # fmt: skip
 
 
@@ -33,7 +40,8 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
         A row per pair, protocol and metric: ``run`` (its place among the results), ``dataset``
         (without its track), ``track`` and ``severity`` (``clean`` and 0 without one), ``split``,
         ``method`` (with its parameters), ``parameters``, ``capture`` (the pair's name), ``scene``,
-        ``coordinates`` (by axis), ``status``, ``protocol``, ``metric``, ``value`` and ``seconds``.
+        ``group`` (the scene's family or room), ``coordinates`` (by axis), ``status``, ``protocol``,
+        ``metric``, ``value`` and ``seconds``.
         A value is NaN if the pair was not evaluated or the metric is undefined.
     """
     rows: list[dict[str, object]] = []
@@ -59,21 +67,18 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
             for label in result.protocol_names
         }
         for pair in result.pairs:
-            place = {"capture": pair.id, "scene": pair.scene, "coordinates": pair.coordinates}
+            place = {
+                "capture": pair.id,
+                "scene": pair.scene,
+                "group": dataset.group_of(pair.scene),
+                "coordinates": pair.coordinates,
+                "status": pair.status,
+                "seconds": pair.seconds,
+            }
             for protocol, metrics in scored.items():
                 scores = pair.scores.get(protocol, {})
-                for metric in metrics:
-                    rows.append(
-                        {
-                            **run,
-                            **place,
-                            "status": pair.status,
-                            "protocol": protocol,
-                            "metric": metric,
-                            "value": scores.get(metric),
-                            "seconds": pair.seconds,
-                        }
-                    )
+                of_protocol = {**run, **place, "protocol": protocol}
+                rows += [{**of_protocol, "metric": m, "value": scores.get(m)} for m in metrics]
     frame = pd.DataFrame(rows, columns=COLUMNS)
     return frame.astype({"value": float, "seconds": float})
 
@@ -93,6 +98,27 @@ def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
     parts = scores.assign(evaluated=scores["status"] == "ok").groupby([*by], sort=False)
     means = parts["value"].agg(mean_defined)
     return means.where(parts["evaluated"].all())
+
+
+def capture_means(scores: pd.DataFrame, by: str) -> pd.Series:
+    """Return each capture's mean over tracks of its means over severities.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        From `scores_of`, of one metric under one protocol.
+    by : str
+        A column, the first level of the answer's index; ``capture`` and ``group`` follow.
+    """
+    index = [by, "capture", "group"]
+    of_tracks = scores.groupby([*dict.fromkeys((*index, "track"))])["value"].mean()
+    return of_tracks.groupby(index).mean()
+
+
+def with_groups(values: pd.Series) -> tuple[list[float], list[str]]:
+    """Return the values of `capture_means` that are not NaN, and the group of each."""
+    defined = values.dropna()
+    return defined.tolist(), defined.index.get_level_values("group").tolist()
 
 
 def mean_defined(values: pd.Series) -> float:
@@ -164,7 +190,8 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
 def severities_table(results: Sequence[Result], protocol: str) -> Table:
     """Return a row a track: the score on clean images, at each severity, and their mean.
 
-    The mean is over severities, clean left out; without all of them there is none.
+    The mean is over severities, clean left out, and has an interval over groups of scenes; without
+    all of them there is none.
 
     Parameters
     ----------
@@ -175,12 +202,18 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
     """
     metrics, first_by = metrics_of(protocol), ranked_by(protocol)[0]
     scores = scores_of(results)
+    named = interval_name(scores["group"].nunique())
     by_metric = {}
     for name in metrics:
         means = track_means(scores, protocol, name)
         by_metric[name] = means.assign(mean=means.drop(columns=0).mean(axis=1, skipna=False))
     shown = by_metric[first_by]
-    rows = tuple((str(track), *map(_shown, values)) for track, values in shown.iterrows())
+    own = scores[(scores["protocol"] == protocol) & (scores["metric"] == first_by)]
+    intervals = _intervals(own, shown["mean"])
+    rows = tuple(
+        (str(track), *map(_shown, values), interval_text(interval))
+        for (track, values), interval in zip(shown.iterrows(), intervals, strict=True)
+    )
     records = tuple(
         {
             "track": track,
@@ -189,19 +222,30 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
                 for name, means in by_metric.items()
                 for column, value in means.loc[track].items()
             },
+            **dict(zip(("low", "high"), interval or (None, None), strict=True)),
+            "interval": named,
         }
-        for track in shown.index
+        for track, interval in zip(shown.index, intervals, strict=True)
     )
     dataset, method = results[0].dataset, results[0].method
     return Table(
         f"{method_label(method)} on the tracks of {dataset.name.partition('@')[0]}, "
         f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}",
-        ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities"),
+        ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities", named),
         rows,
-        "l" + "r" * len(shown.columns),
+        "l" + "r" * (len(shown.columns) + 1),
         tuple(_notes(results)),
         records=records,
     )
+
+
+def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, float] | None]:
+    """Return the interval of each track's mean, None where there is none."""
+    values = capture_means(scores, "track")
+    return [
+        None if np.isnan(mean) else group_interval(*with_groups(values.loc[str(track)]))
+        for track, mean in means.items()
+    ]
 
 
 def _shown(value: float) -> str:

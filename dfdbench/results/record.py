@@ -144,7 +144,8 @@ DataName = Annotated[
 class DatasetRecord(Record):
     """Which data the run used; names are such as may become part of a path.
 
-    `simulated` is set where a simulator made what stands for a camera's captures.
+    `simulated` is set where a simulator made what stands for a camera's captures. `groups` has the
+    family or room of scenes that share one.
     """
 
     name: DataName
@@ -161,11 +162,28 @@ class DatasetRecord(Record):
     blocks: Name
     rows: Name | None
     simulated: bool = False
+    groups: dict[Name, Name] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, manifest: Manifest, **facts: Any) -> DatasetRecord:
+        """Return the record of a data set; `facts` are what its manifest does not know."""
+        return cls(
+            axes=list(manifest.axes),
+            blocks=manifest.table.blocks,
+            rows=manifest.table.rows,
+            simulated=manifest.simulated,
+            groups=manifest.groups,
+            **facts,
+        )
 
     @property
     def label(self) -> str:
         """What tables and figures call it: captures that are none say so."""
         return simulated_label(self.name, self.simulated)
+
+    def group_of(self, scene: str) -> str:
+        """Return the group that a scene is of, its own name if it stands alone."""
+        return self.groups.get(scene, scene)
 
 
 def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:

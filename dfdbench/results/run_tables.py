@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.metrics.intervals import SCENES_TO_TELL
+from dfdbench.metrics.intervals import INTERVAL_GROUPS
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
@@ -134,10 +134,10 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if value.low is not None
     ]
     if intervals:
-        scenes = len({pair.scene for pair in result.pairs if pair.status == "ok"})
-        what = f"95 % interval of the overall mean, bootstrapped over {scenes} scenes"
-        if scenes < SCENES_TO_TELL:
-            what = f"range of the means of {scenes} scenes, too few for an interval"
+        count = len({result.dataset.group_of(p.scene) for p in result.pairs if p.status == "ok"})
+        what = f"95 % interval of the overall mean, over {count} groups of scenes"
+        if count < INTERVAL_GROUPS:
+            what = f"range of the means of {count} groups of scenes, too few for an interval"
         notes.append(f"{what}: {'; '.join(intervals)}")
     if whole.undefined:
         notes.append(

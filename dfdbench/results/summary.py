@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.datasets.manifest import Scene
-from dfdbench.metrics.intervals import interval_name, scene_interval
+from dfdbench.metrics.intervals import group_interval, interval_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
@@ -26,9 +26,9 @@ class Statistic:
     defined : int
         How many pairs that is.
     low, high : float or None
-        From `scene_interval`; None for a single scene.
-    scenes : int
-        How many scenes the pairs are of.
+        From `group_interval`; None for a single group of scenes.
+    groups : int
+        How many groups of scenes the pairs are of.
     minimum, maximum : float or None
         Of the pairs that `mean` is of, as in the thesis's Tables 7.3 and 7.6.
     """
@@ -38,14 +38,14 @@ class Statistic:
     defined: int
     low: float | None = None
     high: float | None = None
-    scenes: int = 0
+    groups: int = 0
     minimum: float | None = None
     maximum: float | None = None
 
     @property
     def interval_is(self) -> str | None:
         """What `low` and `high` are, by `interval_name`; None where there is neither."""
-        return None if self.low is None else interval_name(self.scenes)
+        return None if self.low is None else interval_name(self.groups)
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,8 @@ class RunSummary:
     ranked: tuple[PairResult, ...]
 
 
-def summarise(result: Result, protocol: str, seed: int = 0) -> RunSummary:
+def summarise(result: Result, protocol: str) -> RunSummary:
     """Take a run's means and intervals, and rank its pairs.
-
-    The intervals are bootstrapped, which takes a while: hand the summary on rather than call
-    this again.
 
     Parameters
     ----------
@@ -100,8 +97,6 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> RunSummary:
         The run.
     protocol : str
         Under which protocol.
-    seed : int
-        Of the bootstrap.
 
     Raises
     ------
@@ -109,20 +104,20 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> RunSummary:
         Where the result was not scored under that protocol.
     """
     require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
-    groups = tuple(_groups(result, protocol, seed))
+    groups = tuple(_groups(result, protocol))
     return RunSummary(result, protocol, groups, ranked(result, protocol))
 
 
-def _groups(result: Result, protocol: str, seed: int) -> Iterator[ScoreGroup]:
+def _groups(result: Result, protocol: str) -> Iterator[ScoreGroup]:
     blocks, rows = result.dataset.blocks, result.dataset.rows
     for block in _values(result.pairs, blocks):
         of_block = [pair for pair in result.pairs if pair.coordinates[blocks] == block]
         if rows:
             for row in _values(of_block, rows):
                 cell = [pair for pair in of_block if pair.coordinates[rows] == row]
-                yield _group(cell, protocol, block, row, None)
-        yield _group(of_block, protocol, block, None, seed if rows else None)
-    yield _group(result.pairs, protocol, None, None, seed)
+                yield _group(result, cell, protocol, block, row)
+        yield _group(result, of_block, protocol, block, overall=bool(rows))
+    yield _group(result, result.pairs, protocol, overall=True)
 
 
 def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
@@ -158,7 +153,7 @@ def summarise_scenes(
     for pair in result.pairs:
         if pair.scene in label_of:
             pairs.setdefault(label_of[pair.scene], []).append(pair)
-    return {label: _group(members, protocol, None, None, None) for label, members in pairs.items()}
+    return {label: _group(result, members, protocol) for label, members in pairs.items()}
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
@@ -193,21 +188,26 @@ def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:
 
 
 def _group(
-    pairs: Sequence[PairResult], protocol: str, block: int | None, row: int | None, seed: int | None
+    result: Result,
+    pairs: Sequence[PairResult],
+    protocol: str,
+    block: int | None = None,
+    row: int | None = None,
+    overall: bool = False,
 ) -> ScoreGroup:
     evaluated = [pair for pair in pairs if pair.status == "ok"]
     failed = sum(pair.status == "failed" for pair in pairs)
     # A cell shows the mean of what was run; an overall mean of an incomplete run would pass for
     # the method's score, so there is none.
-    averaged = not failed and (seed is None or len(evaluated) == len(pairs))
+    averaged = not failed and (not overall or len(evaluated) == len(pairs))
 
     def statistic(values: Sequence[float | None]) -> Statistic:
         defined = [
-            (pair.scene, value)
+            (result.dataset.group_of(pair.scene), value)
             for pair, value in zip(evaluated, values, strict=True)
             if value is not None
         ]
-        return _statistic(defined, seed) if averaged else Statistic(None, None, len(defined))
+        return _statistic(defined, overall) if averaged else Statistic(None, None, len(defined))
 
     undefined = sum(None in pair.scores[protocol].values() for pair in evaluated)
     counts = len(pairs), len(evaluated), failed, undefined
@@ -218,12 +218,12 @@ def _group(
     return ScoreGroup(block, row, *counts, scores, statistic([pair.seconds for pair in evaluated]))
 
 
-def _statistic(defined: Sequence[tuple[str, float]], seed: int | None) -> Statistic:
+def _statistic(defined: Sequence[tuple[str, float]], overall: bool) -> Statistic:
     if not defined:
         return Statistic(None, None, 0)
-    scenes, numbers = zip(*defined, strict=True)
-    interval = None if seed is None else scene_interval(numbers, scenes, seed)
+    groups, numbers = zip(*defined, strict=True)
+    interval = group_interval(numbers, groups) if overall else None
     std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
     low, high = interval or (None, None)
     ends = min(numbers), max(numbers)
-    return Statistic(mean_of(numbers), std, len(numbers), low, high, len({*scenes}), *ends)
+    return Statistic(mean_of(numbers), std, len(numbers), low, high, len({*groups}), *ends)

@@ -9,6 +9,7 @@ import pytest
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
 from dfdbench.board.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result, average
 from tests.board.made_boards import add, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
@@ -125,6 +126,47 @@ def test_a_suite_is_ranked_by_the_mean_over_its_tracks(tmp_path: Path) -> None:
     assert (board.suite, board.protocol) == ("tracks-1", "valid")
     assert ranks(board) == [(1, "a"), (2, "b"), (2, "c"), (None, "part"), (None, "told-given")]
     assert board.standings[0].scores["nmae"] == pytest.approx(0.05)
+
+
+def test_a_suite_has_intervals_over_scenes_of_each_capture_s_mean(tmp_path: Path) -> None:
+    changes = {"better": 0.0, "worse": 0.1}
+    for name, change in changes.items():
+        runs = make_tracks(name)
+        for at, (label, run) in enumerate(runs.items()):
+            pairs = [
+                pair.model_copy(
+                    update={"scores": {"valid": dict.fromkeys(("nrmse", "nmae", "ssim"), value)}}
+                )
+                for pair in run.pairs
+                for value in [change + 0.01 * len(pair.scene) + 0.001 * at * (label != "clean")]
+            ]
+            runs[label] = run.model_copy(
+                update={"pairs": pairs, "averages": average(pairs, ["valid"])}
+            )
+        submit(list(runs.values()), tmp_path)
+    best, other = only_board(tmp_path).standings
+    scenes = {len(pair.scene) for pair in best.entry.result.pairs}
+    # 21 runs on tracks, the first of them the second of all.
+    ends = [0.01 * length + 0.011 for length in (min(scenes), max(scenes))]
+    assert best.interval == pytest.approx(ends)
+    assert other.above is not None
+    assert other.above.mean == pytest.approx(0.1)
+    assert other.above.low == pytest.approx(0.1)
+
+
+def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:
+    def run(name: str, value: float) -> Result:
+        def score(pair: Pair) -> float:
+            return value + 0.003 * (len(pair.scene) % 4)
+
+        return make_demo_result(score, name, dataset="middlebury-default", split="all")
+
+    runs = [run("a", 0.1), run("b", 0.101), run("c", 0.18)]
+    (found,) = boards([Entry.of(each, tmp_path) for each in runs])
+    assert found.groups == 17
+    # A rank counts only rows whose whole interval is lower.
+    assert ranks(found) == [(1, "a"), (1, "b"), (3, "c")]
+    assert [s.above and s.above.verdict for s in found.standings] == [None, "real", "real"]
 
 
 def test_a_suite_needs_every_severity_of_every_track() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.cli.verbs import Verb
 
-HEAVY = ("numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
+HEAVY = ("scipy", "numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
 
 PROGRAM = f"""
 import sys

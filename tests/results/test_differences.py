@@ -1,4 +1,7 @@
+from dataclasses import replace
+
 import pytest
+from scipy import stats
 
 from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.results.differences import (
@@ -8,20 +11,22 @@ from dfdbench.results.differences import (
     changes,
     changes_to_show,
     check_comparable,
+    corrected,
     paired_difference,
 )
 from dfdbench.results.record import Result
 from tests.made_results import limited, make_result
 
-PLACES = [(scene, 1, i, e) for scene in "abcdefg" for i in (1, 2) for e in (0, 1)]
+SCENES = "abcdefghij"
+PLACES = [(scene, 1, i, e) for scene in SCENES for i in (1, 2) for e in (0, 1)]
 
 
 def difference(found: tuple[PairChange, ...], metric: str) -> PairedDifference | None:
-    scenes = [change.first.scene for change in found]
-    return paired_difference([change.difference for change in found], scenes, metric)
+    groups = [change.first.scene for change in found]
+    return paired_difference([change.difference for change in found], groups, metric)
 
 
-def result(value: float, name: str = "mine", scenes: str = "abcdefg") -> Result:
+def result(value: float, name: str = "mine", scenes: str = SCENES) -> Result:
     values: dict[tuple[str, int, int, int], float | None] = {
         place: value + 0.001 * n for n, place in enumerate(PLACES) if place[0] in scenes
     }
@@ -46,17 +51,44 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
     [
         ("a", "too few scenes to tell"),
         ("abc", "too few scenes to tell"),
-        ("abcde", "too few scenes to tell"),
-        ("abcdef", "real"),
+        ("abcdefghi", "too few scenes to tell"),
+        ("abcdefghij", "real"),
     ],
 )
-def test_below_six_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
+def test_below_ten_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
     both = (result(0.2, scenes=scenes), result(0.1, scenes=scenes))
     found = difference(changes(*both, "thesis", "nrmse"), "nrmse")
     assert found is not None
     assert found.verdict == verdict
     assert str(found).endswith(f", {verdict}")
     assert (found.low is None) == (len(scenes) == 1)
+
+
+def test_scenes_of_one_room_do_not_count_as_several() -> None:
+    first, second = result(0.2), result(0.1)
+    whole = change_tables(first, second, "thesis")[0]
+    assert whole.rows[0][2].endswith(", real")
+    assert "over 10 groups of scenes" in whole.notes[0]
+    rooms = first.dataset.model_copy(update={"groups": {"a": "hall", "b": "hall"}})
+    one, other = (run.model_copy(update={"dataset": rooms}) for run in (first, second))
+    parted = change_tables(one, other, "thesis")[0]
+    assert parted.rows[0][2].endswith(", too few scenes to tell")
+    assert "over 9 groups of scenes" in parted.notes[0]
+    assert parted.records[0]["difference"] == whole.records[0]["difference"]
+
+
+def test_what_is_real_alone_may_be_chance_among_many() -> None:
+    changed = (0.03, 0.01, 0.02, -0.01, 0.02, 0.03, -0.005, 0.01, 0.015, -0.002)
+    alone = paired_difference(changed, list(SCENES), "nrmse")
+    assert alone is not None
+    assert stats.ttest_1samp(changed, 0).pvalue <= (alone.p or 0) < 0.05
+    assert alone.verdict == "real"
+    many = corrected([None, alone, *[replace(alone, p=0.9)] * 9])
+    assert many[0] is None
+    assert many[1] is not None
+    assert many[1].p == pytest.approx(10 * (alone.p or 0))
+    assert many[1].verdict == "may be chance"
+    assert (many[1].low, many[1].high) == (alone.low, alone.high)
 
 
 def test_only_pairs_scored_in_both_count() -> None:

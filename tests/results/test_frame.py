@@ -65,9 +65,33 @@ RUNS = {
 
 def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
     table = severities_table(list(RUNS.values()), "thesis")
-    assert table.columns == ("track", "clean", "1", "2", "3", "mean of severities")
-    assert table.rows[0] == ("gain", "0.1250", "0.2500", "0.5000", "0.7500", "0.5000")
-    assert table.rows[1] == ("noise", "0.1250", "0.5000", "0.5000", "0.5000", "0.5000")
+    assert table.columns == (
+        "track",
+        "clean",
+        "1",
+        "2",
+        "3",
+        "mean of severities",
+        "range of group means",
+    )
+    assert table.rows[0] == (
+        "gain",
+        "0.1250",
+        "0.2500",
+        "0.5000",
+        "0.7500",
+        "0.5000",
+        "0.5000 to 0.5000",
+    )
+    assert table.rows[1] == (
+        "noise",
+        "0.1250",
+        "0.5000",
+        "0.5000",
+        "0.5000",
+        "0.5000",
+        "0.5000 to 0.5000",
+    )
     assert table.records[0]["nmae mean"] == 0.25
     assert "demo-1, split test, protocol thesis" in table.title
 
@@ -83,8 +107,8 @@ def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:
     runs = {**RUNS, "gain-2": limited(RUNS["gain-2"], 3)}
     del runs["noise-3"]
     table = severities_table(list(runs.values()), "thesis")
-    assert table.rows[0][2:] == ("0.2500", "–", "0.7500", "–")
-    assert table.rows[1][2:] == ("0.5000", "0.5000", "–", "–")
+    assert table.rows[0][2:] == ("0.2500", "–", "0.7500", "–", "–")
+    assert table.rows[1][2:] == ("0.5000", "0.5000", "–", "–", "–")
     assert any(note.startswith("gain-2: 3 of 54 pairs") for note in table.notes)
     means = track_means(scores_of(list(runs.values())), "thesis", "nrmse")
     assert np.isnan(means.to_numpy()[0]).tolist() == [False, False, True, False]

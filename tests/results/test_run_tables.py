@@ -29,10 +29,10 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     ]
     assert "pairs" not in scores.columns
     assert scores.rows[-1][2] == "0.0850"
-    assert "range of the means of 2 scenes, too few for an interval" in scores.notes[0]
-    many = {(scene, 1, 1, 0): 0.1 for scene in "abcdef"}
+    assert "range of the means of 2 groups of scenes, too few for an interval" in scores.notes[0]
+    many = {(scene, 1, 1, 0): 0.1 for scene in "abcdefgh"}
     notes = run_tables(summarise(make_result(many), "thesis"))[0].notes
-    assert "95 % interval of the overall mean, bootstrapped over 6 scenes" in notes[0]
+    assert "95 % interval of the overall mean, over 8 groups of scenes" in notes[0]
     assert [row[0] for row in extremes.rows] == ["top"] * 5 + ["bottom"] * 5
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
     assert extremes.rows[-1][1:5] == ("b", "5", "2", "1")
@@ -65,7 +65,7 @@ def test_the_numbers_come_as_data_in_full() -> None:
     (overall,) = (row for row in scores.records if whole.items() <= row.items())
     numbers = {"mean": 0.085, "min": 0.01, "max": 0.16, "low": 0.045, "high": 0.125, "defined": 16}
     assert {name: overall[name] for name in numbers} == pytest.approx(numbers)
-    assert (overall["interval"], overall["evaluated"]) == ("range of scene means", 16)
+    assert (overall["interval"], overall["evaluated"]) == ("range of group means", 16)
     nrmse = [record["nrmse"] for record in extremes.records]
     assert nrmse[:5] + nrmse[-1:] == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05, 0.16])
 
