@@ -9,6 +9,7 @@ from .api import (
     run_tracks,
     run_transfer,
     score,
+    tune,
 )
 from .board.board import Board, leaderboard
 from .datasets.captures import Capture
@@ -41,4 +42,5 @@ __all__ = [
     "run_transfer",
     "score",
     "show",
+    "tune",
 ]

@@ -32,6 +32,7 @@ from dfdbench.evaluation.evaluate import (
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone
+from dfdbench.evaluation.tuning import cross_validate
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
@@ -364,6 +365,55 @@ def run_tracks(
                 )
             on_result(label, runs[label].result)
         return _run_of(runs, stores, protocol, out)
+
+
+def tune(
+    method: str | Callable[..., Any],
+    dataset: str | Dataset,
+    ranges: Mapping[str, Sequence[Any]] | None = None,
+    *,
+    parameters: Mapping[str, Any] = MappingProxyType({}),
+    protocol: str | None = None,
+    limit: int | None = None,
+    seed: int = 0,
+    cache: Path | None = None,
+    on_pair: Progress | None = None,
+) -> pd.DataFrame:
+    """Try parameters on training captures, by cross-validation over their groups.
+
+    No test capture is looked at. What the fits of our methods choose by themselves, they choose
+    in each fold anew.
+
+    Parameters
+    ----------
+    method, parameters, protocol, seed, cache, on_pair
+        As for `run`.
+    dataset : str or Dataset
+        A data set, built with its training split.
+    ranges : mapping of str to sequence, optional
+        The values of each parameter; every combination is tried. By default the method's own
+        ``ranges``.
+    limit : int, optional
+        Score at most so many captures, evenly among all.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a combination, the best first: the means of the metrics, indexed by the parameters.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to try, or fewer groups than the four folds.
+    MethodError
+        If the method does not take a parameter, or fails.
+
+    Examples
+    --------
+    >>> dfdbench.tune("s-transform", "dfd-indoor", {"window": [9, 91]})  # doctest: +SKIP
+    """
+    store = _opened(dataset, cache)
+    return cross_validate(store, method, ranges, parameters, protocol, limit, seed, on_pair=on_pair)
 
 
 def run_transfer(

@@ -30,7 +30,7 @@ FACES = {
             "load_method",
             "open_dataset",
         ),
-        *("open_run", "predict", "run", "run_tracks", "run_transfer", "score", "show"),
+        *("open_run", "predict", "run", "run_tracks", "run_transfer", "score", "show", "tune"),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],

@@ -156,6 +156,19 @@ def value_of(text: str, where: str) -> Any:
         raise InputError(f"broken JSON: {why} of {text[:200]}", where=where, fix=fix) from None
 
 
+def several(values: Any, where: str) -> list[Any]:
+    """Return what is to be tried: values between commas, each as `value_of` reads it.
+
+    Examples
+    --------
+    >>> several("7,31,91", "--range window"), several(0.5, "--range smoothing")
+    ([7, 31, 91], [0.5])
+    """
+    if isinstance(values, str):
+        return [value_of(text.strip(), where) for text in values.split(",")]
+    return values if isinstance(values, list) else [values]
+
+
 def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
     """Return where our own work is done: in threads unless on a cluster.
 

@@ -161,6 +161,43 @@ def transfer(
     say(f"results      {done.folder}")
 
 
+def tune(
+    method: options.Method,
+    dataset: options.DataSet,
+    range: Annotated[
+        list[str] | None,
+        Option(metavar="NAME=A,B,C", help="Values to try; repeatable. Default: the method's own."),
+    ] = None,
+    param: options.Params = None,
+    protocol: options.Protocol = None,
+    limit: Annotated[
+        int | None, Option(min=1, help="Score at most so many captures, evenly among all.")
+    ] = None,
+    format: options.Printed = Format.table,
+    seed: options.Seed = 0,
+    cache: options.Cache = None,
+) -> None:
+    """Try parameters on the training captures, by cross-validation over their groups."""
+    from dfdbench.evaluation.tuning import best_words, tried_table  # imports zarr
+
+    given = options.values_of(range, "--range")
+    ranges = {name: options.several(values, f"--range {name}") for name, values in given.items()}
+    with progress(f"tuning {method}") as step:
+        found = dfdbench.tune(
+            method,
+            dataset,
+            ranges or None,
+            parameters=options.values_of(param, "--param"),
+            protocol=protocol,
+            limit=limit,
+            seed=seed,
+            cache=cache,
+            on_pair=step,
+        )
+    print_tables([tried_table(found, f"{method} on training captures of {dataset}")], format)
+    say(f"next         dfdbench run --dataset {dataset} --method {method} {best_words(found)}")
+
+
 def score(
     predictions: Annotated[
         Path,

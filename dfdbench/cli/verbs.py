@@ -98,6 +98,7 @@ VERBS = {
     "run": Verb("runs.run", goes_on=True),
     "tracks": Verb("runs.tracks", goes_on=True),
     "transfer": Verb("runs.transfer", goes_on=True),
+    "tune": Verb("runs.tune"),
     "predict": Verb("methods.predict"),
     "score": Verb("runs.score"),
     "compare": Verb("reports.compare"),

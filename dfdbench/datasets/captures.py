@@ -76,6 +76,8 @@ class Capture:
         What is known of the images.
     about : Depth
         What the depth means: the manifest's section.
+    group : str
+        The family or room that its scene is of, or the scene itself; empty if nobody knows.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Capture:
     depth: NDArray[np.float32]
     facts: ImageFacts = field(default_factory=ImageFacts)
     about: Depth = LEVELS
+    group: str = ""
 
     @property
     def infocus(self) -> NDArray[np.uint8]:
@@ -169,6 +172,7 @@ class Capture:
             self.depth,
             ImageFacts(PAIR, **facts, **camera),
             self.about,
+            self.group,
         )
 
     def _image(self, role: Role) -> NDArray[np.uint8]:

@@ -178,6 +178,7 @@ class Dataset:
             self._part(pair.scene, "depth", (*self._index(pair, depth.axes), *region)),
             self._facts(pair.scene, at),
             depth,
+            self.manifest.groups.get(pair.scene, pair.scene),
         )
 
     def read_levels(self, pair: Pair) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:

@@ -4,7 +4,7 @@ import hashlib
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from dfdbench.datasets.dataset import Captures, Dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, training_of
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.method import Learned, Method, check_learned, restore, teach
+from dfdbench.methods.readout import Chosen
 from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
@@ -158,8 +159,11 @@ def fit_sha256(folder: Path) -> str:
         raise MethodError(what, where=str(folder), fix=fix) from error
 
 
-def fit_from(method: Method, folder: Path) -> Fit:
+def fit_from(method: Method, folder: Path, stem: str) -> Fit:
     """Give a method what it learned for another run, on the same camera or on another.
+
+    What it chose there goes by the depths and the noise of that data set; on another, `stem`, only
+    what it measured is taken over.
 
     Raises
     ------
@@ -171,6 +175,10 @@ def fit_from(method: Method, folder: Path) -> Fit:
     fit_sha256(folder)
     fit = fit_again(method, folder)
     assert fit is not None  # its file is there
+    chosen = isinstance(method.attribute("chosen"), Chosen)
+    if chosen and fit.learned and not fit.fitted_on.startswith(f"{stem},"):
+        fit = replace(fit, learned=Chosen.left_out_of(fit.learned))
+        restore(method, dict(fit.learned or {}))
     return fit
 
 

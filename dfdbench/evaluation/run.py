@@ -25,6 +25,7 @@ from dfdbench.evaluation.pair import (
 from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run, protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
+from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
 from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
@@ -207,7 +208,7 @@ class _Known:
 def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None:
     fit = fit_again(plan.method, before) if before else None
     if fit is None and plan.options.fitted is not None:
-        fit = fit_from(plan.method, plan.options.fitted)
+        fit = fit_from(plan.method, plan.options.fitted, plan.store.manifest.stem)
     fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
     if fit and fit.learned is None and pool is not None:
         what = "what the method learned cannot be sent to other processes: its fit returns None"
@@ -360,6 +361,7 @@ def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -
 
 def _method_record(plan: RunPlan) -> MethodRecord:
     method = plan.method
+    chosen = method.attribute("chosen")
     return MethodRecord(
         name=method.name,
         entry=without_folder(method.entry),
@@ -371,6 +373,8 @@ def _method_record(plan: RunPlan) -> MethodRecord:
         files_sha256=method.files_sha256,
         fitted_on=plan.fit.fitted_on if plan.fit else None,
         fit_seconds=plan.fit.seconds if plan.fit else None,
+        # Someone else's method may have something else of that name.
+        chosen=chosen.as_dict() if isinstance(chosen, Chosen) else {},
         paper=method.paper,
     )
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 WEIGHTS = (0.0, 0.0625, 0.25, 1.0, 4.0, 16.0, 64.0)
 SMOOTHINGS = (1, 4, 13)
 SHARPNESSES = (0.25, 1.0, 4.0)
-#: Consecutive captures are alike, so that they are left out together.
+#: Where no groups are known, consecutive captures are taken for alike: so many parts of them.
 FOLDS = 4
 #: Fewer training captures choose nothing.
 FEWEST = 4
@@ -82,7 +82,7 @@ def choose(
 ) -> Chosen:
     """Choose the prior's weight, smoothing and readout by cross-validation over training pairs.
 
-    Parts of some captures are solved with the histogram of those that are not near them. First
+    Parts of some captures are solved with the histogram of the other groups' captures. First
     weight and smoothing are taken, then the readout, that have the least root mean square error,
     the mean over parts; all only if that is by a twentieth below the error as usual.
 
@@ -91,7 +91,7 @@ def choose(
     solve : callable
         ``solve(part, chosen)`` gives levels, shape (y, x).
     captures : sequence of TrainingPair
-        Consecutive ones may be of one scene. Of fewer than `FEWEST` nothing is chosen.
+        Of fewer than `FEWEST`, or of one ``group``, nothing is chosen.
     prior : bool
         Whether a prior is tried.
     smooth : bool
@@ -105,13 +105,18 @@ def choose(
     if count < FEWEST:
         return AS_USUAL
     read = evenly_spread(count)
-    shares = depth_shares([captures[index] for index in read])
-    fold = np.array(read) * FOLDS // count
+    counted = [captures[index] for index in read]
+    shares = depth_shares(counted)
+    groups = np.array([str(getattr(capture, "group", "")) for capture in counted])
+    if not all(groups):
+        groups = np.array([str(index * FOLDS // count) for index in read])
+    if len(set(groups)) == 1:
+        return AS_USUAL
     search = _Search(
         solve,
         [
-            (_part(captures[at], turn, change), energy_of(shares[fold != at * FOLDS // count]))
-            for turn, at in enumerate(evenly_spread(count, _LOOKED_AT))
+            (_part(counted[place], turn, change), energy_of(shares[groups != groups[place]]))
+            for turn, place in enumerate(evenly_spread(len(counted), _LOOKED_AT))
         ],
     )
     weights = WEIGHTS if prior else (0.0,)

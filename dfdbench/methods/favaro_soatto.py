@@ -118,7 +118,7 @@ class FavaroSoatto:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += fit_problems(prior, window)
         MethodError.raise_if(problems)
-        self._with_prior, self._chosen = prior, AS_USUAL
+        self._with_prior, self.chosen = prior, AS_USUAL
         self._sides = sharp_patch, blurred_patch
         self._groups, self._given_window = groups, window
         self._operators: NDArray[np.float32] | None = None
@@ -139,7 +139,7 @@ class FavaroSoatto:
         trial.restore(learned)
 
         def solve(part: Part, chosen: Chosen) -> Array:
-            trial._chosen = chosen
+            trial.chosen = chosen
             return trial._solve(part.infocus, [part.defocus])
 
         return learned | choose(solve, pairs, self._with_prior, not self._given_window).as_learned()
@@ -187,7 +187,7 @@ class FavaroSoatto:
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
-        self._chosen = Chosen.taken_from(dict(learned))
+        self.chosen = Chosen.taken_from(dict(learned))
         operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
         self._depths = learned_array(learned, "depth", _NAME, 1)
         sharp, blurred = self._sides
@@ -221,7 +221,7 @@ class FavaroSoatto:
         if len(images) != self._images:
             what = f"{len(images)} defocus images, but {self._images} were fitted"
             raise MethodError(what, where=_NAME, fix=REFIT)
-        window = window_in(infocus, self._given_window, self._chosen, _NAME)
+        window = window_in(infocus, self._given_window, self.chosen, _NAME)
         side, small = self._sides
         sharp, *blurred = (
             np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)
@@ -232,8 +232,8 @@ class FavaroSoatto:
         _residuals(sharp, np.stack(blurred), side, small, self._operators, costs)
         for cost in costs:
             cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)
-        self._chosen.weigh_in(costs, np.rint(self._depths).astype(np.int64))
-        best = read_out(costs, self._chosen.sharpness)
+        self.chosen.weigh_in(costs, np.rint(self._depths).astype(np.int64))
+        best = read_out(costs, self.chosen.sharpness)
         # Between two groups, but not out into depths that no training pair has shown.
         own, width = self._depths[np.rint(best).astype(np.int64)], _LEVELS / self._groups
         depth = np.interp(best, np.arange(self._depths.size), self._depths)

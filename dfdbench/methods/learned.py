@@ -1,6 +1,8 @@
 """The methods ``dfd-net`` and ``u-net``: trained networks; needs the extra ``nets``."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -18,6 +20,8 @@ _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
 class _Learned:
     method: str
     paper: str
+    #: What `dfdbench.tune` tries.
+    ranges: ClassVar[dict[str, Sequence[int]]] = {"median_window": (1, 9, 21, 41, 61, 91)}
 
     def __init__(
         self,

@@ -85,6 +85,10 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
 
 
+# As a fit returns them.
+_FIELDS = ("prior", "prior_weight", "sharpness", "smoothing")
+
+
 @dataclass(frozen=True)
 class Chosen:
     """What a fit chose by cross-validation, beside what it measured.
@@ -108,12 +112,8 @@ class Chosen:
 
     def as_learned(self) -> Learned:
         """Return it as a method's fit returns it."""
-        return {
-            "prior": self.energy,
-            "prior_weight": self.weight,
-            "sharpness": self.sharpness,
-            "smoothing": self.smoothing,
-        }
+        values = (self.energy, self.weight, self.sharpness, self.smoothing)
+        return dict(zip(_FIELDS, values, strict=True))
 
     def as_dict(self) -> dict[str, float]:
         """Return it as a run's record has it: what is as usual left out."""
@@ -135,14 +135,19 @@ class Chosen:
             costs /= max(float(np.median(costs.min(axis=0))), 1e-12)
             costs += self.energy[levels, np.newaxis, np.newaxis].astype(np.float32)
 
+    @staticmethod
+    def left_out_of(learned: Learned) -> Learned:
+        """Return what a fit learned, but for what it chose."""
+        return {name: value for name, value in learned.items() if name not in _FIELDS}
+
     @classmethod
     def taken_from(cls, learned: Learned) -> Chosen:
         """Take it out of what a fit learned; without it nothing was chosen."""
-        if "prior" not in learned:
+        if _FIELDS[0] not in learned:
             return AS_USUAL
-        energy = np.asarray(learned.pop("prior"), np.float64)
-        weight, sharpness = float(learned.pop("prior_weight")), float(learned.pop("sharpness"))
-        return cls(energy, weight, sharpness, int(learned.pop("smoothing")))
+        energy, weight, sharpness, smoothing = (learned.pop(name) for name in _FIELDS)
+        energy = np.asarray(energy, np.float64)
+        return cls(energy, float(weight), float(sharpness), int(smoothing))
 
 
 #: No prior, the level of least cost, and no more smoothing than usual.

@@ -1,5 +1,8 @@
 """The S-transform: how much the blur's variance grew, from a Laplacian and a difference."""
 
+from collections.abc import Sequence
+from typing import ClassVar
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +73,11 @@ class STransform:
     True
     """
 
+    #: What `dfdbench.tune` tries.
+    ranges: ClassVar[dict[str, Sequence[float]]] = {
+        "smoothing": (0.5, 1.0, 2.5, 4.0),
+        "window": (9, 21, 41, 61, 91, 131),
+    }
     paper = "Subbarao and Surya, Depth from defocus: a spatial domain approach, IJCV 1994"
 
     def __init__(

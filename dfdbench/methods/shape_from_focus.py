@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
 import numpy as np
@@ -237,6 +237,12 @@ class ShapeFromFocus:
     )
     #: It answers in the stack's own unit.
     unit = "stack"
+
+    #: What `dfdbench.tune` tries.
+    ranges: ClassVar[dict[str, Sequence[Any]]] = {
+        "measure": tuple(MEASURES),
+        "window": (7, 13, 21, 35),
+    }
 
     def __init__(
         self, measure: str = "ring", window: int = 21, flatness: float = 30.0, peak: str = "defocus"

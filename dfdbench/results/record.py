@@ -198,7 +198,8 @@ class MethodRecord(Record):
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
     `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
-    where nothing was run: depth maps made elsewhere were handed in, in that unit.
+    where nothing was run: depth maps made elsewhere were handed in, in that unit. `chosen` is what
+    the fit of one of our methods chose on training pairs, where that is not as usual.
     """
 
     name: Line
@@ -212,6 +213,7 @@ class MethodRecord(Record):
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
+    chosen: dict[Name, Finite] = Field(default_factory=dict)
     scored: Unit | None = None
 
     @property

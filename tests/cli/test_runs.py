@@ -126,3 +126,18 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
     board = dfdbench.fine("leaderboard")
     assert "elsewhere" in board.out
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
+
+
+def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store: Dataset) -> None:
+    place = str(demo_store.path)
+    words = (
+        "tune --method s-transform --param recipe=null --range smoothing=1,2.5 --limit 4 --dataset"
+    )
+    tuned = dfdbench.fine(words, place)
+    assert "training captures" in tuned.out
+    assert "smoothing" in tuned.out
+    best = tuned.err.rpartition("--param smoothing=")[2].strip()
+    assert best in {"1", "2.5"}
+    assert best in tuned.out.splitlines()[4]
+    refused = dfdbench("tune --method constant --dataset", place)
+    assert (refused.status, "nothing to try" in refused.err) == (2, True)

@@ -1,0 +1,94 @@
+"""Parameters are chosen on training captures alone, each scored on what was not fitted on."""
+
+from pathlib import Path
+
+import pytest
+
+import dfdbench
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError, MethodError
+from dfdbench.evaluation.tuning import folds_of
+
+#: Answers with the training mean and an error of its own; it writes down what it sees.
+OFF = """
+import numpy as np
+
+class Off:
+    ranges = {"off": (30, 0, 10)}
+
+    def __init__(self, log="", off=0, peek=False):
+        self.off, self.log, self.peek = off, log, peek
+
+    def fit(self, pairs):
+        self.scenes = sorted({pair.pair.scene for pair in pairs})
+        return {"level": np.mean([pair.levels[pair.valid].mean() for pair in pairs])}
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        if self.peek:
+            raise ValueError("no such thing")
+        with open(self.log, "a") as file:
+            file.write(f"{infocus.sum()} {' '.join(self.scenes)}\\n")
+        return np.full(infocus.shape[:2], self.level + self.off, np.float32)
+"""
+
+
+@pytest.fixture
+def off(tmp_path: Path) -> str:
+    path = tmp_path / "off.py"
+    path.write_text(OFF)
+    return f"{path}:Off"
+
+
+def test_no_capture_is_scored_by_what_was_fitted_on_its_group(
+    demo_store: Dataset, off: str, tmp_path: Path
+) -> None:
+    log = tmp_path / "log"
+    tried = dfdbench.tune(off, demo_store, parameters={"log": str(log)}, protocol="valid")
+    # Off by nothing is best, and what is off by most comes last.
+    assert tried.index.names == ["off"]
+    assert tried.index.tolist() == [0, 10, 30]
+    captures = {str(each.infocus.sum()): each.pair.scene for each in demo_store.captures("train")}
+    lines = [line.split() for line in log.read_text().splitlines()]
+    assert len(lines) == 3 * len(captures)
+    train = set(demo_store.manifest.scenes_of("train"))
+    for image, *fitted in lines:
+        assert captures[image] not in fitted
+        assert set(fitted) < train
+
+
+def test_groups_are_kept_together(demo_store: Dataset) -> None:
+    folds = folds_of(demo_store)
+    pairs = [pair for fold in folds for pair in fold]
+    assert sorted(pair.id for pair in pairs) == sorted(p.id for p in demo_store.pairs("train"))
+    scenes = [{pair.scene for pair in fold} for fold in folds]
+    assert sum(map(len, scenes)) == len(set().union(*scenes))
+    assert all(scenes)
+
+
+def test_ranges_are_crossed_and_few_captures_looked_at(demo_store: Dataset, off: str) -> None:
+    log = "/dev/null"
+    seen = []
+    tried = dfdbench.tune(
+        off,
+        demo_store,
+        {"off": [5, 0], "peek": [False]},
+        parameters={"log": log},
+        limit=6,
+        on_pair=lambda done, total: seen.append((done, total)),
+    )
+    assert tried.index.tolist() == [(0, False), (5, False)]
+    assert seen[-1] == (12, 12)
+
+
+def test_what_cannot_be_tried_says_why(demo_store: Dataset, tiny_store: Dataset, off: str) -> None:
+    with pytest.raises(InputError, match="1 groups of training captures are too few for 4 folds"):
+        dfdbench.tune(off, tiny_store)
+    with pytest.raises(InputError, match="nothing to try"):
+        dfdbench.tune("constant", demo_store)
+    with pytest.raises(MethodError, match="strength"):
+        dfdbench.tune(off, demo_store, {"strength": [1, 2]})
+    with pytest.raises(MethodError, match="no such thing"):
+        dfdbench.tune(off, demo_store, {"peek": [True]})
