@@ -66,7 +66,11 @@ def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> 
         place, _, attribute = built_in_methods()[name].partition(":")
         signature = inspect.signature(getattr(importlib.import_module(place), attribute))
         found = {
-            key: "the set's" if key == "recipe" else f"{parameter.default:g}"
+            key: "the set's"
+            if key == "recipe"
+            else "7, or chosen"
+            if parameter.default is None
+            else f"{parameter.default:g}"
             for key, parameter in signature.parameters.items()
             if key != "prior"  # it has a section of its own
         }

@@ -41,8 +41,8 @@ _FIRST = 3
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
 # So many weights in a row that do not help end the search.
 _ENOUGH = 2
-# Less is taken for chance, and all left as usual.
-_BETTER = 0.95
+# Less is taken for chance, and all left as usual; so it is where the error is but a level.
+_BETTER, _LEVEL = 0.95, 1.0
 
 Array = NDArray[Any]
 
@@ -119,6 +119,8 @@ def choose(
             for turn, place in enumerate(evenly_spread(len(counted), _LOOKED_AT))
         ],
     )
+    if search.error(AS_USUAL) < _LEVEL:
+        return AS_USUAL
     weights = WEIGHTS if prior else (0.0,)
     for smoothing in SMOOTHINGS if smooth else (1,):
         if not search.takes_one_of(weights, smoothing) and smoothing > 1:
