@@ -183,7 +183,12 @@ def info(
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
     store = None
-    if place := place_of(name, cache):
+    place = place_of(name, cache)
+    if place is None and find_manifest(name).find_scenes:
+        # Only what was built knows its scenes.
+        usual = default_store(find_manifest(name), cache)
+        place = usual if usual.exists() else None
+    if place:
         # A manifest shows all it knows without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 

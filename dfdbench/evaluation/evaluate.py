@@ -128,7 +128,7 @@ def built_track(
     except StoreError:
         if source is None and not is_made(plain):
             raise
-    plan = plan_build(find_manifest(name), cache=cache)
+    plan = plan_build(find_manifest(name), cache=cache, source=source)
     files = obtain(plan, source, cache=cache).source
     with shown(f"building {name}") as step:
         build_store(plan.manifest, files, plan.place, on_scene=step)

@@ -19,6 +19,7 @@ RELEASED = {
     "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
     "dfd-indoor-1": "917b99a070357c34bd064ef48cb0db34fd0e7c353f1cf26b2574804320f6760d",
     "dfd-outdoor-1": "4b9c65b174c72de1ea0572d14e871a510e440e6ea38b5299e669169d886eb79b",
+    "idfd-1": "ad241cbbd7386f1d3e196071bf3475cda5180fe243f2beddbb0ad6b391882cd4",
     "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "538e64a625824c6f5f691eaaeafcd76ee1025239cbc6df2bc4895b395c5d66b3",
