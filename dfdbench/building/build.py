@@ -222,7 +222,7 @@ def build_store(
         writer.refuse_to_lose(left_out)
         builder = _SceneBuilder(manifest, source, blur, writer.scenes)
         outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
-        _refuse_damage(outcomes, source, missing)
+        _refuse_damage(outcomes, source, missing, writer)
         whole = [outcome for outcome in outcomes if outcome.digest]
         there = {outcome.scene for outcome in whole}
         missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
@@ -378,7 +378,9 @@ def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
     )
 
 
-def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...]) -> None:
+def _refuse_damage(
+    outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...], writer: StoreWriter
+) -> None:
     if all(outcome.left_out for outcome in outcomes):
         raise SourceError.of(_told_once(outcomes))
     problems = [
@@ -388,6 +390,9 @@ def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[
         named = listed([pair.id for pair in missing], 3)
         what = f"{len(missing)} pairs are missing besides: {named}"
         problems.append(Problem(what, fix=source.missing_help(missing)))
+    if problems and (whole := len(writer.waiting)):
+        what = f"{counted(whole, 'scene')} that can be used are kept for the same command"
+        problems.append(Problem(what, where=str(writer.partial)))
     SourceError.raise_if(problems)
 
 

@@ -37,6 +37,7 @@ _STORE_NAMES = (
     *("available", "channel", "depth", "image", "images", "role", "x", "y"),
     *(*BY_IMAGE, *OF_CAMERA),
 )
+_COLOURS = 3
 # In the folder of a store, beside the scenes' own.
 _STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
@@ -208,6 +209,9 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
         return
     if manifest.recipe is not None:
         yield "recipe", f"captured defocus has no blur recipe: leave out {manifest.recipe}"
+    if files.flat_field is not None and len(files.flat_field) != _COLOURS:
+        what = f"{_COLOURS} lists of the light, for red, green and blue"
+        yield "files.flat_field", f"{what}; got {len(files.flat_field)}"
     there = set(files.patterns)
     if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
         got = listed(sorted(there))
