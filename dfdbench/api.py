@@ -108,8 +108,9 @@ def build(
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
-    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache)
-    files = obtain(plan, Path(source) if source else None, mirrors, offline, cache).source
+    folder = Path(source) if source else None
+    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache, folder)
+    files = obtain(plan, folder, mirrors, offline, cache).source
     pool = Threads(workers) if workers else None
     report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, on_scene)
     said = [*map(str, report.problems), *report.warnings]

@@ -14,6 +14,7 @@ from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
+from dfdbench.building.new_manifest import with_found_scenes
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role
@@ -24,7 +25,7 @@ from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Threads
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def plan_build(
     recipe: str | None = None,
     steps: tuple[int, int] | None = None,
     cache: Path | None = None,
+    source: Path | None = None,
 ) -> BuildPlan:
     """Return a build's plan; what is not the manifest's own data set needs a place of its own.
 
@@ -70,11 +72,15 @@ def plan_build(
         In-focus and defocus voltage step, in place of the manifest's.
     cache : Path, optional
         The cache folder; see `dfdbench.system.cache.cache_folder`.
+    source : Path, optional
+        The folder with the files, for a manifest whose scenes are found there.
 
     Raises
     ------
     UnknownNameError
         Where there is no such recipe.
+    SourceError
+        Where scenes are to be found in `source`, and none is.
     InputError
         Where the data set's default place would get another recipe or other steps; where a
         recipe is named with a track.
@@ -89,7 +95,7 @@ def plan_build(
         find_recipe(recipe)
     place = as_location(store or default_store(manifest, cache))
     refuse_another_set(manifest, place, recipe, steps, cache)
-    return BuildPlan(manifest, place, recipe, steps)
+    return BuildPlan(with_found_scenes(manifest, source), place, recipe, steps)
 
 
 def refuse_another_set(
@@ -216,7 +222,7 @@ def build_store(
         writer.refuse_to_lose(left_out)
         builder = _SceneBuilder(manifest, source, blur, writer.scenes)
         outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
-        _refuse_damage(outcomes, source, missing)
+        _refuse_damage(outcomes, source, missing, writer)
         whole = [outcome for outcome in outcomes if outcome.digest]
         there = {outcome.scene for outcome in whole}
         missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
@@ -231,8 +237,15 @@ def build_store(
         sum(pair.scene in there for pair in available),
         missing,
         _told_once(outcomes),
-        tuple(text for outcome in whole for text in outcome.warnings),
+        (*_found_fewer(manifest), *(text for outcome in whole for text in outcome.warnings)),
     )
+
+
+def _found_fewer(manifest: Manifest) -> tuple[str, ...]:
+    count = len(manifest.scenes)
+    if not manifest.find_scenes or count == manifest.scene_count:
+        return ()
+    return (f"{counted(count, 'scene')} found; {manifest.short} has {manifest.scene_count}",)
 
 
 @dataclass(frozen=True)
@@ -365,7 +378,9 @@ def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
     )
 
 
-def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...]) -> None:
+def _refuse_damage(
+    outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...], writer: StoreWriter
+) -> None:
     if all(outcome.left_out for outcome in outcomes):
         raise SourceError.of(_told_once(outcomes))
     problems = [
@@ -375,6 +390,9 @@ def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[
         named = listed([pair.id for pair in missing], 3)
         what = f"{len(missing)} pairs are missing besides: {named}"
         problems.append(Problem(what, fix=source.missing_help(missing)))
+    if problems and (whole := len(writer.waiting)):
+        what = f"{counted(whole, 'scene')} that can be used are kept for the same command"
+        problems.append(Problem(what, where=str(writer.partial)))
     SourceError.raise_if(problems)
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 import unicodedata
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -10,10 +11,13 @@ from typing import get_args
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import Key, Layout, find_layout, image_files, unread_files
 from dfdbench.building.folder_stacks import find_stacks, look_into_stacks
+from dfdbench.building.sources.folder import what_is_in
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.matching import Align
-from dfdbench.datasets.captured_files import ROLES
-from dfdbench.errors import InputError
+from dfdbench.datasets.captured_files import ANY_ENDING, ROLES
+from dfdbench.datasets.manifest import FOUND, Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.errors import InputError, SourceError
 from dfdbench.tables.table import counted, listed
 
 _TEST = 4  # without splits of its own, every fourth scene or place of a set tests
@@ -87,9 +91,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)
-    places = _places(scenes)
-    told = (_scene_toml(*both) for both in zip(scenes, places, strict=True))
-    text = "\n".join((_head(stem, facts, scenes), *_splits(scenes, places), *told))
+    text = "\n".join((_head(stem, facts, scenes), *_listed(scenes)))
     return NewManifest(f"{stem}-1.toml", text, tuple(facts.found), tuple(facts.open))
 
 
@@ -111,11 +113,55 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
     raise InputError(f"{what} ({', '.join(SUFFIXES)})", where=str(folder), got=there)
 
 
+def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
+    """Return a manifest with the scenes that lie in a folder, if it says that they are to be found.
+
+    Each file that fits `files.infocus`, which has ``{file}`` for what differs, is a scene. Every
+    fourth place tests, as of `new_manifest`. The scenes become a part of the text, which a store
+    keeps.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        Any; one without `find_scenes` is returned as it is.
+    folder : Path or None
+        Where the set is built from.
+
+    Raises
+    ------
+    SourceError
+        Where no file fits the pattern.
+    """
+    if not manifest.find_scenes or manifest.scenes or folder is None or not folder.is_dir():
+        return manifest
+    # Reading the manifest checked that they are there.
+    assert manifest.files is not None
+    assert manifest.files.infocus is not None
+    inside = folder / (manifest.files.inside or "")
+    inside = inside if inside.is_dir() else folder
+    head, _, tail = manifest.files.infocus.partition("{file}")
+    ending = r"\.[^./]+" if tail == ANY_ENDING else re.escape(tail)
+    fitting = re.compile(f"{re.escape(head)}([^/]+?){ending}")
+    stems = {match[1]: None for path in image_files(inside) if (match := fitting.fullmatch(path))}
+    if not stems:
+        what = f"no file fits files.infocus, {manifest.files.infocus}"
+        fix = "mend the pattern in the manifest, or name another folder"
+        raise SourceError(what, where=str(inside), got=what_is_in(inside), fix=fix)
+    keys, taken, source = [("", stem) for stem in stems], set[str](), manifest.sources[0].name
+    scenes = [
+        _Scene(_safe_name(key, keys, taken, by_order=False), "", {"file": key[1]}, source)
+        for key in keys
+    ]
+    text = "\n".join(_listed(scenes))
+    return parse_manifest((manifest.toml + FOUND + text).encode(), f"{manifest.stem}.toml")
+
+
 @dataclass(frozen=True)
 class _Scene:
     name: str
     split: str
     names: dict[str, str]
+    source: str = "mine"
 
 
 def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
@@ -187,11 +233,17 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
 
 
+def _listed(scenes: list[_Scene]) -> Iterator[str]:
+    places = _places(scenes)
+    yield from _splits(scenes, places)
+    yield from (_scene_toml(*both) for both in zip(scenes, places, strict=True))
+
+
 def _scene_toml(scene: _Scene, place: str) -> str:
     names = ", ".join(f"{key} = {_text(value)}" for key, value in scene.names.items())
     told = f'group = "{place}"\n' * (place != scene.name)
     told += f"names = {{ {names} }}\n" * bool(names)
-    return f'[[scenes]]\nname = "{scene.name}"\nsource = "mine"\n{told}'
+    return f'[[scenes]]\nname = "{scene.name}"\nsource = "{scene.source}"\n{told}'
 
 
 def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:

@@ -60,7 +60,8 @@ def build(
     from dfdbench.building.obtaining import obtain
     from dfdbench.system.location import is_local
 
-    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, _steps(pair), cache)
+    wanted = find_manifest(of_seed(name, seed))
+    plan = plan_build(wanted, store, recipe, _steps(pair), cache, source)
     if plan.place.protocol == "memory":
         # From Python it is as good a place as any other.
         raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")

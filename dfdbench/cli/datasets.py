@@ -161,10 +161,6 @@ def clear_cache(
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
 
 
-# Of what a source found out about a scene, so much is shown.
-_LONGEST = 100
-
-
 def info(
     name: Annotated[
         str,
@@ -183,7 +179,12 @@ def info(
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
     store = None
-    if place := place_of(name, cache):
+    place = place_of(name, cache)
+    if place is None and find_manifest(name).find_scenes:
+        # Only what was built knows its scenes.
+        usual = default_store(find_manifest(name), cache)
+        place = usual if usual.exists() else None
+    if place:
         # A manifest shows all it knows without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 
@@ -238,8 +239,7 @@ def _show_scenes(store: Dataset) -> None:
     for scene in store.scenes:
         record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
         for name, value in record.found.items():
-            text = json.dumps(value, ensure_ascii=False)
-            others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
+            others.append((scene, name, json.dumps(value, ensure_ascii=False)))
         size = " × ".join(map(str, store.shape_of(scene)))
         pairs = str(len(store.pairs(scene)))
         rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))

@@ -116,7 +116,7 @@ class CapturedFiles(StrictRecord):
     align: Literal["none", "translation", "euclidean", "similarity"] = "none"
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
-    flat_field: Annotated[list[_FallOff], Field(min_length=3, max_length=3)] | None = None
+    flat_field: list[_FallOff] | None = None
 
     @property
     def patterns(self) -> dict[str, str]:

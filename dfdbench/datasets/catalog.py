@@ -105,7 +105,7 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
     manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
     drawn = seeded(manifest.name)
     released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
-    if released not in (None, manifest.sha256):
+    if released not in (None, manifest.written_sha256):
         what = f"built from another manifest than {manifest.file_stem}, whose name it has"
         raise StoreError(what, where=where, fix="delete it and build it again")
     degradation = str(attributes.get("degradation", manifest.degradation))
@@ -126,9 +126,9 @@ def released_manifests() -> tuple[Manifest, ...]:
     Examples
     --------
     >>> [manifest.stem for manifest in released_manifests()]
-    ['demo-1', 'dfd-indoor-1', 'dfd-outdoor-1', 'middlebury-default-1', 'middlebury-third-1', \
-'realworld-1', 'realworld-sim-1', 'realworld-synthetic-1', 'unseen-0-1', 'unseen-stack-0-1', \
-'zedd-1', 'zedd-test-1']
+    ['demo-1', 'dfd-indoor-1', 'dfd-outdoor-1', 'idfd-1', 'middlebury-default-1', \
+'middlebury-third-1', 'realworld-1', 'realworld-sim-1', 'realworld-synthetic-1', 'unseen-0-1', \
+'unseen-stack-0-1', 'zedd-1', 'zedd-test-1']
     """
     folder = resources.files("dfdbench.manifests")
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]

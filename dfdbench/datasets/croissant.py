@@ -47,7 +47,7 @@ def datasheets() -> dict[str, Datasheet]:
 def datasheet_of(manifest: Manifest) -> Datasheet | None:
     """Return a data set's datasheet, on a track that of the set; None for one of one's own."""
     released = {known.sha256: known.short for known in released_manifests()}
-    short = released.get(manifest.sha256)
+    short = released.get(manifest.written_sha256)
     return datasheets()[short] if short else None
 
 
@@ -102,7 +102,8 @@ def croissant_of(manifest: Manifest) -> dict[str, Any]:
         "keywords": ["depth from defocus", "depth estimation", "benchmark"],
         "isLiveDataset": False,
         "distribution": [_file(manifest)],
-        "recordSet": [_records(manifest)],
+        # Scenes that are found are not known before the set is built.
+        **({"recordSet": [_records(manifest)]} if manifest.scenes else {}),
     }
     return content | (dict(_responsible(sheet)) if sheet else {})
 

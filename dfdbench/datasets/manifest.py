@@ -17,6 +17,8 @@ from dfdbench.errors import unknown_name
 from dfdbench.system.strict import StrictRecord
 
 ALL_PAIRS = "all"
+#: What stands in a manifest's text before scenes that were found.
+FOUND = "\n# Found where the set was built.\n\n"
 #: The reader of sets that are described by their manifest alone.
 FOLDER = "folder"
 
@@ -211,6 +213,7 @@ class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
     `degradation` is ``clean`` in every file; `dfdbench.datasets.catalog.with_track` names another.
+    With `find_scenes` it lists no scenes: see `dfdbench.building.new_manifest.with_found_scenes`.
     `pair_images` are the two images of a stack that a method of pairs gets, the in-focus one first.
     `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
@@ -235,10 +238,11 @@ class Manifest(StrictRecord):
     scene_count: Count
     pair_count: Count
     sources: list[Origin]
-    scenes: list[Scene]
+    find_scenes: bool = False
+    scenes: list[Scene] = Field(default_factory=list)
     exclusions: list[Exclusion] = Field(default_factory=list)
     pair_images: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
-    splits: list[Split]
+    splits: list[Split] = Field(default_factory=list)
     folds: list[Fold] = Field(default_factory=list)
     capture: Recording | None = None
     rig: Rig | None = None
@@ -250,6 +254,11 @@ class Manifest(StrictRecord):
     def sha256(self) -> str:
         """The SHA-256 of the manifest's file."""
         return hashlib.sha256(self.toml.encode()).hexdigest()
+
+    @property
+    def written_sha256(self) -> str:
+        """The SHA-256 of what a person wrote of it: all but scenes that were found."""
+        return hashlib.sha256(self.toml.partition(FOUND)[0].encode()).hexdigest()
 
     @property
     def file_stem(self) -> str:

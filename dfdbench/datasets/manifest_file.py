@@ -37,6 +37,7 @@ _STORE_NAMES = (
     *("available", "channel", "depth", "image", "images", "role", "x", "y"),
     *(*BY_IMAGE, *OF_CAMERA),
 )
+_COLOURS = 3
 # In the folder of a store, beside the scenes' own.
 _STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
@@ -66,6 +67,13 @@ def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
     for number, scene in enumerate(manifest.scenes):
         if scene.source not in sources:
             yield _unknown(f"scenes[{number}].source", "source", scene.source, sources)
+    if manifest.find_scenes:
+        if not manifest.files or not manifest.files.infocus:
+            yield "find_scenes", "nothing says where scenes are found: state files.infocus"
+        return
+    for field in ("scenes", "splits"):
+        if not getattr(manifest, field):
+            yield field, "section is missing"
     if len(names) != manifest.scene_count:
         yield "scene_count", f"{len(names)} scenes are listed, not {manifest.scene_count}"
 
@@ -110,7 +118,8 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
         seen.update(pairs)
         if len(pairs) != exclusion.pairs:
             yield f"{field}.pairs", f"{len(pairs)} pairs are excluded, not {exclusion.pairs}"
-    if len(real - seen) != manifest.pair_count:
+    # Of scenes that are found, as many were published.
+    if len(real - seen) != manifest.pair_count and not manifest.find_scenes:
         left, stated = len(real - seen), manifest.pair_count
         yield "pair_count", f"{left} pairs are left after the exclusions, not {stated}"
 
@@ -200,6 +209,9 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
         return
     if manifest.recipe is not None:
         yield "recipe", f"captured defocus has no blur recipe: leave out {manifest.recipe}"
+    if files.flat_field is not None and len(files.flat_field) != _COLOURS:
+        what = f"{_COLOURS} lists of the light, for red, green and blue"
+        yield "files.flat_field", f"{what}; got {len(files.flat_field)}"
     there = set(files.patterns)
     if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
         got = listed(sorted(there))

@@ -121,7 +121,7 @@ class StoreWriter:
         self, place: location.Place, manifest: Manifest, attributes: Mapping[str, Any]
     ) -> None:
         self.path = location.as_location(place)
-        self._partial = self.path.with_name(self.path.name + ".partial")
+        self.partial = self.path.with_name(self.path.name + ".partial")
         self._attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -131,7 +131,7 @@ class StoreWriter:
             "manifest": manifest.toml,
             **attributes,
         }
-        self.scenes = SceneWriter(self.path, self._partial, self._attributes)
+        self.scenes = SceneWriter(self.path, self.partial, self._attributes)
         self._held = contextlib.ExitStack()
 
     def __enter__(self) -> StoreWriter:
@@ -143,15 +143,22 @@ class StoreWriter:
                 lock = Path(self.path.with_name(f".{self.path.name}.lock").path)
                 held.enter_context(hold(lock, taken))
             self._refuse_what_is_not_ours()
-            if not _says(self._partial, self._attributes):
-                location.remove(self._partial)
-            partial = zarr.open_group(location.zarr_store(self._partial), mode="a", zarr_format=3)
+            if not _says(self.partial, self._attributes):
+                location.remove(self.partial)
+            partial = zarr.open_group(location.zarr_store(self.partial), mode="a", zarr_format=3)
             partial.attrs.update(self._attributes)
             self._held = held.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if exception[0] is not None and location.is_local(self.path) and not self.waiting:
+            location.remove(self.partial)
         self._held.close()
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """The scenes that lie beside the place, for this build or one that goes on with it."""
+        return location.folders_in(self.partial) if location.exists(self.partial) else ()
 
     def refuse_to_lose(self, missing: list[str]) -> None:
         """Refuse a build without pairs that the store in place holds.
@@ -174,18 +181,18 @@ class StoreWriter:
         """Move the store into its place whole; return its fingerprint."""
         fingerprint = combine(digests)
         with disk_errors(self.path):
-            for stray in set(location.folders_in(self._partial)) - set(digests):
-                location.remove(self._partial / stray)
+            for stray in set(location.folders_in(self.partial)) - set(digests):
+                location.remove(self.partial / stray)
             attributes = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}
-            zarr.open_group(location.zarr_store(self._partial), mode="r+", zarr_format=3).attrs.put(
+            zarr.open_group(location.zarr_store(self.partial), mode="r+", zarr_format=3).attrs.put(
                 {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
             )
-            location.move_folder(self._partial, self.path, _METADATA)
+            location.move_folder(self.partial, self.path, _METADATA)
         return fingerprint
 
     def _refuse_what_is_not_ours(self) -> None:
         # The store is replaced whole: a folder of photographs must not be what is replaced.
-        for place in (self.path, self._partial):
+        for place in (self.path, self.partial):
             if not location.exists(place):
                 continue
             found = _attributes_of(place) or {}
@@ -204,13 +211,13 @@ class StoreWriter:
 
     def _is_hardly_begun(self, place: UPath) -> bool:
         # A kill or a full disk came between the folder and what it says of itself.
-        if place != self._partial or not place.is_dir():
+        if place != self.partial or not place.is_dir():
             return False
         return all(item.name.startswith(_METADATA) for item in place.iterdir())
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
-        twin = _attributes_of(self._partial) or {}
+        twin = _attributes_of(self.partial) or {}
         return (
             place == self.path
             and not location.is_local(place)

@@ -66,13 +66,14 @@ def evaluate(
         options = replace(options, fresh=True)
     warnings = depth_warnings(loaded, store, split)
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
-    calibration = loaded.attribute("calibration")
     # Someone else's method may have something else of that name.
-    if not isinstance(calibration, Calibration):
-        return done, None
-    law = calibration.law
-    write_whole(folder / "law.toml", f"# {ViewChange.of(law).words()}\n{law.as_toml()}")
-    return done, calibration
+    found = loaded.attribute("calibrations")
+    found = found if isinstance(found, tuple) else ()
+    laws = [one.law for one in found if isinstance(one, Calibration)]
+    for number, law in enumerate(laws, 1):
+        name = "law.toml" if len(laws) == 1 else f"law-{number}.toml"
+        write_whole(folder / name, f"# {ViewChange.of(law).words()}\n{law.as_toml()}")
+    return done, found[0] if len(laws) == 1 else None
 
 
 def without_track(dataset: str) -> Manifest:
@@ -128,7 +129,7 @@ def built_track(
     except StoreError:
         if source is None and not is_made(plain):
             raise
-    plan = plan_build(find_manifest(name), cache=cache)
+    plan = plan_build(find_manifest(name), cache=cache, source=source)
     files = obtain(plan, source, cache=cache).source
     with shown(f"building {name}") as step:
         build_store(plan.manifest, files, plan.place, on_scene=step)

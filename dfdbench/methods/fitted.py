@@ -148,8 +148,11 @@ class Solver(Calibrated):
     """What solves with the blur of any number of defocus images: pairs, and focal stacks.
 
     Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
-    there is none, against the sharpest pixels of the others.
+    there is none, against the sharpest pixels of the others; and it notes whether the levels of the
+    training captures grow with distance, which says what covers what.
     """
+
+    _farther_is_higher = False
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x)."""
@@ -178,7 +181,10 @@ class Solver(Calibrated):
         from dfdbench.methods.rims import settle_rims
 
         levels = self._solve(infocus, images)
-        return levels if len(images) == 1 else settle_rims(self.blurs, infocus, images, levels)
+        if len(images) == 1:
+            return levels
+        way = self._farther_is_higher
+        return settle_rims(self.blurs, infocus, images, levels, farther_is_higher=way)
 
     def _require(self, count: int) -> None:
         known = len(self.blurs)
@@ -189,14 +195,25 @@ class Solver(Calibrated):
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate_images
+        from dfdbench.methods.stacks import farther_is_higher
 
-        return self._learned(calibrate_images(pairs), pairs)
+        found = calibrate_images(pairs)
+        turned = len(found) > 1 and farther_is_higher(pairs)
+        return self._learned(found, pairs) | ({_TURNED: 1} if turned else {})
+
+    def restore(self, learned: dict[str, Any]) -> None:
+        """Take back what `fit` returned."""
+        learned = dict(learned)
+        self._farther_is_higher = bool(learned.pop(_TURNED, False))
+        super().restore(learned)
 
 
 Array = NDArray[Any]
 Image = NDArray[np.uint8]
 Fit = Callable[[Sequence[TrainingPair]], Learned]
 
+# What a fit learns to be so where levels grow with distance.
+_TURNED = "farther_is_higher"
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
 REFIT = "fit the method again"

@@ -17,7 +17,7 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Solver
-from dfdbench.methods.law_cost import add_energy, all_blurred, information, law_cost
+from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, information, law_cost
 
 Image = NDArray[np.uint8]
 
@@ -42,8 +42,7 @@ _PER_NAT = 3
 # would choose by themselves, the more a nat costs, as total variation is weighted by the noise
 # that it is to remove.
 _PER_ERROR = 24
-# What no pixel may say more, a stack's images together: of those that the law does not explain,
-# where surfaces end.
+# What no pixel of a pair may say more: of those that the law does not explain, where surfaces end.
 _MOST_NATS = 10
 
 
@@ -191,10 +190,13 @@ class GraphCuts(Solver):
             held = list(blurred()) if len(images) == 1 else []
             told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
             nat = self._nat(told) / self.chosen.smoothing
-            limit = min(math.ceil(_MOST_NATS * nat / len(images)), self._limit)
+            pair = len(images) == 1
+            most = _MOST_NATS if pair else MOST_NATS
+            limit = min(math.ceil(most * nat), self._limit)
+            ceiling = math.inf if pair else limit
             unary, offset, add = memory, 0, False
             for one in held or blurred():
-                offset += law_cost(one, nat, limit, memory, add)[1]
+                offset += law_cost(one, nat, limit, memory, add, ceiling)[1]
                 add = True
                 # Before the next is made: they are large.
                 del one

@@ -28,6 +28,9 @@ from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.
 UNIT = 4
+#: What an image of a stack says at most against a level. Of 2, 3, 5, 8 and 15 about the least error
+#: on the demo set's training stacks.
+MOST_NATS = 5
 
 
 def level_costs(
@@ -69,7 +72,7 @@ def level_costs(
     >>> costs.shape, int(costs.max())
     ((2, 3, 256), 0)
     """
-    most = max(round(UNIT * (limit if len(images) == 1 else min(limit, _MOST_NATS))), 1)
+    most = max(round(UNIT * (limit if len(images) == 1 else min(limit, MOST_NATS))), 1)
     if isinstance(blurs[0], BlurRecipe):
         # Of a recipe's residuals nothing is known but that images are rounded.
         weight = UNIT / (2 * ROUNDING_VARIANCE)
@@ -134,8 +137,6 @@ Array = NDArray[Any]
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
 _LEVELS_LOOKED_AT = 8
-# Of 2, 3, 5, 8 and 15 about the least error on the demo set's training stacks.
-_MOST_NATS = 5
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
 

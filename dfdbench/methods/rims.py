@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.occlusion import GAP, without_tails
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import light_of, noise_of
 from dfdbench.methods.law_cost import aligned
 from dfdbench.system.compiled import compiled
@@ -40,6 +41,8 @@ def settle_rims(
     infocus: NDArray[np.uint8],
     images: Sequence[NDArray[np.uint8]],
     levels: NDArray[np.float32],
+    *,
+    farther_is_higher: bool = False,
 ) -> NDArray[np.float32]:
     """Return a depth map whose surfaces end where the images of a stack say.
 
@@ -58,6 +61,8 @@ def settle_rims(
         The defocus images.
     levels : ndarray of float32, shape (y, x)
         The depth map so far.
+    farther_is_higher : bool
+        Which of two levels covers the other: the lower one, instead of the higher.
 
     Examples
     --------
@@ -77,12 +82,18 @@ def settle_rims(
     reach = (kernels[:, :, 0] > 0).sum(2) - 1
     order = np.argsort(np.argsort([law.sigmas for law in laws], axis=0, kind="stable"), axis=0)
     whole = np.rint(levels).astype(np.int64)
+    if farther_is_higher:
+        kernels, reach, order = (
+            np.ascontiguousarray(each[:, ::-1]) for each in (kernels, reach, order)
+        )
+        whole = LAST_LEVEL - whole
     settled = whole.copy()
     views = (light, aims, noise, kernels, reach, order < _NEAREST)
     for turn in range(_SWEEPS):
         if not _sweep(settled, *views, turn % 2 == 1):
             break
-    return np.where(settled == whole, levels, settled).astype(np.float32)
+    ends = LAST_LEVEL - settled if farther_is_higher else settled
+    return np.where(settled == whole, levels, ends).astype(np.float32)
 
 
 @lru_cache(maxsize=32)

@@ -14,6 +14,8 @@ from dfdbench.methods.shape_from_focus import ShapeFromFocus
 if TYPE_CHECKING:
     from xarray import DataArray
 
+    from dfdbench.methods.method import TrainingPair
+
 Image = NDArray[np.uint8]
 
 
@@ -66,6 +68,18 @@ def fused(images: Sequence[Image]) -> Image:
     for index, image in enumerate(images):
         np.copyto(whole, image, where=(which == index)[..., np.newaxis])
     return whole
+
+
+def farther_is_higher(captures: Sequence[TrainingPair]) -> bool:
+    """Return whether the levels of captures grow with distance; not so if that cannot be told."""
+    near, far = (captures[0].stack.attrs[end] for end in ("near", "far"))
+    if captures[0].stack.attrs["unit"] == "levels":
+        return bool(near < far)
+    for capture in captures:
+        metres, levels = capture.depth[capture.valid], capture.levels[capture.valid]
+        if np.ptp(levels) > 0:
+            return bool(levels[metres.argmax()] > levels[metres.argmin()])
+    return False
 
 
 def is_pair(stack: DataArray) -> bool:

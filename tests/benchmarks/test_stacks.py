@@ -53,9 +53,10 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load
 from dfdbench.blur.law import BlurLaw
 from tests.benchmarks.test_stacks import COUNT, large_stack
-method = load(sys.argv[1])
+fitted = sys.argv[1] != "shape-from-focus"
+method = load(sys.argv[1], **({"recipe": None} if fitted else {}))
 stack = large_stack()
-if hasattr(method, "restore"):
+if fitted:
     levels = np.arange(256)
     laws = [
         BlurLaw(tuple(0.3 + 0.01 * abs(levels - focus)), noise=(1.0,))
@@ -69,7 +70,9 @@ print(1024 * int(peak) / stack.nbytes, int(peak) / 1024**2)
 """
 
 
-@pytest.mark.parametrize(("method", "most"), [("shape-from-focus", 10), ("graph-cuts", 60)])
+@pytest.mark.parametrize(
+    ("method", "most"), [("shape-from-focus", 10), ("graph-cuts", 60), ("local", 60)]
+)
 def test_peak_memory_of_nine_large_images(benchmark: Any, method: str, most: float) -> None:
     """Measure what a process holds at most, Python and its libraries included."""
     if not _STATUS.is_file():

@@ -129,6 +129,18 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     for part in ("damaged", "not a PNG file", "GIF89a", "differs from the other"):
         assert part in text
     assert not (tmp_path / "s.zarr").exists()
+    assert not (tmp_path / "s.zarr.partial").exists()
+
+
+def test_scenes_that_a_failed_build_keeps_are_named(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    (tiny_folder / "Two/Illum1/Exp0/view1.png").write_bytes(b"GIF89a and so on")
+    kept = tmp_path / "s.zarr.partial"
+    with pytest.raises(SourceError) as caught:
+        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tmp_path / "s.zarr")
+    assert f"2 scenes that can be used are kept for the same command ({kept})" in str(caught.value)
+    assert kept.is_dir()
 
 
 def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:

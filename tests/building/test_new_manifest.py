@@ -4,12 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.new_manifest import new_manifest
+from dfdbench.building.build import build_store, plan_build
+from dfdbench.building.new_manifest import new_manifest, with_found_scenes
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.catalog import find_manifest, manifest_in
+from dfdbench.datasets.croissant import datasheet_of
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, SourceError, StoreError
 from tests.made_folder import SCENES, make_folder
 
 
@@ -65,6 +68,54 @@ def test_mixed_endings_build(tmp_path: Path) -> None:
         "depth/{scene}.png",
     )
     assert len(manifest.scenes) == 4
+
+
+def make_idfd(folder: Path, places: tuple[str, ...]) -> Path:
+    """Write views in iDFD's layout, three a place but for the last, and return the folder."""
+    made = make_folder(folder / "made")
+    names = [f"{place}_{view}" for place in places for view in range(3)]
+    kinds = {"sharp": "All_In_Focus", "blurred": "Out_Of_Focus", "depth": "Depth"}
+    for number, name in enumerate(names[:-2]):
+        for kind, place in kinds.items():
+            ending = ".png" if kind == "depth" else (".JPG", ".jpg")[number % 2]
+            path = folder / "iDFD/Data/Processed/inpainting" / place / f"{name}{ending}"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            image = cv2.imread(str(made / SCENES[number % 4] / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
+            assert image is not None
+            cv2.imwrite(str(path), image)
+    return folder / "iDFD"
+
+
+PLACES = ("Apartment1", "Bedroom_room2", "Bedroom_room3", "Lab 4", "Museum")
+
+
+def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
+    folder = make_idfd(tmp_path, PLACES)
+    plan = plan_build(find_manifest("idfd"), tmp_path / "one.zarr", source=folder)
+    report = build_store(plan.manifest, open_source(plan.manifest, folder), plan.place)
+    assert (report.problems, report.missing) == ((), ())
+    assert report.warnings == ("13 scenes found; idfd has 764",)
+    built = Dataset(tmp_path / "one.zarr")
+    assert built.manifest.scenes_of("test") == ("Lab-4_0", "Lab-4_1", "Lab-4_2")
+    assert len(built.manifest.scenes_of("train")) == 10
+    assert np.nanmax(built.captures("test")[0].depth) == pytest.approx(4)
+    assert datasheet_of(built.manifest) is not None
+    again = plan_build(find_manifest("idfd"), tmp_path / "two.zarr", source=folder).manifest
+    assert again == built.manifest
+
+
+def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
+    folder = make_idfd(tmp_path, PLACES)
+    text = find_manifest("idfd").toml.replace("far = 10.0", "far = 9.0")
+    edited = with_found_scenes(parse_manifest(text.encode(), "idfd-1.toml"), folder)
+    with pytest.raises(StoreError, match="built from another manifest than idfd-1"):
+        manifest_in({"manifest": edited.toml}, "one.zarr")
+
+
+def test_a_folder_without_a_scene_to_find_says_what_is_there(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"no file fits files\.infocus") as raised:
+        with_found_scenes(find_manifest("idfd"), make_folder(tmp_path / "other"))
+    assert "door/blurred.png" in str(raised.value)
 
 
 def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:

@@ -8,11 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from dfdbench.api import run as evaluate
+from dfdbench.blur.law import BlurLaw
 from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.run import run_method
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.results.frame import frame_of
 from dfdbench.results.record import load_result
 from dfdbench.results.run_folder import read_prediction
@@ -36,6 +38,28 @@ class Level:
 
     def __call__(self, infocus: Any, defocus: Any) -> Any:
         return np.full(infocus.shape[:2], self.level)
+
+
+class Measured(Level):
+    """It has measured as many laws as it is told."""
+
+    def __init__(self, training_mean: float, laws: int = 1) -> None:
+        super().__init__(training_mean)
+        nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
+        law = BlurLaw((0.5,) * 256, noise=(1.0,))
+        self.calibrations = (Calibration(law, *nothing),) * laws
+
+
+@pytest.mark.parametrize(
+    ("laws", "files"), [(0, []), (1, ["law.toml"]), (2, ["law-1.toml", "law-2.toml"])]
+)
+def test_each_law_that_was_measured_lies_beside_the_run(
+    laws: int, files: list[str], tiny_store: Dataset, tmp_path: Path
+) -> None:
+    evaluate(Measured, tiny_store, parameters={"laws": laws}, out=tmp_path / "run")
+    found = sorted(path.name for path in (tmp_path / "run").glob("law*"))
+    assert found == files
+    assert all("sigmas" in (tmp_path / "run" / name).read_text() for name in files)
 
 
 def scores(frame: pd.DataFrame) -> pd.DataFrame:

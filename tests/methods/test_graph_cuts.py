@@ -9,14 +9,18 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import nmae, nrmse, ssim
+from tests.made_stacks import stack_of
+from tests.methods.made_planes import texture
 
 Image = NDArray[np.uint8]
 
@@ -89,6 +93,26 @@ def test_the_noisier_the_images_the_more_a_nat_costs(pair: tuple[Image, Image, I
     # Noise enough to hide levels: a nat costs as much more as the levels err more.
     assert largest(20) > 40
     assert largest(40) == pytest.approx(2 * largest(20), abs=2)
+
+
+def test_a_near_square_before_a_far_wall_is_found_on_a_stack() -> None:
+    # Its outline costs more than ten nats a pixel of its area, shared by five images, could pay.
+    sharp = texture(3, 100, 110)
+    levels = np.full(sharp.shape[:2], 60)
+    levels[30:52, 30:52] = 180
+    laws = [
+        BlurLaw(tuple(0.1 + 0.02 * np.abs(np.arange(256) - focus)), kernel_size=27, noise=(0.29,))
+        for focus in np.linspace(20, 235, 5)
+    ]
+    images = [
+        np.rint(composite_layers(sharp.astype(float), levels, without_tails(law.kernels())))
+        for law in laws
+    ]
+    method: Any = GraphCuts(None)
+    nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
+    method.calibrations = tuple(Calibration(law, *nothing) for law in laws)
+    stack = stack_of([image.astype(np.uint8) for image in images], [0] * 5, sharp)
+    assert np.abs(method.from_stack(stack) - levels).max() < 60
 
 
 def test_noise_that_hides_blur_does_not_lead_far_astray(pair: tuple[Image, Image, Image]) -> None:

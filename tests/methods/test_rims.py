@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -56,11 +58,30 @@ def test_a_near_surface_too_large_or_too_small_gets_its_own_size(grown: int) -> 
     np.testing.assert_allclose(settled[28:34, 30:40], NEAR + 0.25)
 
 
+def turned(laws: Sequence[BlurLaw]) -> list[BlurLaw]:
+    """Return the laws of the same images for levels that grow with distance."""
+    return [replace(law, sigmas=law.sigmas[::-1]) for law in laws]
+
+
+@pytest.mark.parametrize("grown", [-2, 2])
+def test_levels_that_grow_with_distance_are_settled_as_their_opposites(grown: int) -> None:
+    stack, levels = made_scene()
+    start = np.full_like(levels, FAR + 0.25)
+    start[20 - grown : 42 + grown, 22 - grown : 47 + grown] = NEAR + 0.25
+    images = stack.values[0], list(stack.values[1:])
+    settled = settle_rims(LAWS, *images, start)
+    other = settle_rims(turned(LAWS), *images, 255 - start, farther_is_higher=True)
+    np.testing.assert_array_equal(other, 255 - settled)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["sgm", "guided", "local"])
-def test_solvers_settle_the_rims_of_a_stack(name: str) -> None:
+@pytest.mark.parametrize("farther_is_higher", [False, True])
+def test_solvers_settle_the_rims_of_a_stack(name: str, farther_is_higher: bool) -> None:
     stack, levels = made_scene()
-    method: Any = load(name, recipe=None)
+    laws, truth = (turned(LAWS), 255 - levels) if farther_is_higher else (LAWS, levels)
     nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
-    method.calibrations = tuple(Calibration(law, *nothing) for law in LAWS)
-    assert wrong(method.from_stack(stack), levels) <= 4
+    learned = Calibration.all_as_learned([Calibration(law, *nothing) for law in laws])
+    method: Any = load(name, recipe=None)
+    method.restore(learned | {"farther_is_higher": int(farther_is_higher)})
+    assert wrong(method.from_stack(stack), truth) <= 4

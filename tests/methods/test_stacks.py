@@ -1,17 +1,19 @@
 """Solvers on focal stacks: what is fitted, without an image in focus too, what is refused."""
 
 import tracemalloc
+from copy import copy
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibration import calibrate_images
 from dfdbench.methods.method import Learned, check_learned
 from dfdbench.methods.registry import load
-from dfdbench.methods.stacks import sharp_and_blurred
+from dfdbench.methods.stacks import farther_is_higher, sharp_and_blurred
 from tests.made_stacks import made_capture, stack_of
 from tests.methods.made_planes import texture
 
@@ -50,6 +52,30 @@ def test_solves_a_stack_after_a_fit(name: str, with_infocus: bool) -> None:
     method.warm_up(texture(0), texture(0))
     capture = made_capture(7, FOCUS, with_infocus=with_infocus)
     assert error_of(method.from_stack(capture.stack), capture) < (3 if with_infocus else 6)
+
+
+@pytest.mark.slow
+def test_a_fit_learns_that_levels_grow_with_distance() -> None:
+    capture = made_capture(1, FOCUS)
+    capture.levels = capture.depth = 255 - capture.levels
+    capture.stack.attrs |= {"near": 0.0, "far": 255.0}
+    method: Any = load("sgm")
+    assert method.fit([capture])["farther_is_higher"]
+    assert "farther_is_higher" not in learned(with_infocus=True)
+
+
+@pytest.mark.parametrize("farther", [False, True])
+def test_levels_of_metres_tell_by_the_depth_which_way_they_go(farther: bool) -> None:
+    ends: dict[str, Any] = {"near_level": 1, "far_level": 255} if farther else {}
+    scale = DepthScale(near=0.5, far=5.0, **ends)
+    capture = made_capture(1, FOCUS)
+    capture.depth = np.linspace(1, 4, capture.levels.size).reshape(capture.levels.shape)
+    capture.levels = scale.to_levels(capture.depth)
+    capture.stack.attrs |= {"unit": "metres", "near": 0.5, "far": 5.0}
+    flat = copy(capture)
+    flat.levels = np.full_like(capture.levels, 9)
+    assert farther_is_higher([flat, capture]) is farther
+    assert farther_is_higher([flat]) is False
 
 
 @pytest.mark.slow

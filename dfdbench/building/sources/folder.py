@@ -216,7 +216,7 @@ class FolderScenes:
             if paths and not any(self._fitting(path) for path in paths):
                 what = f"no file matches files.{what}, {pattern}, as {paths[0]}"
                 fix = "mend the pattern in the manifest, or name another folder"
-                yield Problem(what, where=str(self._folder), got=_what_is_in(self._folder), fix=fix)
+                yield Problem(what, where=str(self._folder), got=what_is_in(self._folder), fix=fix)
 
 
 def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:
@@ -241,7 +241,7 @@ def _endings_in(folder: Path) -> dict[str, list[str]]:
     return found
 
 
-def _what_is_in(folder: Path) -> str:
+def what_is_in(folder: Path) -> str:
     """Return some of what lies in a folder, one file of each kind of place first."""
     kinds: dict[tuple[int, str], str] = {}
     for path in sorted(folder.rglob("*")):

@@ -28,6 +28,8 @@ _DEPTH_NAME = "depth"
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
+# Red, green, blue and opacity: an array with more is no picture.
+_MOST_CHANNELS = 4
 # Of a file with less than these bits it is likelier that the camera has no more than that it
 # saw nothing bright.
 _CONVERTERS = (8, 10, 12)
@@ -142,7 +144,8 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
     except UNREADABLE as error:
         what = f"the {kind} file is damaged: {error}"
         raise SourceError(what, where=where, fix="copy it again") from error
-    if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
+    flat = values.ndim == 2 or (values.ndim == 3 and values.shape[2] <= _MOST_CHANNELS)
+    if not flat or values.dtype.kind not in "iuf" or not values.size:
         what = f"{values.dtype} of shape {values.shape} is not a depth map: numbers of shape (y, x)"
         raise SourceError(what, where=where)
     return np.asarray(values)

@@ -74,6 +74,16 @@ def test_a_flat_field_that_no_lens_has_is_refused(row: str) -> None:
         manifest_of(text)
 
 
+@pytest.mark.parametrize("count", [0, 2, 4])
+def test_a_flat_field_has_a_list_a_colour(count: int) -> None:
+    rows = ", ".join(["[1.0, 0.9]"] * count)
+    text = FOLDER_TOML.replace("[table]", f"flat_field = [{rows}]\n\n[table]")
+    wanted = f"3 lists of the light, for red, green and blue; got {count}"
+    with pytest.raises(ManifestError) as raised:
+        manifest_of(text)
+    assert wanted in str(raised.value)
+
+
 def test_broken_scenes_are_named_together_and_the_others_built(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -204,3 +204,12 @@ def test_an_npz_file_holds_one_array_or_one_called_depth() -> None:
     with pytest.raises(SourceError, match="none is called depth") as caught:
         image_files.read_depth_file(held.getvalue(), "a.npz")
     assert caught.value.problems[0].got == "near, far"
+
+
+@pytest.mark.parametrize("shape", [(3, 20, 30), (1, 20, 30), (20,), (2, 3, 4, 5)])
+def test_an_array_of_another_shape_is_no_depth_map(shape: tuple[int, ...]) -> None:
+    file = io.BytesIO()
+    np.save(file, np.ones(shape, np.float32))
+    with pytest.raises(SourceError, match="is not a depth map: numbers of shape") as raised:
+        image_files.read_depth_file(file.getvalue(), "depth.npy")
+    assert str(shape) in str(raised.value)
