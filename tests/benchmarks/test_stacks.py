@@ -70,7 +70,9 @@ print(1024 * int(peak) / stack.nbytes, int(peak) / 1024**2)
 """
 
 
-@pytest.mark.parametrize(("method", "most"), [("shape-from-focus", 10), ("graph-cuts", 60), ("local", 60)])
+@pytest.mark.parametrize(
+    ("method", "most"), [("shape-from-focus", 10), ("graph-cuts", 60), ("local", 60)]
+)
 def test_peak_memory_of_nine_large_images(benchmark: Any, method: str, most: float) -> None:
     """Measure what a process holds at most, Python and its libraries included."""
     if not _STATUS.is_file():
