@@ -408,9 +408,11 @@ def _warnings(
     turned = _warned(evaluated, TURNED)
     # A flat board tells no direction: half the pairs of a set that has some are enough.
     if turned and 2 * turned >= len(evaluated):
+        # A method in metres that does not say so answers the wrong way round on such a set.
+        metres = "; or are these metres?" if manifest.depth.kind == "metres" else ""
         warnings.append(
             f"{TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
-            f"{manifest.depth.direction}"
+            f"{manifest.depth.direction}{metres}"
         )
     if evaluated and _warned(evaluated, UNIT_LEVELS) == len(evaluated):
         warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
