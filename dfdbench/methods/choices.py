@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 #: What is tried: weights of the prior and factors on the smoothing, until they do not help; how
 #: sharp a posterior is.
-WEIGHTS = (0.0, 0.0625, 0.25, 1.0, 4.0, 16.0, 64.0)
+WEIGHTS = (0.0, 0.0625, 0.25, 1.0, 4.0, 16.0)
 SMOOTHINGS = (1, 4, 13)
 SHARPNESSES = (0.25, 1.0, 4.0)
 #: Where no groups are known, consecutive captures are taken for alike: so many parts of them.
@@ -34,9 +33,9 @@ FOLDS = 4
 #: Fewer training captures choose nothing.
 FEWEST = 4
 # Captures that are solved, evenly among all, and the side of the part of each.
-_LOOKED_AT, _SIDE = 16, 256
-# Every so many parts tell whether the others are worth a look.
-_FIRST = 3
+_LOOKED_AT, _SIDE = 16, 192
+# Smoothing that errs so much more, all else as it was best before, is not looked into.
+_HOPELESS = 1.2
 # Levels that a histogram is smoothed by, and the share that is spread over all.
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
 # So many weights in a row that do not help end the search.
@@ -82,9 +81,9 @@ def choose(
 ) -> Chosen:
     """Choose the prior's weight, smoothing and readout by cross-validation over training pairs.
 
-    Parts of some captures are solved with the histogram of the other groups' captures. First
-    weight and smoothing are taken, then the readout, that have the least root mean square error,
-    the mean over parts; all only if that is by a twentieth below the error as usual.
+    Parts of some captures are solved with the histogram of the other groups' captures. What
+    has the least root mean square error is taken, the mean over parts: at each smoothing the weight
+    first, then the readout. All is left as usual if that is not by a twentieth below the error.
 
     Parameters
     ----------
@@ -119,64 +118,52 @@ def choose(
             for turn, place in enumerate(evenly_spread(len(counted), _LOOKED_AT))
         ],
     )
-    if search.error(AS_USUAL) < _LEVEL:
+    if (usual := search.error(AS_USUAL)) < _LEVEL:
         return AS_USUAL
-    weights = WEIGHTS if prior else (0.0,)
+    best, weights = AS_USUAL, WEIGHTS if prior else (0.0,)
     for smoothing in SMOOTHINGS if smooth else (1,):
-        if not search.takes_one_of(weights, smoothing) and smoothing > 1:
-            break
-    if readouts and (least := search.best.weight):
-        for weight, sharpness in product((least, 4 * least), SHARPNESSES):
-            search.takes(replace(search.best, weight=weight, sharpness=sharpness))
-    best = search.best
-    if search.error(best) >= _BETTER * search.error(AS_USUAL):
+        if search.error(replace(best, smoothing=smoothing)) > _HOPELESS * search.error(best):
+            continue
+        here = search.best([replace(AS_USUAL, smoothing=smoothing, weight=w) for w in weights])
+        if readouts and here.weight:
+            sharper = [replace(here, sharpness=sharpness) for sharpness in SHARPNESSES]
+            here = min([here, *sharper], key=search.error)
+        best = min(best, here, key=search.error)
+    if search.error(best) >= _BETTER * usual:
         return AS_USUAL
     return replace(best, energy=best.weight * energy_of(shares))
 
 
 class _Search:
-    """The best choice so far, and what was tried on parts, each with the energy of the others."""
+    """What was tried on parts, each with the energy of other groups."""
 
     def __init__(
         self, solve: Callable[[Part, Chosen], Array], parts: Sequence[tuple[Part, Array]]
     ) -> None:
-        self.best = AS_USUAL
         self._solve, self._parts = solve, parts
-        self._errors: dict[tuple[float, float, int, int], float] = {}
+        self._errors: dict[tuple[float, float, int], float] = {}
 
-    def takes_one_of(self, weights: Sequence[float], smoothing: int) -> bool:
-        """Try rising weights of the prior until they do not help; return whether one is taken."""
-        taken, worse, least = False, 0, np.inf
-        for weight in weights:
-            choice = replace(self.best, weight=weight, smoothing=smoothing)
-            taken |= self.takes(choice)
-            error = self.error(choice, _FIRST)
-            worse = 0 if error < least else worse + 1
-            least = min(error, least)
-            if worse == _ENOUGH:
+    def best(self, choices: Sequence[Chosen]) -> Chosen:
+        """Return the best of some choices, tried until several in a row do not help."""
+        found, worse = choices[0], 0
+        for choice in choices[1:]:
+            if self.error(choice) < self.error(found):
+                found, worse = choice, 0
+            elif (worse := worse + 1) == _ENOUGH:
                 break
-        return taken
+        return found
 
-    def takes(self, choice: Chosen) -> bool:
-        """Make a choice the best one, if the error is less on few parts and then on all."""
-        if any(self.error(choice, step) >= self.error(self.best, step) for step in (_FIRST, 1)):
-            return False
-        self.best = choice
-        return True
-
-    def error(self, choice: Chosen, step: int = 1) -> float:
-        """Return the root mean square error, the mean over every so many parts."""
-        places = range(0, len(self._parts), step)
-        return float(np.mean([self._error(choice, place) for place in places]))
-
-    def _error(self, choice: Chosen, place: int) -> float:
-        key = (choice.weight, choice.sharpness, choice.smoothing, place)
+    def error(self, choice: Chosen) -> float:
+        """Return the root mean square error in levels, the mean over parts."""
+        key = (choice.weight, choice.sharpness, choice.smoothing)
         if key not in self._errors:
-            part, energy = self._parts[place]
-            answer = self._solve(part, replace(choice, energy=choice.weight * energy))
-            off = (np.asarray(answer, np.float64) - part.levels)[part.valid]
-            self._errors[key] = float(np.sqrt(np.square(off).mean())) if off.size else 0.0
+            self._errors[key] = float(np.mean([self._of(*each, choice) for each in self._parts]))
         return self._errors[key]
+
+    def _of(self, part: Part, energy: Array, choice: Chosen) -> float:
+        answer = self._solve(part, replace(choice, energy=choice.weight * energy))
+        off = (np.asarray(answer, np.float64) - part.levels)[part.valid]
+        return float(np.sqrt(np.square(off).mean())) if off.size else 0.0
 
 
 def _part(capture: TrainingPair, turn: int, change: ViewChange | None) -> Part:
