@@ -29,6 +29,7 @@ from dfdbench.evaluation.evaluate import (
     score_predictions,
     without_track,
 )
+from dfdbench.evaluation.fitting import camera_note, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone
@@ -280,7 +281,11 @@ def run(
             check=check,
             on_pair=on_pair,
         )
-        return _run_of({CLEAN: done}, {CLEAN: store}, shown, out, calibration)
+        note = None
+        if calibration and fitted is None:
+            pairs = training_pairs(store, split)[1], store.captures(split)
+            note = camera_note(calibration.law, *pairs)
+        return _run_of({CLEAN: done}, {CLEAN: store}, shown, out, calibration, note)
 
 
 def run_tracks(
@@ -572,12 +577,14 @@ def _run_of(
     protocol: str,
     out: Path | str | None,
     calibration: Calibration | None = None,
+    note: str | None = None,
 ) -> Run:
     runs = {
         label: SavedRun(each.folder / RESULT, each.result, stores[label], "")
         for label, each in done.items()
     }
-    notes = [note for each in done.values() for note in each.notes]
+    notes = [each_note for each in done.values() for each_note in each.notes]
+    notes += [note] if note else []
     if calibration and (change := ViewChange.of(calibration.law)).changes:
         notes.append(f"the fit found the defocus images {change.words()}, and took that out")
     made = Run(runs, protocol, notes, calibration)

@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.datasets.dataset import Captures, Dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, training_of
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.methods.method import Learned, Method, check_learned, restore, teach
+from dfdbench.methods.fitted import evenly_spread
+from dfdbench.methods.law_cost import misfit
+from dfdbench.methods.method import Learned, Method, TrainingPair, check_learned, restore, teach
 from dfdbench.methods.readout import Chosen
 from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
@@ -24,6 +27,8 @@ FIT = "fit.npz"
 TRAINING = "train"
 # NumPy takes names as arguments, of which it has some itself.
 _PREFIX = "learned."
+# So many times as badly explained tells another camera; and of so many captures each.
+_OTHER_CAMERA, _LOOKED_AT = 1.6, 6
 
 
 @dataclass(frozen=True)
@@ -198,6 +203,28 @@ def fit_again(method: Method, folder: Path) -> Fit | None:
     assert fit.learned is not None  # `keep_fit` writes nothing else
     restore(method, fit.learned)
     return fit
+
+
+def camera_note(
+    law: BlurLaw, training: Sequence[TrainingPair], test: Sequence[TrainingPair]
+) -> str | None:
+    """Return a note if a law explains test pairs much worse, or better, than training pairs.
+
+    Then another camera took them, or with other settings.
+    """
+    own, there = (
+        np.median([misfit(law, pairs[at].infocus, pairs[at].defocus) for at in places])
+        for pairs in (training, test)
+        if (places := evenly_spread(len(pairs), _LOOKED_AT))
+    )
+    times = max(own, there) / max(min(own, there), 1e-6)
+    if times < _OTHER_CAMERA:
+        return None
+    how = "worse" if there > own else "better"
+    return (
+        f"the law that was fitted explains the test's images {times:.1f} times {how} than the "
+        "training's: another camera, or other settings?"
+    )
 
 
 def keep_fit(folder: Path, fit: Fit) -> None:

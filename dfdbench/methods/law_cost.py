@@ -137,6 +137,8 @@ Array = NDArray[Any]
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
 _LEVELS_LOOKED_AT = 8
+# Every so many levels, and the side of the corner, that tell how well a law explains a pair.
+_COARSE, _CORNER = 8, 256
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
 
@@ -303,6 +305,23 @@ def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: in
     """
     most = np.iinfo(np.uint16).max
     return int(_add(unary, np.minimum(np.rint(energy), most).astype(np.uint16), limit))
+
+
+def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
+    """Return how badly a law explains a pair, whatever its depth: 1 if by its noise alone.
+
+    The root of the median over a corner's pixels of what the best of some levels leaves, squared,
+    in units of the law's noise. It is below 1, as the best level is chosen.
+    """
+    some = np.arange(0, LAST_LEVEL + 1, _COARSE)
+    blurred = blurred_by(law, infocus, defocus, some)
+    corner = (slice(_CORNER), slice(_CORNER))
+    nodes, aim, noise = (each[corner] for each in (blurred.nodes, blurred.aim, blurred.noise))
+    least = np.full(aim.shape[:2], np.inf)
+    for place, spread in enumerate(blurred.spread):
+        squares = np.square((nodes @ blurred.factors[:, place] - aim) / noise).mean(axis=2)
+        least = np.minimum(least, squares / spread)
+    return float(np.sqrt(np.median(least)))
 
 
 def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:

@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 import typer
 
+from dfdbench.blur.law import GREYS, BlurLaw
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.cli.screen import progress
@@ -14,10 +17,11 @@ from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluation.fitting import FIT, fit_method, read_fit, training_pairs
+from dfdbench.evaluation.fitting import FIT, camera_note, fit_method, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
+from dfdbench.methods.check import MadePair
 from dfdbench.methods.method import Method
 from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Processes
@@ -255,3 +259,21 @@ def test_what_one_run_learned_is_used_in_another(
             tmp_path / "c",
             RunOptions(fitted=tmp_path / "none"),
         )
+
+
+def test_another_camera_in_the_test_is_told() -> None:
+    random = np.random.default_rng(5)
+    recipe = RECIPES["published"]
+
+    def pair(noise: float) -> MadePair:
+        image = random.integers(0, 256, (90, 120, 3)).astype(np.uint8)
+        depth = np.full((90, 120), random.integers(40, 220), np.uint8)
+        blurred = synthesize(image, depth, recipe) + noise * random.normal(size=image.shape)
+        return MadePair(image, np.clip(np.rint(blurred), 0, 255).astype(np.uint8), depth, depth > 0)
+
+    law = BlurLaw(tuple(recipe.sigmas.tolist()), noise=(2.0,) * GREYS)
+    quiet, loud = [pair(2) for _ in range(4)], [pair(6) for _ in range(4)]
+    assert camera_note(law, quiet, quiet[::-1]) is None
+    # Three times the noise, of which black and white cut off a little.
+    assert "2.8 times worse" in str(camera_note(law, quiet, loud))
+    assert "2.8 times better" in str(camera_note(law, loud, quiet))
