@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
-from dfdbench.methods.calibration import calibrate
-from dfdbench.methods.choices import depth_shares
-from dfdbench.methods.fitted import evenly_spread
 from dfdbench.methods.law_cost import blurred_by, information_at
 from dfdbench.methods.method import TrainingPair
 from dfdbench.results.record import Result
@@ -33,43 +30,13 @@ DRAWN = 7
 PROTOCOL, METRIC = "valid", "nrmse"
 _NOTES = (
     "W x W: the least NRMSE (protocol `valid`) of any method that judges a pixel by the W x W "
-    "pixels around it; below, that bound as a part of a run's NRMSE",
+    "pixels around it; below, that bound as a part of a run's; all of them root mean squares over "
+    "captures, a little more than the means that boards show",
     "assumed: normal noise, independent from pixel to pixel, and blur as fitted on training; the "
-    "shape of the depth in the window known, but not how far it is; depths spread as in training",
+    "shape of the depth in the window known, but not how far it is; how the test's depths are "
+    "spread known, too",
     "above 1: the run looks farther than the window, or rounding tells more than such noise would",
 )
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known before a pixel is looked at, measured on training captures.
-
-    Parameters
-    ----------
-    law : BlurLaw
-        How defocus images come about.
-    spread : float
-        Standard deviation of the depths of training, in levels.
-    """
-
-    law: BlurLaw
-    spread: float
-
-    @classmethod
-    def measured(cls, captures: Sequence[TrainingPair]) -> "Known":
-        """Measure it on training captures; each weighs the same in the spread."""
-        few = [captures[index] for index in evenly_spread(len(captures))]
-        shares = depth_shares(few).mean(axis=0)
-        levels = np.arange(LEVELS)
-        mean = np.average(levels, weights=shares)
-        spread = math.sqrt(np.average(np.square(levels - mean), weights=shares))
-        return cls(calibrate(captures).law, spread)
-
-    def bound(self, capture: TrainingPair) -> "Bound":
-        """Return the bound of a capture, at its true depth."""
-        blurred = blurred_by(self.law, capture.infocus, capture.defocus)
-        told = information_at(blurred, capture.levels.astype(np.intp))
-        return Bound(np.where(capture.valid, told, 0), capture.valid, self.spread)
 
 
 @dataclass(frozen=True)
@@ -104,7 +71,7 @@ class Bound:
         its pixels, as if the shape of the depth were known and only its distance were not; s is
         the spread. It holds for biased estimates too, in the mean over depths spread so, and a
         window without texture leaves s. The information at the true depth stands for its mean
-        over depths: where blur does not change evenly with the level, the true bound is higher.
+        over depths: where a wrong level far away looks alike, no method comes near the bound.
 
         Examples
         --------
@@ -129,34 +96,62 @@ class Bound:
         }
 
 
+def bound_of(law: BlurLaw, capture: TrainingPair, spread: float) -> Bound:
+    """Return the bound of a capture under a law, at its true depth."""
+    blurred = blurred_by(law, capture.infocus, capture.defocus)
+    told = information_at(blurred, capture.levels.astype(np.intp))
+    return Bound(np.where(capture.valid, told, 0), capture.valid, spread)
+
+
 def split_bounds(
-    store: Dataset, split: str, known: Known, on_pair: Callable[[int, int], None]
+    store: Dataset, split: str, law: BlurLaw, on_pair: Callable[[int, int], None]
 ) -> dict[Pair, Bound]:
     """Return the bound of each capture of a split; of stacks, of the two images for pairs.
 
     Raises
     ------
     InputError
-        If the store holds no pair of the split, or a stack has no two images for pairs.
+        If the store holds no pair of the split with known depth, or a stack has no two images for
+        pairs.
     """
     pairs = store.pairs(split)
-    if not pairs:
-        raise InputError(f"no pair of split {split}", where=str(store.path))
+    spread = _spread(store, pairs)
     found = {}
     for number, pair in enumerate(pairs, 1):
-        found[pair] = known.bound(store.read(pair).two_of(store.manifest.pair_images))
+        capture = store.read(pair).two_of(store.manifest.pair_images)
+        found[pair] = bound_of(law, capture, spread)
         on_pair(number, len(pairs))
     return found
+
+
+def _spread(store: Dataset, pairs: Sequence[Pair]) -> float:
+    """Return the standard deviation of depth levels, each capture weighing the same."""
+    moments = []
+    for pair in pairs:
+        levels, valid = store.read_levels(pair)
+        if valid.any():
+            known = levels[valid].astype(np.float64)
+            moments.append((known.mean(), np.square(known).mean()))
+    if not moments:
+        raise InputError("no pair with known depth", where=str(store.path))
+    mean, square = np.mean(moments, axis=0)
+    # A set of one depth only: still unknown within a level.
+    return max(math.sqrt(max(square - mean**2, 0)), 1.0)
 
 
 def bound_table(
     manifest: Manifest, split: str, found: Mapping[Pair, Bound], runs: Mapping[str, Result]
 ) -> Table:
-    """Return the least NRMSE by window, the mean over captures, and runs beside it by name.
+    """Return the least NRMSE by window, root mean squares over captures, and runs by name.
 
     A run's captures are those of the bound; a run that lacks a score has none here.
     """
-    least = _means(found)
+    least = {
+        window: _root_mean_square(
+            [n for bound in found.values() if not math.isnan(n := bound.nrmse[window])]
+        )
+        for window in WINDOWS
+    }
     rows = [("least error", NOTHING, *(f"{least[window]:.4f}" for window in WINDOWS))]
     errors = {name: _nrmse(result, found) for name, result in runs.items()}
     for name in sorted(errors, key=lambda name: errors[name]):
@@ -170,7 +165,7 @@ def bound_table(
 
 
 def bound_as_json(
-    manifest: Manifest, fingerprint: str, known: Known, found: Mapping[Pair, Bound]
+    manifest: Manifest, fingerprint: str, law: BlurLaw, found: Mapping[Pair, Bound]
 ) -> str:
     """Return the least NRMSE of each capture by window as JSON."""
     content = {
@@ -178,8 +173,8 @@ def bound_as_json(
         "schema_version": SCHEMA_VERSION,
         "dataset": manifest.stem,
         "fingerprint": fingerprint,
-        "spread": known.spread,
-        "law": known.law.as_dict(),
+        "law": law.as_dict(),
+        "spread": next(iter(found.values())).spread,
         "rows": [
             {"pair": pair.id, **{str(window): _or_none(n) for window, n in bound.nrmse.items()}}
             for pair, bound in found.items()
@@ -188,19 +183,15 @@ def bound_as_json(
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
-def _means(found: Mapping[Pair, Bound]) -> dict[int, float]:
-    numbers = [bound.nrmse for bound in found.values() if bound.valid.any()]
-    return {
-        window: math.fsum(n[window] for n in numbers) / len(numbers) if numbers else math.nan
-        for window in WINDOWS
-    }
-
-
 def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
     wanted = {pair.id for pair in found}
     scores = [pair.scores.get(PROTOCOL, {}) for pair in result.pairs if pair.id in wanted]
     values = [score for each in scores if (score := each.get(METRIC)) is not None]
-    return math.fsum(values) / len(values) if len(values) == len(wanted) else math.nan
+    return _root_mean_square(values) if len(values) == len(wanted) else math.nan
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    return math.sqrt(np.square(values).mean()) if values else math.nan
 
 
 def _or_none(number: float) -> float | None:

@@ -135,13 +135,14 @@ def _answer_bound(
 ) -> None:
     from dfdbench.audit import bound as least
     from dfdbench.evaluation.fitting import training_pairs
+    from dfdbench.methods.calibration import calibrate
 
     manifest = store.manifest
     manifest.scenes_of(split)
     runs = _runs_on(store, split, places)
-    known = least.Known.measured(training_pairs(store, split, manifest.pair_images)[1])
+    law = calibrate(training_pairs(store, split, manifest.pair_images)[1]).law
     with screen.progress("looking at pairs", "nothing was written") as step:
-        found = least.split_bounds(store, split, known, step)
+        found = least.split_bounds(store, split, law, step)
     figure = audits.bound_figure(
         f"least error in {manifest.label}, {split}: best, median and worst pair",
         [
@@ -149,7 +150,7 @@ def _answer_bound(
             for pair in _ends_and_middle(found, lambda pair: found[pair].nrmse[least.DRAWN])
         ],
     )
-    content = least.bound_as_json(manifest, store.fingerprint, known, found)
+    content = least.bound_as_json(manifest, store.fingerprint, law, found)
     table = least.bound_table(manifest, split, found, runs)
     screen.give([table], format, folder, {"bound.json": content, "bound.png": figure})
 
