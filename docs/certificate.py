@@ -5,7 +5,8 @@
 Methods get red, blue and their mean, of eight test captures, fitted on 24 of training. From each
 depth map and the green in-focus image the law fitted to green predicts the green defocus image.
 Printed are each method's NRMSE, the residual's root mean square in units of the law's noise, the
-residual of the true depth, and the rank correlation over methods. Behind the data set's name may
+residual of the true depth, and the rank correlation over methods, also with the error of the blur's
+width, since two depths may have one. Behind the data set's name may
 stand names of methods, from the list below.
 """
 
@@ -14,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -81,6 +83,13 @@ def nrmse(capture: Capture, depth: NDArray[Any]) -> float:
     return float(np.sqrt(np.square(off).mean())) / 255
 
 
+def width_error(law: BlurLaw, capture: Capture, depth: NDArray[Any]) -> float:
+    """Return by how much a depth map's blur is off, in pixels of standard deviation."""
+    widths = np.interp(depth, np.arange(law.levels), law.sigmas)
+    off = (widths - np.array(law.sigmas)[capture.levels])[capture.valid]
+    return float(np.sqrt(np.square(off).mean()))
+
+
 def depth_maps(
     store: Dataset, name: str, train: Sequence[Capture], test: Sequence[Capture]
 ) -> list[NDArray[Any]]:
@@ -103,19 +112,21 @@ def main(dataset: str, *names: str) -> None:
     law = calibrate(train).law
     found = {"truth": [capture.levels.astype(np.float64) for capture in test]}
     found |= {name: depth_maps(store, name, train, test) for name in names or METHODS}
+    measures = (nrmse, partial(residual, law), partial(width_error, law))
     rows = {
         name: [
             float(np.mean([measure(c, depth) for c, depth in zip(test, maps, strict=True)]))
-            for measure in (nrmse, lambda c, depth: residual(law, c, depth))
+            for measure in measures
         ]
         for name, maps in found.items()
     }
     print("| method | NRMSE | residual |\n|:---|---:|---:|")
-    for name, (error, left) in sorted(rows.items(), key=lambda row: row[1]):
+    for name, (error, left, _) in sorted(rows.items(), key=lambda row: row[1]):
         print(f"| {name} | {error:.3f} | {left:.2f} |")
     del rows["truth"]
-    rank = spearmanr(*zip(*rows.values(), strict=True)).statistic
-    print(f"\nRank correlation over {len(rows)} methods: {rank:.2f}.")
+    errors, lefts, widths = zip(*rows.values(), strict=True)
+    rank, by_width = (spearmanr(lefts, values).statistic for values in (errors, widths))
+    print(f"\nRank correlation over {len(rows)} methods: {rank:.2f}; with blur: {by_width:.2f}.")
 
 
 if __name__ == "__main__":

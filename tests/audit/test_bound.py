@@ -2,6 +2,7 @@ import json
 import math
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,9 +10,13 @@ from scipy.ndimage import gaussian_filter
 
 from dfdbench.audit.bound import WINDOWS, Bound, bound_as_json, bound_of, bound_table
 from dfdbench.blur.law import BlurLaw, law_of_fields
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
+from dfdbench.methods.baselines import Local
+from dfdbench.methods.calibration import calibrate
 from tests.made_results import limited, make_demo_result
 
 Floats = NDArray[np.float64]
@@ -176,3 +181,25 @@ def test_a_file_has_the_law_and_every_captures_numbers() -> None:
     assert [row["pair"] for row in content["rows"]] == [first.id, second.id]
     assert content["rows"][0]["1"] == found[first].nrmse[1]
     assert content["rows"][1]["21"] is None
+
+
+@pytest.mark.slow
+def test_local_comes_near_its_bound_away_from_rims(demo_store: Dataset) -> None:
+    law = calibrate(demo_store.captures("train")).law
+    predict, square = Local(RECIPES["published"]), np.ones((7, 7), np.uint8)
+    sums = np.zeros((3, 2))
+    pixels = []
+    for capture in demo_store.captures("test")[::9]:
+        off = predict(capture.infocus, capture.defocus) - capture.levels.astype(np.float64)
+        bound = bound_of(law, capture, 40.0).least_error(7)
+        span = cv2.dilate(capture.levels, square).astype(int) - cv2.erode(capture.levels, square)
+        unknown = cv2.dilate((~capture.valid).astype(np.uint8), square) > 0
+        rim = (span > 8) | unknown
+        far = ~rim & ((np.abs(off) > 4 * bound) | (bound > 16))
+        for total, part in zip(sums, (rim, far, ~rim & ~far), strict=True):
+            part &= capture.valid
+            total += np.square(off)[part].sum(), np.square(bound)[part].sum()
+        pixels.append((~rim & ~far).sum() / capture.valid.sum())
+    assert sums[0, 0] > 0.55 * sums[:, 0].sum()
+    assert np.mean(pixels) > 0.85
+    assert 1 < math.sqrt(sums[2, 0] / sums[2, 1]) < 1.34
