@@ -331,9 +331,9 @@ def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
 def information_at(blurred: Blurred, levels: NDArray[Any]) -> NDArray[np.float64]:
     """Return what each pixel tells of its own depth level, as `information`: shape (y, x).
 
-    Its inverse root is the least standard deviation, in levels, of an
-    unbiased estimate from this pixel alone (Cramer and Rao). Of normal noise with mean m and
-    variance v, both a level's, a channel tells ``m'^2 / v + (v' / v)^2 / 2``.
+    Its inverse root is the least standard deviation, in levels, of an unbiased estimate from this
+    pixel alone (Cramér and Rao). Of normal noise with mean m and variance v, both a level's, a
+    channel tells ``m'^2 / v + (v' / v)^2 / 2``.
 
     Parameters
     ----------
