@@ -348,6 +348,7 @@ def workshop(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) -> P
     folder = tmp_path_factory.mktemp("workshop")
     (folder / "cache/stores").mkdir(parents=True)
     (folder / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    (folder / "leaderboard").symlink_to(ROOT / "leaderboard")
     return folder
 
 

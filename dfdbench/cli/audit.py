@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,10 +17,11 @@ from dfdbench.audit import run_errors, splits
 from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
+from dfdbench.board.row_file import read_row
 from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
@@ -95,19 +97,30 @@ def difficulty(
     noise: Annotated[
         int, Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
+    bound: Annotated[
+        bool, Option("--bound", help="Show instead the least error under the fitted blur.")
+    ] = False,
+    result: Annotated[
+        list[Path] | None,
+        Option(help="With --bound: a run's folder, or a board's with rows; repeatable."),
+    ] = None,
     out: Out = None,
     format: Printed = Format.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
+    if bound:
+        folder = _place(out, store, "bound", split)
+        _answer_bound(store, split, result or [], folder, format)
+        return
+    if result:
+        raise InputError("runs stand beside the bound", where="--result", fix="add --bound")
     folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
     with screen.progress("looking at pairs", "nothing was written") as step:
         found = hardness.split_difficulty(store, split, noise, step)
     rows = hardness.difficulty_rows(manifest, found)
-    order = sorted(found, key=lambda pair: found[pair].share_above(hardness.COARSE))
-    # The easiest pair, the middle one and the hardest.
-    chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
+    chosen = _ends_and_middle(found, lambda pair: found[pair].share_above(hardness.COARSE))
     figure = audits.difficulty_figure(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
@@ -115,6 +128,58 @@ def difficulty(
     content = hardness.difficulty_as_json(manifest, store.fingerprint, noise, rows)
     table = hardness.difficulty_table(manifest, rows, noise)
     screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
+
+
+def _answer_bound(
+    store: Dataset, split: str, places: list[Path], folder: Path, format: Format
+) -> None:
+    from dfdbench.audit import bound as least
+    from dfdbench.evaluation.fitting import training_pairs
+    from dfdbench.methods.calibration import calibrate
+
+    manifest = store.manifest
+    manifest.scenes_of(split)
+    runs = _runs_on(store, split, places)
+    law = calibrate(training_pairs(store, split, manifest.pair_images)[1]).law
+    with screen.progress("looking at pairs", "nothing was written") as step:
+        found = least.split_bounds(store, split, law, step)
+    figure = audits.bound_figure(
+        f"least error in {manifest.label}, {split}: best, median and worst pair",
+        [
+            (pair.id, store.read(pair).shown[0], found[pair])
+            for pair in _ends_and_middle(found, lambda pair: found[pair].nrmse[least.DRAWN])
+        ],
+    )
+    content = least.bound_as_json(manifest, store.fingerprint, law, found)
+    table = least.bound_table(manifest, split, found, runs)
+    screen.give([table], format, folder, {"bound.json": content, "bound.png": figure})
+
+
+def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result]:
+    """Return results by name that are of a split of this very store: of runs, of a board's rows."""
+    runs: dict[str, Result] = {}
+    for place in places:
+        if place.is_file() or (place / RESULT).is_file():
+            result = load_result(place)
+            named = [(method_label(result.method), result)]
+        else:
+            rows = {path.stem: read_row(path) for path in sorted(place.glob("*.json"))}
+            named = [(name, result) for name, row in rows.items() for result in row.results]
+        own = {
+            name: result
+            for name, result in named
+            if (result.dataset.fingerprint, result.dataset.split) == (store.fingerprint, split)
+        }
+        if not own:
+            what = f"no run of split {split} of this {store.manifest.stem}"
+            raise InputError(what, where=str(place), fix="name a run's folder, or rows of a board")
+        runs |= own
+    return runs
+
+
+def _ends_and_middle(pairs: Iterable[Pair], size: Callable[[Pair], float]) -> list[Pair]:
+    order = sorted(pairs, key=size)
+    return list(dict.fromkeys((order[0], order[len(order) // 2], order[-1])))
 
 
 def split_command(

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from dfdbench.audit.bound import DRAWN, Bound
 from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
 from dfdbench.audit.difficulty import STEPS, Difficulty
 from dfdbench.audit.run_errors import DepthErrors, ErrorJoin, LevelErrors
@@ -175,17 +176,48 @@ def difficulty_figure(
     A panel is a pair's name, its in-focus image and what `smallest_step` found. Pixels of unknown
     depth are light blue.
     """
+    labels = [*map(str, STEPS), "none"]
+    steps = [(name, image, np.log2(found.step), found.valid) for name, image, found in panels]
+    return _beside_images(title, "smallest step that is seen", labels, steps)
+
+
+def bound_figure(title: str, panels: Sequence[tuple[str, NDArray[np.uint8], Bound]]) -> Figure:
+    """Draw in-focus images and, beside them, the least error of a method that looks at a window.
+
+    A panel is a pair's name, its in-focus image and its bound. Pixels of unknown depth are light
+    blue.
+    """
+    errors = [
+        (name, image, np.log2(found.least_error(DRAWN)), found.valid)
+        for name, image, found in panels
+    ]
+    what = f"least error, window of {DRAWN} x {DRAWN} pixels"
+    return _beside_images(title, what, [*map(str, STEPS), str(LEVELS)], errors)
+
+
+def _beside_images(
+    title: str,
+    what: str,
+    labels: Sequence[str],
+    panels: Sequence[tuple[str, NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]]],
+) -> Figure:
+    """Draw images and, beside each, a map of levels as powers of 2, where it is valid."""
     figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
     figure.suptitle(title)
-    for (name, image, found), axes in zip(panels, grid, strict=True):
+    for (name, image, powers, valid), axes in zip(panels, grid, strict=True):
         axes[0].imshow(image)
-        step = np.ma.masked_where(~found.valid, np.log2(found.step))
-        axes[1].set_title("smallest step that is seen", fontsize=9)
-        shown = axes[1].imshow(step, cmap="cividis", vmin=0, vmax=8, interpolation="nearest")
         axes[0].set_title(name.replace("/", ", "), fontsize=9)
+        axes[1].set_title(what, fontsize=9)
+        shown = axes[1].imshow(
+            np.ma.masked_where(~valid, powers),
+            cmap="cividis",
+            vmin=0,
+            vmax=len(labels) - 1,
+            interpolation="nearest",
+        )
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
-        bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), "none"])
+        bar.set_ticks(range(len(labels)), labels=labels)
         style.without_ticks(axes, _UNKNOWN)
     return figure
 

@@ -348,6 +348,32 @@ def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
     return math.fsum(found) / len(found)
 
 
+def information_at(blurred: Blurred, levels: NDArray[Any]) -> NDArray[np.float64]:
+    """Return what each pixel tells of its own depth level, as `information`: shape (y, x).
+
+    Its inverse root is the least standard deviation, in levels, of an unbiased estimate from this
+    pixel alone (Cramér and Rao). Of normal noise with mean m and variance v, both a level's, a
+    channel tells ``m'^2 / v + (v' / v)^2 / 2``.
+
+    Parameters
+    ----------
+    blurred : Blurred
+        The pair, at all levels of its law.
+    levels : ndarray of int, shape (y, x)
+        The depth level of each pixel.
+    """
+    # Slopes are taken over a level to either side; at the ends of the scale to the inner one.
+    slopes = np.gradient(blurred.factors, axis=1)
+    # Blur leaves bare surfaces as they are, few kernels nearly so: over wide windows that adds up.
+    slopes -= slopes.mean(axis=0)
+    change = np.zeros(blurred.aim.shape, np.float32)
+    for node, slope in enumerate(slopes.astype(np.float32)):
+        change += blurred.nodes[..., node] * slope[levels][..., np.newaxis]
+    told = np.square(change / blurred.noise).sum(axis=2, dtype=np.float64)
+    wider = np.square(np.gradient(np.log(blurred.spread))) * blurred.aim.shape[2] / 2
+    return np.asarray(told / blurred.spread[levels] + wider[levels])
+
+
 def law_misfits(blurred: Blurred, before: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
     """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
 

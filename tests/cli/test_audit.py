@@ -9,6 +9,7 @@ import pytest
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Threads
@@ -73,6 +74,32 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
     for quiet, noisy in zip(rows, json.loads(harder.out)["rows"], strict=True):
         assert quiet["neighbours"] < noisy["neighbours"]
     assert Path("results/uneven-difficulty/all/difficulty.png").exists()
+
+
+def test_runs_are_compared_with_the_bound_alone(dfdbench: Command, uneven: str) -> None:
+    dfdbench.fine("run --split Two --method local --dataset", uneven, "--out", "runs/local")
+    verb = ("audit difficulty", uneven, "--result", "runs/local")
+    dfdbench.refused("add --bound", *verb)
+    dfdbench.refused("no run of split One", *verb, "--split", "One", "--bound")
+
+
+@pytest.mark.slow
+def test_the_bound_stands_beside_runs_of_the_same_store(
+    dfdbench: Command, demo_store: Dataset
+) -> None:
+    demo = str(demo_store.path)
+    for name, method in (("good", "s-transform"), ("bad", "constant")):
+        dfdbench.fine("run --split Market --dataset", demo, "--method", method, "--out", name)
+    bound = ("audit difficulty", demo, "--split", "Market", "--bound")
+    shown = dfdbench.fine(*bound, "--result", "bad", "--result", "good/result.json", "--out", "out")
+    assert shown.out.index("least error") < shown.out.index("s-transform")
+    assert shown.out.index("s-transform") < shown.out.index("constant")
+    rows = json.loads(Path("out/bound.json").read_text())["rows"]
+    assert len(rows) == len(demo_store.pairs("Market"))
+    assert all(0 < row["21"] <= row["7"] <= row["1"] for row in rows)
+    assert Path("out/bound.png").stat().st_size > 5_000
+    board = Path(__file__).parents[2] / "leaderboard/results/demo-1-test"
+    dfdbench.refused("no run of split Market", *bound, "--result", str(board))
 
 
 def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven: str) -> None:
