@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Image, Solver, channels_of, number_within
+from dfdbench.methods.fitted import Image, Solver, channels_of, fit_problems, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.methods.readout import read_out
 
@@ -72,7 +72,8 @@ class Guided(Solver):
         limit: float = 15.0,
         prior: bool = True,
     ) -> None:
-        problems = number_within("flatness", flatness, 0, 1e6)
+        problems = fit_problems(prior, window)
+        problems += number_within("flatness", flatness, 0, 1e6)
         problems += number_within("limit", limit, 0, 10000)
         if problems:
             raise MethodError.of(problems)
