@@ -141,8 +141,11 @@ class DepthPredictor:
         """What the depth means, in words."""
         if self.unit == "metres":
             return "distances in metres"
-        levels = "depth levels from 0 (far) to 255 (near)"
-        if (scale := self._scale) is None:
+        scale = self._scale
+        turned = scale is not None and scale.far_level > scale.near_level
+        levels = f"depth levels from 0 ({'near' if turned else 'far'}) to 255 "
+        levels += "(far)" if turned else "(near)"
+        if scale is None:
             return f"{levels}; how far that is in metres is not known"
         law = "1 / distance" if scale.law == "inverse" else "distance"
         return (

@@ -93,7 +93,12 @@ def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -
 def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
     (tmp_path / "lens.toml").write_text(LENS)
     predictor = DepthPredictor("local", tmp_path / "lens.toml")
+    assert predictor.meaning.startswith("depth levels from 0 (far) to 255 (near)")
     assert predictor.meaning.endswith("level 1 is 5 m, level 255 is 0.5 m")
+    turned = LENS + "near_level = 1\nfar_level = 255\n"
+    (tmp_path / "turned.toml").write_text(turned)
+    said = DepthPredictor("local", tmp_path / "turned.toml").meaning
+    assert said.startswith("depth levels from 0 (near) to 255 (far)")
     assert predictor(*pair[:2]).depth.shape == pair[2].shape
 
 
