@@ -267,6 +267,9 @@ def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit
     print_tables(tables[:1] if format is Format.csv else tables, format)
     if fitted := done.result.method.fitted_on:
         say(f"fitted       on {fitted}, in {done.result.method.fit_seconds:.1f} s")
+    if chosen := done.result.method.chosen:
+        words = ", ".join(f"{name} {value:g}" for name, value in chosen.items())
+        say(f"chosen       {words}, by the fit")
     say(f"results      {done.folder}")
     if done.failed:
         again = "it" if done.failed == 1 else "them"

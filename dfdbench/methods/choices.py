@@ -56,14 +56,6 @@ class Part(NamedTuple):
     valid: NDArray[np.bool_]
 
 
-def depth_shares(captures: Sequence[TrainingPair]) -> NDArray[np.float64]:
-    """Return how often each capture shows each level: shares, shape (capture, level)."""
-    shares = np.zeros((len(captures), LEVELS))
-    for share, capture in zip(shares, captures, strict=True):
-        share[:] = np.bincount(capture.levels[capture.valid], minlength=LEVELS)
-    return np.asarray(shares / np.maximum(shares.sum(axis=1, keepdims=True), 1))
-
-
 def energy_of(shares: Array) -> NDArray[np.float64]:
     """Return what each level costs by how often it is shown: nats, the most frequent one 0."""
     mean = shares.mean(axis=0, keepdims=True)
@@ -105,19 +97,20 @@ def choose(
     if count < FEWEST:
         return AS_USUAL
     read = evenly_spread(count)
-    counted = [captures[index] for index in read]
-    shares = depth_shares(counted)
-    groups = np.array([str(getattr(capture, "group", "")) for capture in counted])
-    if not all(groups):
-        groups = np.array([str(index * FOLDS // count) for index in read])
+    looked_at = {place: turn for turn, place in enumerate(evenly_spread(len(read), _LOOKED_AT))}
+    shares, named, parts = np.zeros((len(read), LEVELS)), list[str](), dict[int, Part]()
+    # One capture after the other: they may be large.
+    for place, index in enumerate(read):
+        capture = captures[index]
+        shares[place] = _shares(capture)
+        named.append(str(getattr(capture, "group", "")))
+        if place in looked_at:
+            parts[place] = _part(capture, looked_at[place], change)
+    groups = np.array(named if all(named) else [str(index * FOLDS // count) for index in read])
     if len(set(groups)) == 1:
         return AS_USUAL
     search = _Search(
-        solve,
-        [
-            (_part(counted[place], turn, change), energy_of(shares[groups != groups[place]]))
-            for turn, place in enumerate(evenly_spread(len(counted), _LOOKED_AT))
-        ],
+        solve, [(part, energy_of(shares[groups != groups[at]])) for at, part in parts.items()]
     )
     if (usual := search.error(AS_USUAL)) < _FEW_LEVELS:
         return AS_USUAL
@@ -133,6 +126,12 @@ def choose(
     if search.error(best) >= _BETTER * usual:
         return AS_USUAL
     return replace(best, energy=best.weight * energy_of(shares))
+
+
+def _shares(capture: TrainingPair) -> NDArray[np.float64]:
+    """Return how often a capture shows each level, as a part of its known pixels."""
+    counts = np.bincount(capture.levels[capture.valid], minlength=LEVELS)
+    return np.asarray(counts / max(counts.sum(), 1))
 
 
 class _Search:
