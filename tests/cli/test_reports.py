@@ -35,7 +35,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert "figure       folder/compare.png" in dfdbench(*both, "--out", "folder").err
     assert Path("folder/compare.png").exists()
     sheet = dfdbench(*both, "--format", "csv", "--out", "a.png").out.splitlines()
-    assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,verdict"
+    assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,p,verdict"
     assert not any(line.startswith(",") for line in sheet)
     for arguments, told in (
         (("report", "window=5", "--out", "mymodule.py"), "cannot write the answer"),
