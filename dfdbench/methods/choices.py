@@ -40,7 +40,7 @@ _HOPELESS = 1.2
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
 # So many weights in a row that do not help end the search.
 _ENOUGH = 2
-# A gain of a tenth on parts cost `sgm` 0.003 on the demo set's `law-3`: less than a seventh is taken
+# A gain of a tenth on parts cost `sgm` 0.003 on demo's `law-3`: less than a seventh is taken
 # for chance, and all left as usual; so it is where the error is but a few levels.
 _BETTER, _FEW_LEVELS = 0.85, 5.0
 
