@@ -419,7 +419,7 @@ def tune(
     >>> dfdbench.tune("s-transform", "dfd-indoor", {"window": [9, 91]})  # doctest: +SKIP
     """
     store = _opened(dataset, cache)
-    return cross_validate(store, method, ranges, parameters, protocol, limit, seed, on_pair=on_pair)
+    return cross_validate(store, method, ranges, parameters, protocol, limit, seed, on_pair)
 
 
 def run_transfer(

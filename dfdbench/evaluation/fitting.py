@@ -210,8 +210,11 @@ def camera_note(
 ) -> str | None:
     """Return a note if a law explains test pairs much worse, or better, than training pairs.
 
-    Then another camera took them, or with other settings.
+    Then another camera took them, or with other settings. Of stacks nothing is said: which of their
+    images the law is of is not known here.
     """
+    if not (training[0].is_pair and test[0].is_pair):
+        return None
     own, there = (
         np.median([misfit(law, pairs[at].infocus, pairs[at].defocus) for at in places])
         for pairs in (training, test)

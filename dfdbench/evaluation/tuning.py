@@ -28,44 +28,18 @@ FOLDS = 4
 def cross_validate(
     store: Dataset,
     method: str | Callable[..., Any],
-    ranges: Mapping[str, Sequence[Any]] | None = None,
-    parameters: Mapping[str, Any] = {},
-    protocol: str | None = None,
-    limit: int | None = None,
-    seed: int = 0,
-    on_pair: Callable[[int, int], None] | None = None,
+    ranges: Mapping[str, Sequence[Any]] | None,
+    parameters: Mapping[str, Any],
+    protocol: str | None,
+    limit: int | None,
+    seed: int,
+    on_pair: Callable[[int, int], None] | None,
 ) -> pd.DataFrame:
     """Score every combination of parameters on training captures that it was not fitted on.
 
     The captures are divided into four folds, those of a group together. For each fold the method
     is fitted on the other three, if it has a fit, and scored on the fold.
-
-    Parameters
-    ----------
-    store : Dataset
-        The data set, with its training split.
-    method, parameters, seed
-        As for `load_for`.
-    ranges : mapping of str to sequence, optional
-        The values of each parameter; by default the method's own ``ranges``.
-    protocol : str, optional
-        By default the data set's headline.
-    limit : int, optional
-        At most so many captures are scored, evenly among all.
-    on_pair : callable, optional
-        Called with what is done and what is to do.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row a combination, the best first: the means of the metrics, indexed by the parameters.
-
-    Raises
-    ------
-    InputError
-        If nothing is to be tried, or the training captures are of fewer groups than folds.
-    MethodError
-        If the method does not take a parameter, fails in its fit, or on a capture.
+    Parameters, answer and errors are those of `dfdbench.tune`.
     """
     loaded = load_for(store, method, parameters, seed)
     ranges = dict(ranges or loaded.attribute("ranges") or {})

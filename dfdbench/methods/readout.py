@@ -57,7 +57,7 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     costs : ndarray
         The prior's among them.
     sharpness : float
-        See `DepthPrior`.
+        See `Chosen`.
 
     Examples
     --------

@@ -277,3 +277,10 @@ def test_another_camera_in_the_test_is_told() -> None:
     # Three times the noise, of which black and white cut off a little.
     assert "2.8 times worse" in str(camera_note(law, quiet, loud))
     assert "2.8 times better" in str(camera_note(law, loud, quiet))
+
+
+def test_of_stacks_no_camera_is_told() -> None:
+    grey = np.full((40, 50, 3), 90, np.uint8)
+    stack = MadePair(grey, grey, np.full((40, 50), 90, np.uint8), np.ones((40, 50), bool), planes=3)
+    law = BlurLaw(tuple(RECIPES["published"].sigmas.tolist()), noise=(2.0,) * GREYS)
+    assert camera_note(law, [stack], [stack]) is None
