@@ -120,11 +120,22 @@ def test_names_wrong_parameters() -> None:
 
 
 def test_texture_has_more_focus_than_its_blur() -> None:
-    grey = texture(0).mean(2).astype(np.float32)
-    blurred = blurred_to(grey[..., np.newaxis], np.ones(grey.shape), 0, 1.5)[..., 0]
+    image = texture(0)
+    blurred = np.rint(blurred_to(image, np.ones(image.shape[:2]), 0, 1.5)).astype(np.uint8)
     for measure in MEASURES:
-        sharp, soft = (focus_cells(image.astype(np.float32), measure) for image in (grey, blurred))
+        sharp, soft = focus_cells(image, measure), focus_cells(blurred, measure)
         assert (sharp > soft).mean() > 0.99
+
+
+def test_bands_of_rows_leave_no_seam() -> None:
+    image = np.vstack([texture(number) for number in range(4)])[:158]
+    for measure, (function, power) in MEASURES.items():
+        whole = function(image.astype(np.float32).mean(2).round())
+        cells = whole[:156, :64].reshape(39, 4, 16, 4).mean((1, 3))
+        found = np.exp(
+            power * focus_cells(image.mean(2).round().astype(np.uint8)[..., None], measure)
+        )
+        np.testing.assert_allclose(found[:39, :16], cells + 0.01**power, rtol=1e-4)
 
 
 def test_the_law_of_contrast_is_told_by_the_next_image() -> None:
