@@ -218,8 +218,9 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
             energies[group.pattern][key] = laplacian_energy(photograph)
     seen = [group for group in groups if energies[group.pattern]]
     if len(seen) < 2:
-        what = "photographs and depth maps share no scene"
-        raise InputError(what, where=facts.roles["depth"].pattern)
+        what = "no scene has two photographs beside its depth map"
+        fix = "put photographs of another blur beside them, named alike in every scene"
+        raise InputError(what, where=facts.roles["depth"].pattern, fix=fix)
     order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
     order = _smallest_aperture_first(order)
     sharp, blurred = order[0], order[-1]

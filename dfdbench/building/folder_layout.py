@@ -63,6 +63,17 @@ class Layout:
     by_order: bool
     left: tuple[str, ...]
 
+    def of_scenes(self, scenes: tuple[Key, ...]) -> "Layout":
+        """Return the layout of some of the scenes; the files of others are left."""
+        kept = [
+            Group(group.pattern, {key: group.files[key] for key in scenes if key in group.files})
+            for group in self.groups
+        ]
+        others = {path for group in self.groups for path in group.files.values()}
+        others -= {path for group in kept for path in group.files.values()}
+        left = tuple(sorted({*self.left, *others}))
+        return Layout(tuple(g for g in kept if g.files), scenes, self.by_order, left)
+
 
 def image_files(folder: Path) -> tuple[str, ...]:
     """Return the images and depth arrays below a folder, sorted, hidden ones left out."""

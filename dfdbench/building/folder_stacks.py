@@ -103,10 +103,19 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Stacks | None:
     layouts = [single_scene(left, folder.resolve().name)] if len(images) == 1 else []
     layouts += folder_layouts(left, least=1)
     return max(
-        (stacks for layout in layouts if (stacks := Stacks(layout, images)).kinds),
+        (stacks for each in layouts if (stacks := Stacks(_stacked(each, images), images)).kinds),
         key=lambda stacks: len(stacks.layout.scenes),
         default=None,
     )
+
+
+def _stacked(layout: Layout, images: dict[str, tuple[str, ...]]) -> Layout:
+    """Return a layout without the scenes that have no stack, if most have one."""
+    stacks = [group.files for group in layout.groups if set(group.files.values()) & set(images)]
+    with_stack = tuple(key for key in layout.scenes if any(key in files for files in stacks))
+    if 2 * len(with_stack) <= len(layout.scenes):
+        return layout
+    return layout.of_scenes(with_stack)
 
 
 def _templates(path: str) -> Iterator[tuple[str, int]]:

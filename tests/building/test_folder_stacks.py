@@ -40,6 +40,16 @@ def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stack.focus_distance, [np.nan, *sorted(FOCUS.values())[::-1]])
 
 
+def test_a_scene_with_one_image_is_left_out_and_named(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for image in sorted((folder / SCENES[0]).glob("f_*.png"))[1:]:
+        image.unlink()
+    written = new_manifest(folder)
+    assert any(f"{SCENES[0]}/f_001.png" in text for text in written.open)
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    assert manifest.scene_names == tuple(sorted(SCENES[1:]))
+
+
 def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Path) -> None:
     # As the stack of a light field, whose depth is in pixels a view.
     made = make_stacks(tmp_path / "made") / "desk"
