@@ -251,7 +251,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     Raises
     ------
     MethodError
-        If no pixel of known depth shows any blur.
+        If no pixel of known depth shows any blur, or not all pairs were taken at one aperture.
 
     Notes
     -----
@@ -279,23 +279,29 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
-    focus = _focus(captures[0])
-    for place in _places(len(captures)):
-        there = _focus(captures[place])
-        if there.size != focus.size or not np.allclose(there, focus, rtol=1e-3, equal_nan=True):
-            what = f"the training stacks are not focused alike, {focus} and {there}"
-            raise MethodError(what, where="focus_depth")
     return _calibrate(captures, _of_stack)
 
 
-def _focus(capture: TrainingPair) -> Array:
-    stack = capture.stack
-    return np.asarray(stack["focus_depth"].values[stack["role"] != "infocus"])
+def _require_alike(captures: Sequence[TrainingPair]) -> None:
+    """Refuse captures of different cameras: one law would be fitted to many."""
+    known: dict[str, Array] = {}
+    for place in _places(len(captures)):
+        stack = captures[place].stack
+        facts = {} if is_pair(stack) else {"focus_depth": "focused alike"}
+        facts["f_number"] = "taken at one aperture"
+        for fact, how in facts.items():
+            there = np.asarray(stack[fact].values[stack["role"] != "infocus"])
+            alike = known.setdefault(fact, there)
+            if there.shape != alike.shape or not np.allclose(there, alike, 1e-3, equal_nan=True):
+                what = f"the training captures are not {how}, {alike} and {there}"
+                fix = "fit to captures of one kind: a manifest with one value of that axis"
+                raise MethodError(what, where=fact, fix=fix)
 
 
 def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:
     if not len(captures):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
+    _require_alike(captures)
     changes = _changes(captures, read)
     parts = _parts(captures, read, changes)
     changes = changes or [ViewChange()] * len(parts)

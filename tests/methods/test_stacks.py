@@ -133,6 +133,14 @@ def test_training_stacks_have_to_be_focused_alike() -> None:
         calibrate_images([captures[0], made_capture(1, FOCUS[:3])])
 
 
+def test_training_captures_have_to_be_of_one_aperture() -> None:
+    captures = [made_capture(seed, FOCUS) for seed in (0, 1)]
+    for capture, number in zip(captures, (2.8, 4), strict=True):
+        capture.stack = capture.stack.assign_coords(f_number=("image", [16.0] + [number] * 4))
+    with pytest.raises(MethodError, match="not taken at one aperture"):
+        calibrate_images(captures)
+
+
 def test_favaro_and_soatto_take_any_number_of_images() -> None:
     errors = []
     for focus in (FOCUS[:1], FOCUS[::2]):
