@@ -38,7 +38,6 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
-from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run
 from dfdbench.report.transfer import Transfer
@@ -585,8 +584,10 @@ def _run_of(
     }
     notes = [each_note for each in done.values() for each_note in each.notes]
     notes += [note] if note else []
-    if calibration and (change := ViewChange.of(calibration.law)).changes:
+    if calibration and (change := calibration.change).changes:
         notes.append(f"the fit found the defocus images {change.words()}, and took that out")
+    elif calibration and change.has_shadow:
+        notes.append(f"the fit found the defocus images {change.words()}")
     made = Run(runs, protocol, notes, calibration)
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)

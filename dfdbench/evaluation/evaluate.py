@@ -23,7 +23,6 @@ from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictio
 from dfdbench.evaluation.run import RunDone, compose, run_method
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction
-from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
@@ -68,12 +67,13 @@ def evaluate(
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
     # Someone else's method may have something else of that name.
     found = loaded.attribute("calibrations")
-    found = found if isinstance(found, tuple) else ()
-    laws = [one.law for one in found if isinstance(one, Calibration)]
-    for number, law in enumerate(laws, 1):
-        name = "law.toml" if len(laws) == 1 else f"law-{number}.toml"
-        write_whole(folder / name, f"# {ViewChange.of(law).words()}\n{law.as_toml()}")
-    return done, found[0] if len(laws) == 1 else None
+    found = (
+        [one for one in found if isinstance(one, Calibration)] if isinstance(found, tuple) else []
+    )
+    for number, one in enumerate(found, 1):
+        name = "law.toml" if len(found) == 1 else f"law-{number}.toml"
+        write_whole(folder / name, f"# {one.change.words()}\n{one.law.as_toml()}")
+    return done, found[0] if len(found) == 1 else None
 
 
 def without_track(dataset: str) -> Manifest:

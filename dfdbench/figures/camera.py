@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.figures import style
-from dfdbench.methods.view_change import ViewChange
 from dfdbench.optics.lens_table import LensTable, StepPair
 from dfdbench.optics.sharpness import Measurement
 from dfdbench.optics.thin_lens import ThinLens
@@ -29,7 +28,7 @@ def law_figure(calibration: Calibration) -> Figure:
     """
     law = calibration.law
     levels = np.arange(law.levels)
-    change = ViewChange.of(law)
+    change = calibration.change
     figure = Figure(figsize=(9, 6 + 2 * bool(law.falloff)), layout="constrained")
     ratios = (2, 1, 1) if law.falloff else (2, 1)
     widths, left, *corners = figure.subplots(len(ratios), 1, height_ratios=ratios)

@@ -155,7 +155,7 @@ def _parts(
         capture = captures[place]
         region = _region(capture.levels.shape, number)
         known = capture.levels[region], capture.valid[region]
-        if changes:
+        if any(change.changes for change in changes):
             # They are about the middle of the whole image.
             infocus, images = read(capture, _ALL)
             infocus = infocus[region]
@@ -167,13 +167,12 @@ def _parts(
 
 
 def _changes(captures: Sequence[TrainingPair], read: Read) -> list[ViewChange]:
-    """Return what the camera changes in each defocus image beside the blur; none if in nothing."""
+    """Return what the camera changes in each defocus image beside the blur."""
     seen: list[list[Images]] = []
     for place in _places(len(captures), _VIEWS):
         infocus, images = read(captures[place], _ALL)
         seen.append([Images.small(infocus, image) for image in images])
-    found = [find_change(each) for each in zip(*seen, strict=True)]
-    return found if any(change.changes for change in found) else []
+    return [find_change(each) for each in zip(*seen, strict=True)]
 
 
 def _places(count: int, most: int = _PAIRS) -> list[int]:
@@ -304,7 +303,6 @@ def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration
     _require_alike(captures)
     changes = _changes(captures, read)
     parts = _parts(captures, read, changes)
-    changes = changes or [ViewChange()] * len(parts)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
 
 
@@ -344,7 +342,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
         falloff=change.falloff,
     )
     widths = np.where(pixels > 0, best_widths(sums)[0], np.nan)
-    return Calibration(law, widths, pixels, residual)
+    return Calibration(law, widths, pixels, residual, change.uneven)
 
 
 def _way(few: Sequence[Part]) -> Way:

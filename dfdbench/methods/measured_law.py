@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw, law_of_fields
 from dfdbench.methods.method import Learned
-from dfdbench.methods.view_change import KNOTS
+from dfdbench.methods.view_change import KNOTS, ViewChange
 
 # No fall-off.
 _EVEN = [1.0] * KNOTS
@@ -30,12 +30,20 @@ class Calibration:
         How many pixels counted.
     residual : ndarray of float64, shape (level,)
         Root mean square in grey levels of what the law leaves unexplained; NaN without pixels.
+    uneven : float
+        How much the light differs from place to place, fall-off apart: see `ViewChange`.
     """
 
     law: BlurLaw
     measured: NDArray[np.float64]
     pixels: NDArray[np.int64]
     residual: NDArray[np.float64]
+    uneven: float = 0.0
+
+    @property
+    def change(self) -> ViewChange:
+        """What the camera changes beside the blur."""
+        return replace(ViewChange.of(self.law), uneven=self.uneven)
 
     def as_learned(self) -> Learned:
         """Return it as a method's fit returns it."""
@@ -46,6 +54,7 @@ class Calibration:
             "measured": self.measured,
             "pixels": self.pixels,
             "residual": self.residual,
+            "uneven": self.uneven,
         }
 
     @classmethod
@@ -76,6 +85,7 @@ class Calibration:
         measured, pixels, residual = (
             np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")
         )
+        uneven = float(fields.pop("uneven"))
         law = {name: np.asarray(value).tolist() for name, value in fields.items()}
         law["falloff"] = [curve for curve in law["falloff"] if curve != _EVEN]
-        return cls(law_of_fields(law), measured, pixels, residual)
+        return cls(law_of_fields(law), measured, pixels, residual, uneven)

@@ -96,7 +96,9 @@ def test_a_shadow_is_no_fall_off() -> None:
         shaded.append(pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8)))
     found = find_change(shaded)
     assert found.falloff == ()
-    assert found.by_radius < 0.5
+    assert found.has_shadow
+    assert "a shadow?" in found.words()
+    assert not find_change([pair(number) for number in range(4)]).has_shadow
 
 
 def test_two_captures_and_one_without_texture_say_nothing() -> None:

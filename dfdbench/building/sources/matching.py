@@ -343,7 +343,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     align, moved = _proposed(moves)
     light = replace(find_change(seen), similarity=ViewChange.similarity)
     found = [*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %"]
-    if light.changes:
+    if light.changes or light.has_shadow:
         found.append(f"the defocus images are {light.words()}")
     measured = len(moves)
     return Matching(align, gain > _UNGAINED, light.falloff, tuple(found), tuple(problems), measured)
