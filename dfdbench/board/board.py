@@ -16,7 +16,7 @@ from dfdbench.board.published import PUBLISHED, load_published, published_summar
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
 from dfdbench.board.seeds import Draw, read_draws
-from dfdbench.board.tables import board_tables, records_of
+from dfdbench.board.tables import further_tables, ranking_table, records_of
 from dfdbench.datasets.rendered import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.results.frame import scores_of
@@ -61,7 +61,7 @@ class Board:
 
     def _repr_html_(self) -> str:
         return "".join(
-            as_html(board_tables(board, self.folder)[0]) for board in self.boards if board.headline
+            as_html(ranking_table(board, self.folder)) for board in self.boards if board.headline
         )
 
     @functools.cached_property
@@ -136,7 +136,7 @@ class Board:
 
     def tables(self) -> list[Table]:
         """Return the rankings as tables."""
-        return [board_tables(board, self.folder)[0] for board in self.boards]
+        return [ranking_table(board, self.folder) for board in self.boards]
 
     def write(self) -> Path:
         """Write the leaderboard's README, and return its path.
@@ -186,12 +186,17 @@ class Board:
         draw = next((draw for draw in self.draws if self._of_seed(draw)), None)
         newest = self._of_seed(draw) if draw else []
         compared = dict.fromkeys(table.compare for table in published if table.compare)
-        others = [b for b in self.boards if not any(b is board for board in newest)]
-        contexts = [self._context(board) for board in others]
+        others = [
+            board
+            for board in self.boards
+            if not any(board is one for one in newest)
+            and (whole or (board.headline and seeded(board.result.dataset.name) is None))
+        ]
+        contexts = [self._context(board, whole) for board in others]
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
             whole=whole,
             draw=draw,
-            newest=[self._context(board) for board in newest],
+            newest=[self._context(board, whole=False) for board in newest],
             cards=as_markdown(cards_table(self.cards, in_repository=not whole)),
             note=_text(self.folder / NOTE).rstrip(),
             boards=[c for c in contexts if c["suite"] == CLEAN and not c["scored"]],
@@ -211,8 +216,9 @@ class Board:
         names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
         return [b for b in self.boards if b.result.dataset.name in names and b.headline]
 
-    def _context(self, board: ScoreBoard) -> dict[str, Any]:
-        ranking, *others = board_tables(board, self.folder)
+    def _context(self, board: ScoreBoard, whole: bool) -> dict[str, Any]:
+        ranking = ranking_table(board, self.folder)
+        others = further_tables(board, self.folder) if whole else []
         return {
             "suite": board.suite,
             "scored": bool(board.result.method.scored),

@@ -145,7 +145,7 @@ class ScoreBoard:
         if standing.entry.complete:
             return score_text(standing.scores.get(metric))
         own = self.scores[(self.scores["row"] == row) & (self.scores["metric"] == metric)]
-        mean = mean_defined(own["value"])
+        mean = mean_defined(own["value"].to_numpy())
         return NOTHING if np.isnan(mean) else f"({score_text(mean)})"
 
 
@@ -197,7 +197,9 @@ def over_tracks(means: pd.Series, suite: str) -> pd.DataFrame:
         found = [find_degradation(label) for label in SUITES[suite]]
         wanted = [(place.track.name, place.severity) for place in found]
         parts = parts.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=parts.columns.names))
-    return pd.DataFrame(parts.T.groupby(level="track", sort=False).agg(mean_of_all)).T
+    tracks, table = parts.columns.get_level_values("track"), parts.to_numpy()
+    each = {name: list(map(mean_of_all, table[:, tracks == name])) for name in tracks.unique()}
+    return pd.DataFrame(each, parts.index).rename_axis(columns="track")
 
 
 def mean_of_all(values: Iterable[float]) -> float:

@@ -19,7 +19,7 @@ from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.run import without_folder
-from dfdbench.methods.registry import registered_methods
+from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results import record, wording
 from dfdbench.system.files import read_whole
@@ -367,7 +367,9 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
             place = f"{where}: {run.label}, fingerprint"
             fix = f"build {name} and run it again: `dfdbench build {name}`"
             yield Problem(f"run on other data than {name}", where=place, fix=fix)
-    entry = row.method.name if ":" in row.method.name else registered_methods().get(row.method.name)
+    name = row.method.name
+    # Asking what packages offer takes a while, and no package takes a built-in name.
+    entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
     if not row.method.scored and entry and without_folder(entry) != row.method.entry:
         what = f"{row.method.name} is another method here: {without_folder(entry)}"
         fix = "name the method by its entry: MODULE:NAME"

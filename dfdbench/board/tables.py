@@ -19,8 +19,8 @@ from dfdbench.results.differences import verdict_note
 from dfdbench.tables.table import Link, Table
 
 
-def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
-    """Return a ranking's tables, those with rows, the ranking first.
+def ranking_table(board: ScoreBoard, folder: Path) -> Table:
+    """Return a ranking, of single runs or over tracks.
 
     Parameters
     ----------
@@ -29,12 +29,14 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
     folder : Path
         The leaderboard's folder, from which links go out.
     """
-    if board.suite != CLEAN:
-        return [tracks_table(board, folder)]
-    if board.result.method.scored:
-        return [standings_table(board, folder)]
+    return (standings_table if board.suite == CLEAN else tracks_table)(board, folder)
+
+
+def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
+    """Return the tables beside a ranking of single runs that have rows."""
+    if board.suite != CLEAN or board.result.method.scored:
+        return []
     tables = [
-        standings_table(board, folder),
         lighting_table(board),
         scenes_table(board),
         scenes_table(board, folds=True),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN, TRACKS, find_degradation
 from dfdbench.datasets.catalog import part_name
@@ -95,9 +96,15 @@ def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
     *by : str
         Its columns that make the groups; the answer has them as index, in order of appearance.
     """
-    parts = scores.assign(evaluated=scores["status"] == "ok").groupby([*by], sort=False)
-    means = parts["value"].agg(mean_defined)
-    return means.where(parts["evaluated"].all())
+    parts = scores.groupby([*by], sort=False)
+    # By hand: an aggregate of pandas that sums exactly takes ten times as long.
+    numbers, index = parts.ngroup().to_numpy(), parts.size().index
+    order = numbers.argsort(kind="stable")
+    starts = np.flatnonzero(np.diff(numbers[order])) + 1
+    values = np.split(scores["value"].to_numpy()[order], starts) if len(order) else []
+    means = np.array([mean_defined(each) for each in values])
+    means[numbers[scores["status"] != "ok"]] = np.nan
+    return pd.Series(means, index, name="value")
 
 
 def capture_means(scores: pd.DataFrame, by: str) -> pd.Series:
@@ -121,9 +128,8 @@ def with_groups(values: pd.Series) -> tuple[list[float], list[str]]:
     return defined.tolist(), defined.index.get_level_values("group").tolist()
 
 
-def mean_defined(values: pd.Series) -> float:
-    """Return the mean of the values that are not NaN, or NaN if there are none."""
-    numbers = values.to_numpy()
+def mean_defined(numbers: NDArray[np.float64]) -> float:
+    """Return the mean of the numbers that are not NaN, or NaN if there are none."""
     mean = mean_of(numbers[~np.isnan(numbers)].tolist())
     return np.nan if mean is None else mean
 
