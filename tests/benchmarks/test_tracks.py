@@ -1,4 +1,7 @@
-"""A pair on each track against the clean blur, in one run, on one thread."""
+"""A pair on each track against the clean blur, in one run, on one thread.
+
+Nothing is asserted of times.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,6 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, find_degradation
 
 RECIPE = RECIPES["published"]
-#: How many times the clean blur's time a pair may take.
-MOST = 4.0
 LABELS = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
 # The processor's time: others at work on the machine do not count.
 SECONDS_OF_A_PAIR = pytest.mark.benchmark(
@@ -54,4 +55,6 @@ def test_clean(benchmark: Any, pair: Pair) -> None:
 def test_a_track(benchmark: Any, pair: Pair, clean_seconds: float, label: str) -> None:
     arguments = (*pair, RECIPE, find_degradation(label), "Art/view1")
     benchmark.pedantic(form_pair, args=arguments, rounds=5, warmup_rounds=1)
-    assert benchmark.stats["min"] < MOST * clean_seconds
+    ratio = benchmark.stats["min"] / clean_seconds
+    benchmark.extra_info["times the clean blur"] = ratio
+    print(f"\n{label}: {ratio:.1f} times the clean blur")
