@@ -1,7 +1,5 @@
 """A method fitted on each of several data sets and tested on all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Do one thing for many items at once, through Dask: in threads, in processes, on a cluster."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

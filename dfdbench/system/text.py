@@ -1,7 +1,5 @@
 """JSON and TOML as text."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
