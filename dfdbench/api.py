@@ -15,7 +15,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.submission import require_fit_to_submit, require_submittable
-from dfdbench.building.obtaining import Shown, build_dataset
+from dfdbench.building.obtaining import build_dataset
 from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
@@ -45,7 +45,7 @@ from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
-from dfdbench.system.parallel import Pool, Threads
+from dfdbench.system.parallel import Pool, Shown, Threads
 from dfdbench.tables.table import counted
 
 Progress = Callable[[int, int], None]

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,14 @@ from dfdbench.building.build import BuildPlan, BuildReport, build_store, plan_bu
 from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
 from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.system.location import Place, is_local
-from dfdbench.system.parallel import Pool
+from dfdbench.system.parallel import Pool, Shown
 from dfdbench.tables.table import counted
-
-#: Shows how far a step is: entered with what is done, it gives a callable (done, total).
-Shown = Callable[[str], AbstractContextManager[Callable[..., None] | None]]
 
 
 @dataclass(frozen=True)
@@ -162,9 +160,14 @@ def _count_files(folder: Path) -> int:
 
 
 def voltage_pair_sets(
-    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None = None
-) -> tuple[dict[str, Path], dict[str, Source]]:
-    """Return where the sets of pairs of voltage steps are, and the captures of those not built.
+    manifest: Manifest,
+    pairs: Sequence[Any],
+    source: Path | None,
+    cache: Path | None = None,
+    pool: Pool | None = None,
+    shown: Shown = lambda what: nullcontext(),
+) -> dict[str, Dataset]:
+    """Return the sets of pairs of voltage steps; what is not built yet is built.
 
     Parameters
     ----------
@@ -176,6 +179,8 @@ def voltage_pair_sets(
         The folder of the captures; needed where a set is not built yet.
     cache : Path, optional
         The cache folder, in which the sets lie.
+    pool, shown
+        As of `build_dataset`.
 
     Raises
     ------
@@ -193,7 +198,11 @@ def voltage_pair_sets(
         fix = "name the folder of the captures: --source DIR"
         raise InputError(what, where=str(usual.parent), fix=fix)
     # A step that does not exist is reported before the first set is built.
-    return places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    for pair, files in sources.items():
+        with shown(f"building {manifest.stem}, steps {pair}") as step:
+            build_store(manifest, files, places[pair], None, pool, step)
+    return {pair: Dataset(place) for pair, place in places.items()}
 
 
 def _steps_of(pair: str) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
-from dfdbench.building.obtaining import Shown, build_dataset
+from dfdbench.building.obtaining import build_dataset
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
@@ -26,7 +26,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.system.files import write_whole, writing_folder
-from dfdbench.system.parallel import Pool
+from dfdbench.system.parallel import Pool, Shown
 
 
 def evaluate(
