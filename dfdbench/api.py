@@ -38,8 +38,7 @@ from dfdbench.methods.registry import find_entry, method_words, registered_metho
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit, find_protocol
-from dfdbench.report.objects import Comparison, Run
-from dfdbench.report.transfer import Transfer
+from dfdbench.report.objects import Comparison, Run, Transfer
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
