@@ -1,6 +1,5 @@
 """The least error that the blur allows: Cramér and Rao's bound under a law fitted on training."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,9 +19,9 @@ from dfdbench.methods.law_cost import blurred_by, information_at
 from dfdbench.methods.method import TrainingPair
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table
 
-SCHEMA_VERSION = 1
 #: Sides in pixels of the windows that a method may judge a pixel by.
 WINDOWS = (1, 7, 21)
 #: The one that is drawn: as local methods have it.
@@ -177,19 +176,17 @@ def bound_as_json(
     manifest: Manifest, fingerprint: str, law: BlurLaw, found: Mapping[Pair, Bound]
 ) -> str:
     """Return the least NRMSE of each capture by window as JSON."""
-    content = {
-        "format": "dfdbench bound",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
-        "fingerprint": fingerprint,
-        "law": law.as_dict(),
-        "spread": next(iter(found.values())).spread,
-        "rows": [
-            {"pair": pair.id, **{str(window): _or_none(n) for window, n in bound.nrmse.items()}}
+    return as_json(
+        "bound",
+        dataset=manifest.stem,
+        fingerprint=fingerprint,
+        law=law.as_dict(),
+        spread=next(iter(found.values())).spread,
+        rows=[
+            {"pair": pair.id} | {str(w): n for w, n in bound.nrmse.items()}
             for pair, bound in found.items()
         ],
-    }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+    )
 
 
 def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
@@ -201,7 +198,3 @@ def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
 
 def _root_mean_square(values: Sequence[float]) -> float:
     return math.sqrt(np.square(values).mean()) if values else math.nan
-
-
-def _or_none(number: float) -> float | None:
-    return None if math.isnan(number) else number

@@ -4,7 +4,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from dfdbench.audit.sides import as_ranges, scene_histograms
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, percent
 
 #: Up to this many choices are all judged; of more, this many are drawn at random.
@@ -322,7 +323,6 @@ def _improve(
     return judge(folds)
 
 
-SCHEMA_VERSION = 1
 #: Proposals that tables and files hold.
 SHOWN = 10
 
@@ -444,18 +444,16 @@ def ranking_as_json(
     manifest: Manifest, settings: ProposalSettings, ranking: Ranking, published: Sequence[str]
 ) -> str:
     """Return a ranking's best as JSON."""
-    content = {
-        "format": "dfdbench split",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
+    return as_json(
+        "split",
+        dataset=manifest.stem,
         **settings.as_dict(manifest),
-        "choices": len(ranking.candidates),
-        "exhaustive": ranking.exhaustive,
-        "covered": ranking.covered,
-        "published": {"test": list(published), "rank": ranking.rank(published)},
-        "candidates": [asdict(candidate) for candidate in ranking.candidates[:SHOWN]],
-    }
-    return json.dumps(content, indent=1) + "\n"
+        choices=len(ranking.candidates),
+        exhaustive=ranking.exhaustive,
+        covered=ranking.covered,
+        published={"test": published, "rank": ranking.rank(published)},
+        candidates=ranking.candidates[:SHOWN],
+    )
 
 
 def folds_as_json(
@@ -468,18 +466,16 @@ def folds_as_json(
     """Return proposed folds as JSON, the best first, and the published ones."""
 
     def described(folds: Folds) -> dict[str, object]:
-        return {"not_covered": folds.not_covered, "folds": [asdict(fold) for fold in folds.folds]}
+        return {"not_covered": folds.not_covered, "folds": folds.folds}
 
-    content = {
-        "format": "dfdbench split, folds",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
+    return as_json(
+        "split, folds",
+        dataset=manifest.stem,
         **settings.as_dict(manifest),
-        "published": described(published) if published.folds else None,
-        "proposals": [described(folds) for folds in proposals[:SHOWN]],
-        "cannot_be_covered": [asdict(item) for item in hopeless],
-    }
-    return json.dumps(content, indent=1) + "\n"
+        published=described(published) if published.folds else None,
+        proposals=[described(folds) for folds in proposals[:SHOWN]],
+        cannot_be_covered=hopeless,
+    )
 
 
 @dataclass(frozen=True)
