@@ -165,6 +165,8 @@ TESTED_ELSEWHERE = {
     "dfdbench.report.objects": "test_api.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
+    # Of whole captures, by the verb.
+    "dfdbench.building.registering": "cli/test_rig.py",
     "dfdbench.results.environment": "cli/test_datasets.py",
     "dfdbench.system.array_files": "evaluation/test_prediction_files.py",
     # A protocol: what fulfils it is tested against it.

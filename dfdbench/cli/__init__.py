@@ -97,7 +97,7 @@ _RIG = {
         about="What a lens does to a point, and which voltage steps make a good pair.",
         verbs=_OPTICS,
     ),
-    "register": Verb("rig.register_scenes"),
+    "register": Verb("rig.register"),
     "simulate": Verb(about="Make captures as the thesis's rig would write them.", verbs=_SIMULATE),
 }
 _THESIS = {
