@@ -16,9 +16,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.files import write_whole
 from dfdbench.system.packages import needed
-from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -198,9 +196,6 @@ def reduce(
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
 
 
-_BEST, _TABLE = "best.toml", "search.md"
-
-
 def architecture(
     dataset: options.DataSet = "middlebury",
     split: Annotated[str, Option(help="The split to train on.")] = "train",
@@ -261,8 +256,6 @@ def architecture(
     narrowed = {n: str(value) for n, value in options.values_of(bounds, "--bounds").items()}
     on = (split, as_thesis, hold_out, gamma, variant)
     asked = Choices(*on, bounds_of(narrowed), particles, score_pairs, seed)
-    if as_thesis and hold_out:
-        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     store = open_dataset(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
@@ -281,7 +274,7 @@ def architecture(
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
-    from dfdbench.training.search.swarm_search import best_as_toml, course_table, network_table
+    from dfdbench.training.search.swarm_search import BEST, TABLES
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")
@@ -290,17 +283,13 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     title = f"particle swarm on {plan.store.manifest.stem}, seed {plan.choices.seed}"
     save_figure(objective_figure(outcome.course, title), folder / "objective.png")
     save_figure(convergence_figure(outcome.course, title), folder / "convergence.png")
-    tables = [course_table(plan, outcome.course, outcome.failures)]
     if outcome.best:
-        tables.append(network_table(plan, outcome.best))
         filters = particle_at(outcome.best.position).filters
         save_figure(widths_figure(filters, title), folder / "widths.png")
-    print_tables(tables, None)
-    write_whole(folder / _TABLE, render(tables, Format.markdown))
-    say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
+    print_tables(outcome.write(plan, folder), None)
+    say(f"log          {folder / 'positions.csv'}; tables {folder / TABLES}")
     if outcome.best is None:
         say("every training failed: nothing was found")
         raise typer.Exit(1)
-    write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
-    say(f"best         {folder / _BEST}")
-    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
+    say(f"best         {folder / BEST}")
+    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / BEST}")
