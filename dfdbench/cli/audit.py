@@ -1,7 +1,5 @@
 """The verbs of `audit`: coverage, depths, split, difficulty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -29,6 +27,20 @@ from dfdbench.results.wording import method_label
 from dfdbench.tables.table import Format, Table
 
 _CONSTANT = "constant"
+#: What is tested one by one against all other scenes.
+Each = Literal["scene", "fold"]
+CriterionOption = Annotated[
+    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
+]
+AllowOption = Annotated[
+    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
+]
+FactorOption = Annotated[
+    float, Option(min=1, help="Density: how many times the share in training is too much.")
+]
+FloorOption = Annotated[
+    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
+]
 
 
 def depths(
@@ -201,28 +213,6 @@ def split_command(
     bound = cover.DensityBound(density_factor, density_floor)
     found = splits.propose(store, test_scenes, folds, criterion, bound, allow, seed)
     screen.give([found.table], format, _place(out, store, "splits", found.name), found.files)
-
-
-#: What is tested one by one against all other scenes.
-Each = Literal["scene", "fold"]
-CriterionOption = Annotated[
-    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
-]
-
-
-AllowOption = Annotated[
-    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
-]
-
-
-FactorOption = Annotated[
-    float, Option(min=1, help="Density: how many times the share in training is too much.")
-]
-
-
-FloorOption = Annotated[
-    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
-]
 
 
 def coverage(

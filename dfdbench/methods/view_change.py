@@ -5,11 +5,9 @@ aperture darkens the corners more than a small one. Both are measured over train
 taken out of the defocus image before it is compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -61,7 +59,7 @@ class Images(NamedTuple):
     times: int = 1
 
     @classmethod
-    def small(cls, infocus: Array, defocus: Array) -> Images:
+    def small(cls, infocus: Array, defocus: Array) -> Self:
         """Return images of any size as small as they are looked at."""
         height, width = infocus.shape[:2]
         times = -(-max(height, width) // _LONGEST)
@@ -100,7 +98,7 @@ class ViewChange:
     by_radius: float = 1.0
 
     @classmethod
-    def of(cls, law: BlurLaw) -> ViewChange:
+    def of(cls, law: BlurLaw) -> Self:
         """Return what a law says of it."""
         return cls(law.similarity, law.falloff)
 

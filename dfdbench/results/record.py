@@ -1,12 +1,10 @@
 """A result: what a run found, pair by pair, and its file."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
@@ -165,7 +163,7 @@ class DatasetRecord(Record):
     groups: dict[Name, Name] = Field(default_factory=dict)
 
     @classmethod
-    def of(cls, manifest: Manifest, **facts: Any) -> DatasetRecord:
+    def of(cls, manifest: Manifest, **facts: Any) -> Self:
         """Return the record of a data set; `facts` are what its manifest does not know."""
         return cls(
             axes=list(manifest.axes),
@@ -253,7 +251,7 @@ class Result(Record):
     warnings: list[str] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _check(self) -> Result:
+    def _check(self) -> Self:
         data, pairs, protocols = self.dataset, self.pairs, self.protocol_names
         # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
         if not {data.blocks, data.rows or data.blocks} <= set(data.axes):
