@@ -166,6 +166,7 @@ def voltage_pair_sets(
     cache: Path | None = None,
     pool: Pool | None = None,
     shown: Shown = lambda what: nullcontext(),
+    on_built: Callable[[BuildReport], None] = lambda report: None,
 ) -> dict[str, Dataset]:
     """Return the sets of pairs of voltage steps; what is not built yet is built.
 
@@ -181,6 +182,8 @@ def voltage_pair_sets(
         The cache folder, in which the sets lie.
     pool, shown
         As of `build_dataset`.
+    on_built : callable
+        Called with the report of each build.
 
     Raises
     ------
@@ -201,7 +204,8 @@ def voltage_pair_sets(
     sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
     for pair, files in sources.items():
         with shown(f"building {manifest.stem}, steps {pair}") as step:
-            build_store(manifest, files, places[pair], None, pool, step)
+            report = build_store(manifest, files, places[pair], None, pool, step)
+        on_built(report)
     return {pair: Dataset(place) for pair, place in places.items()}
 
 

@@ -17,9 +17,10 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.packages import needed
-from dfdbench.tables.table import Format
+from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
+    from dfdbench.building.build import BuildReport
     from dfdbench.training.experiments import Experiment
     from dfdbench.training.search.search_plan import SearchPlan
     from dfdbench.training.search.swarm_search import SearchOutcome
@@ -122,11 +123,17 @@ def _data_of(
     if asked.varies == PAIR:
         manifest = find_manifest(dataset or "realworld")
         pairs, pool = chosen or asked.values, options.pool_of(None)
-        return voltage_pair_sets(manifest, pairs, source, cache, pool, progress), manifest.stem
+        sets = voltage_pair_sets(manifest, pairs, source, cache, pool, progress, _say_built)
+        return sets, manifest.stem
     if source:
         raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
     store = open_dataset(dataset or "middlebury", cache=cache)
     return store, store.path.stem
+
+
+def _say_built(report: BuildReport) -> None:
+    pairs = counted(report.pairs, "pair")
+    say(f"built        {report.path}: {pairs}, {len(report.missing)} missing")
 
 
 def _listed(text: str | None) -> list[Any] | None:
