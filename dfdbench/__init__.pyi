@@ -16,8 +16,7 @@ from .datasets.captures import Capture
 from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.runs import show
-from .report.objects import Comparison, Run
-from .report.transfer import Transfer
+from .report.objects import Comparison, Run, Transfer
 
 __version__: str
 __all__ = [

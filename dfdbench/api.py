@@ -15,14 +15,12 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.submission import require_fit_to_submit, require_submittable
-from dfdbench.building.build import build_store, plan_build
-from dfdbench.building.obtaining import obtain
-from dfdbench.datasets.catalog import default_store, find_manifest, of_seed, released_manifests
+from dfdbench.building.obtaining import build_dataset
+from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.evaluate import (
-    Shown,
     built_track,
     evaluate,
     labels_of,
@@ -39,14 +37,13 @@ from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
-from dfdbench.report.objects import Comparison, Run
-from dfdbench.report.transfer import Transfer
+from dfdbench.report.objects import Comparison, Run, Transfer
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
-from dfdbench.system.parallel import Pool, Threads
+from dfdbench.system.parallel import Pool, Shown, Threads
 from dfdbench.tables.table import counted
 
 Progress = Callable[[int, int], None]
@@ -64,7 +61,7 @@ def build(
     seed: int | None = None,
     workers: int | None = None,
     cache: Path | None = None,
-    on_scene: Progress | None = None,
+    shown: Shown = lambda what: nullcontext(),
 ) -> Dataset:
     """Build a data set; what was fetched or finished before is kept.
 
@@ -90,8 +87,8 @@ def build(
         How many threads; by default one per processor core.
     cache : Path, optional
         The cache folder.
-    on_scene : callable, optional
-        Called with (scenes done, scenes to do).
+    shown : callable
+        Shows progress: entered with what is done, it gives a callable (done, total).
 
     Returns
     -------
@@ -108,17 +105,25 @@ def build(
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
-    folder = Path(source) if source else None
-    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache, folder)
-    files = obtain(plan, folder, mirrors, offline, cache).source
-    pool = Threads(workers) if workers else None
-    report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, on_scene)
+    report = build_dataset(
+        name,
+        Path(source) if source else None,
+        store=store,
+        recipe=recipe,
+        steps=steps,
+        mirrors=mirrors,
+        offline=offline,
+        seed=seed,
+        pool=Threads(workers) if workers else None,
+        cache=cache,
+        shown=shown,
+    )
     said = [*map(str, report.problems), *report.warnings]
     if report.missing:
-        said.append(f"{counted(len(report.missing), 'pair')} of {plan.manifest.stem} are missing")
+        said.append(f"{counted(len(report.missing), 'pair')} of {report.manifest.stem} are missing")
     for text in said:
         warnings.warn(text, stacklevel=2)
-    return Dataset(plan.place)
+    return Dataset(report.path)
 
 
 def list_datasets(cache: Path | None = None) -> pd.DataFrame:
@@ -323,7 +328,7 @@ def run_tracks(
     on_result : callable
         Called with each label, ``clean`` or ``TRACK-SEVERITY``, and its result.
     shown : callable
-        Shows progress: entered with what is done, it gives a callable (done, total).
+        As for `build`.
 
     Raises
     ------
@@ -452,7 +457,7 @@ def run_transfer(
     on_result : callable
         Called with ``FITTED -> TESTED`` and the result.
     shown : callable
-        As for `run_tracks`.
+        As for `build`.
 
     Raises
     ------

@@ -1,7 +1,5 @@
 """Errors that say what is wrong, where, and what the user can do."""
 
-from __future__ import annotations
-
 import difflib
 import errno
 import re

@@ -1,7 +1,5 @@
 """The pairs of a built data set as a PyTorch data set; needs the extra ``nets``."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -13,10 +13,9 @@ import sys
 from collections.abc import Iterator
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.board import LEADERBOARD, draw_seed
 from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
-from dfdbench.board.seeds import draw_seed
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import DfdbenchError, StoreError
 from dfdbench.results.wording import plain

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.cli.verbs import VERBS
+from dfdbench.cli import VERBS
 from dfdbench.results.record import PairResult, Result
 from tests.board.made_boards import submit
 from tests.board.made_tracks import make_tracks

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from dfdbench.api import run as run_constant
-from dfdbench.board.seeds import Draw
+from dfdbench.board.board import Draw
 from dfdbench.datasets.dataset import Dataset
 from tests.board.made_boards import add_card
 

@@ -146,14 +146,17 @@ def test_tests_mirror_the_rooms() -> None:
 #: Tests of what several modules do together, each in the room where it begins.
 BEYOND_A_MODULE = {
     ("blur", "test_rim_by_rays.py"),
+    ("board", "test_seeds.py"),
     ("building", "test_tracks.py"),
     ("cli", "test_command_line.py"),
     ("cli", "test_outputs.py"),
     ("cli", "test_realworld.py"),
+    ("cli", "test_verbs.py"),
     ("methods", "mrf", "test_real_images.py"),
     ("methods", "test_plain_recipe.py"),
     ("methods", "mrf", "test_solvers.py"),
     ("report", "test_browser.py"),
+    ("report", "test_transfer.py"),
 }
 #: Modules without a test file of their own name: the file that tests them, and why it is another.
 TESTED_ELSEWHERE = {
@@ -162,6 +165,8 @@ TESTED_ELSEWHERE = {
     "dfdbench.report.objects": "test_api.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
+    # Of whole captures, by the verb.
+    "dfdbench.building.registering": "cli/test_rig.py",
     "dfdbench.results.environment": "cli/test_datasets.py",
     "dfdbench.system.array_files": "evaluation/test_prediction_files.py",
     # A protocol: what fulfils it is tested against it.

@@ -1,6 +1,5 @@
 """The least error that the blur allows: Cramér and Rao's bound under a law fitted on training."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +14,14 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
+from dfdbench.methods.calibration import calibrate
 from dfdbench.methods.law_cost import blurred_by, information_at
 from dfdbench.methods.method import TrainingPair
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table
 
-SCHEMA_VERSION = 1
 #: Sides in pixels of the windows that a method may judge a pixel by.
 WINDOWS = (1, 7, 21)
 #: The one that is drawn: as local methods have it.
@@ -104,9 +104,14 @@ def bound_of(law: BlurLaw, capture: TrainingPair, spread: float) -> Bound:
 
 
 def split_bounds(
-    store: Dataset, split: str, law: BlurLaw, on_pair: Callable[[int, int], None]
-) -> dict[Pair, Bound]:
-    """Return the bound of each capture of a split; of stacks, of the two images for pairs.
+    store: Dataset,
+    split: str,
+    training: Sequence[TrainingPair],
+    on_pair: Callable[[int, int], None],
+) -> tuple[BlurLaw, dict[Pair, Bound]]:
+    """Return the law of training pairs, and under it the bound of each capture of a split.
+
+    Of stacks it is the bound of the two images for pairs.
 
     Raises
     ------
@@ -114,6 +119,7 @@ def split_bounds(
         If the store holds no pair of the split with known depth, or a stack has no two images for
         pairs.
     """
+    law = calibrate(training).law
     pairs = store.pairs(split)
     spread = _spread(store, pairs)
     found = {}
@@ -121,7 +127,7 @@ def split_bounds(
         capture = store.read(pair).two_of(store.manifest.pair_images)
         found[pair] = bound_of(law, capture, spread)
         on_pair(number, len(pairs))
-    return found
+    return law, found
 
 
 def _spread(store: Dataset, pairs: Sequence[Pair]) -> float:
@@ -144,7 +150,7 @@ def bound_table(
 ) -> Table:
     """Return the least NRMSE by window, root mean squares over captures, and runs by name.
 
-    A run's captures are those of the bound; a run that lacks a score has none here.
+    A run's captures are those of the bound; a run that lacks a score of one is but named.
     """
     least = {
         window: _root_mean_square(
@@ -154,33 +160,33 @@ def bound_table(
     }
     rows = [("least error", NOTHING, *(f"{least[window]:.4f}" for window in WINDOWS))]
     errors = {name: _nrmse(result, found) for name, result in runs.items()}
-    for name in sorted(errors, key=lambda name: errors[name]):
-        error = errors[name]
+    for name, error in sorted(errors.items(), key=lambda item: item[1]):
         if not math.isnan(error):
             parts = (f"{least[window] / error:.2f}" if error else NOTHING for window in WINDOWS)
             rows.append((name, f"{error:.4f}", *parts))
+    lacking = [name for name, error in errors.items() if math.isnan(error)]
+    left_out = (f"without a score of every capture, so left out: {', '.join(lacking)}",)
     columns = ("", "NRMSE ↓", *(f"{window} x {window}" for window in WINDOWS))
     title = f"the least error that blur allows in {manifest.label}, {split}"
-    return Table(title, columns, tuple(rows), "l" + "r" * (len(columns) - 1), _NOTES)
+    notes = _NOTES + left_out if lacking else _NOTES
+    return Table(title, columns, tuple(rows), "l" + "r" * (len(columns) - 1), notes)
 
 
 def bound_as_json(
     manifest: Manifest, fingerprint: str, law: BlurLaw, found: Mapping[Pair, Bound]
 ) -> str:
     """Return the least NRMSE of each capture by window as JSON."""
-    content = {
-        "format": "dfdbench bound",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
-        "fingerprint": fingerprint,
-        "law": law.as_dict(),
-        "spread": next(iter(found.values())).spread,
-        "rows": [
-            {"pair": pair.id, **{str(window): _or_none(n) for window, n in bound.nrmse.items()}}
+    return as_json(
+        "bound",
+        dataset=manifest.stem,
+        fingerprint=fingerprint,
+        law=law.as_dict(),
+        spread=next(iter(found.values())).spread,
+        rows=[
+            {"pair": pair.id} | {str(w): n for w, n in bound.nrmse.items()}
             for pair, bound in found.items()
         ],
-    }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+    )
 
 
 def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
@@ -192,7 +198,3 @@ def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
 
 def _root_mean_square(values: Sequence[float]) -> float:
     return math.sqrt(np.square(values).mean()) if values else math.nan
-
-
-def _or_none(number: float) -> float | None:
-    return None if math.isnan(number) else number

@@ -1,6 +1,5 @@
 """Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -16,10 +15,10 @@ from dfdbench.audit.sides import Mask, Side, as_ranges, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import simulated_label
 from dfdbench.errors import InputError
+from dfdbench.system import text
 from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table, counted, listed, percent
 
-SCHEMA_VERSION = 1
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
 _SCENES_NAMED = 4
 _ABSENT_NAMED = 8
@@ -373,12 +372,7 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
 
 def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:
     """Return the records of `each_table` as JSON, by scene or fold."""
-    content = {
-        "format": f"dfdbench coverage, each {kind}",
-        "schema_version": SCHEMA_VERSION,
-        "records": {name: record.model_dump(mode="json") for name, record in records.items()},
-    }
-    return json.dumps(content, indent=1) + "\n"
+    return text.as_json(f"coverage, each {kind}", records=dict(records))
 
 
 def _notes(record: CoverageRecord) -> list[str]:

@@ -1,6 +1,5 @@
 """How far apart two depth levels must be before a pixel's blur shows the difference."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,9 +14,9 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, percent
 
-SCHEMA_VERSION = 1
 #: A step that is a useful depth difference: an eighth of the range that 256 levels span.
 COARSE = 32
 #: The steps tried, in depth levels.
@@ -210,17 +209,18 @@ def difficulty_as_json(
     manifest: Manifest, fingerprint: str, noise: int, rows: list[dict[str, object]]
 ) -> str:
     """Return the rows as JSON."""
-    content = {
-        "format": "dfdbench difficulty",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
-        "fingerprint": fingerprint,
-        "noise": noise,
-        "steps": list(STEPS),
-        "coarse_step": COARSE,
-        "rows": [{key: _as_json(value) for key, value in row.items()} for row in rows],
-    }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+    return as_json(
+        "difficulty",
+        dataset=manifest.stem,
+        fingerprint=fingerprint,
+        noise=noise,
+        steps=STEPS,
+        coarse_step=COARSE,
+        rows=[
+            row | {"median_step": None if row["median_step"] == UNSEEN else row["median_step"]}
+            for row in rows
+        ],
+    )
 
 
 def _lighting(manifest: Manifest) -> list[str]:
@@ -239,8 +239,3 @@ def _percent(value: object) -> str:
 
 def _step(value: object) -> str:
     return NOTHING if value is None else "none" if value == UNSEEN else str(value)
-
-
-def _as_json(value: object) -> object:
-    unseen = value == UNSEEN or (isinstance(value, float) and math.isnan(value))
-    return None if unseen else value

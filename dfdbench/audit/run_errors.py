@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,9 +21,9 @@ from dfdbench.errors import ResultError
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, counted, percent
 
-SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.
 _SMALL = 0.1
 WHOLE = np.ones(LEVELS, bool)
@@ -288,37 +287,30 @@ def errors_as_json(
     by_verdict = {
         str(verdict): {
             "pixels": int(total.pixels[mask].sum()),
-            "mean_absolute_error": _or_null(total.mean(mask)),
-            "root_mean_square_error": _or_null(total.root_mean_square(mask)),
+            "mean_absolute_error": total.mean(mask),
+            "root_mean_square_error": total.root_mean_square(mask),
         }
         for verdict, mask in join.levels.items()
     }
-    single = np.eye(LEVELS, dtype=bool)
-    content = {
-        "format": "dfdbench coverage errors",
-        "schema_version": SCHEMA_VERSION,
-        "method": result.method.title,
-        "dataset": result.dataset.name,
-        "fingerprint": result.dataset.fingerprint,
-        "split": result.dataset.split,
-        "trained_on": result.method.trained_on,
-        "training": training,
-        "compared_with": f"{record.train.dataset}, {record.train.split}",
-        "leaks": [leak.model_dump() for leak in record.leaks],
-        "verdicts": by_verdict,
-        "uncovered_share": total.share(join.uncovered),
-        "excess": _or_null(total.excess(join.uncovered)),
-        "conclusion": conclusion(join, record, training),
-        "levels": {
+    return as_json(
+        "coverage errors",
+        method=result.method.title,
+        dataset=result.dataset.name,
+        fingerprint=result.dataset.fingerprint,
+        split=result.dataset.split,
+        trained_on=result.method.trained_on,
+        training=training,
+        compared_with=f"{record.train.dataset}, {record.train.split}",
+        leaks=record.leaks,
+        verdicts=by_verdict,
+        uncovered_share=total.share(join.uncovered),
+        excess=total.excess(join.uncovered),
+        conclusion=conclusion(join, record, training),
+        levels={
             "pixels": total.pixels.tolist(),
-            "mean_absolute_error": [_or_null(total.mean(mask)) for mask in single],
+            "mean_absolute_error": [total.mean(mask) for mask in np.eye(LEVELS, dtype=bool)],
         },
-    }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-
-def _or_null(value: float) -> float | None:
-    return None if math.isnan(value) else value
+    )
 
 
 def _number(value: float) -> str:

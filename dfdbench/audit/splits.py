@@ -4,15 +4,18 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Criterion, DensityBound, check_allowance, uncovered
-from dfdbench.audit.sides import as_ranges
+from dfdbench.audit.leaks import scene_hashes, scenes_alike
+from dfdbench.audit.sides import as_ranges, scene_histograms
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
+from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, percent
 
 #: Up to this many choices are all judged; of more, this many are drawn at random.
@@ -320,7 +323,6 @@ def _improve(
     return judge(folds)
 
 
-SCHEMA_VERSION = 1
 #: Proposals that tables and files hold.
 SHOWN = 10
 
@@ -442,18 +444,16 @@ def ranking_as_json(
     manifest: Manifest, settings: ProposalSettings, ranking: Ranking, published: Sequence[str]
 ) -> str:
     """Return a ranking's best as JSON."""
-    content = {
-        "format": "dfdbench split",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
+    return as_json(
+        "split",
+        dataset=manifest.stem,
         **settings.as_dict(manifest),
-        "choices": len(ranking.candidates),
-        "exhaustive": ranking.exhaustive,
-        "covered": ranking.covered,
-        "published": {"test": list(published), "rank": ranking.rank(published)},
-        "candidates": [asdict(candidate) for candidate in ranking.candidates[:SHOWN]],
-    }
-    return json.dumps(content, indent=1) + "\n"
+        choices=len(ranking.candidates),
+        exhaustive=ranking.exhaustive,
+        covered=ranking.covered,
+        published={"test": published, "rank": ranking.rank(published)},
+        candidates=ranking.candidates[:SHOWN],
+    )
 
 
 def folds_as_json(
@@ -466,18 +466,112 @@ def folds_as_json(
     """Return proposed folds as JSON, the best first, and the published ones."""
 
     def described(folds: Folds) -> dict[str, object]:
-        return {"not_covered": folds.not_covered, "folds": [asdict(fold) for fold in folds.folds]}
+        return {"not_covered": folds.not_covered, "folds": folds.folds}
 
-    content = {
-        "format": "dfdbench split, folds",
-        "schema_version": SCHEMA_VERSION,
-        "dataset": manifest.stem,
+    return as_json(
+        "split, folds",
+        dataset=manifest.stem,
         **settings.as_dict(manifest),
-        "published": described(published) if published.folds else None,
-        "proposals": [described(folds) for folds in proposals[:SHOWN]],
-        "cannot_be_covered": [asdict(item) for item in hopeless],
+        published=described(published) if published.folds else None,
+        proposals=[described(folds) for folds in proposals[:SHOWN]],
+        cannot_be_covered=hopeless,
+    )
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What `propose` found: a name for it, its table, and files by name, the one as JSON first."""
+
+    name: str
+    table: Table
+    files: dict[str, str]
+
+
+def propose(
+    store: Dataset,
+    size: int | None,
+    folds: int | None,
+    criterion: Criterion = Criterion.either,
+    bound: DensityBound | None = None,
+    allowed: float = 0.0,
+    seed: int = 0,
+) -> Proposal:
+    """Propose test sets of a size, or folds, of the scenes whose depth a store holds.
+
+    Parameters
+    ----------
+    store : Dataset
+        The data set; scenes that look alike stay together.
+    size, folds : int or None
+        How many scenes are tested, or how many folds there are: one of them.
+    criterion, bound, allowed
+        As of `Scenes`.
+    seed : int
+        Of what is drawn.
+
+    Raises
+    ------
+    InputError
+        If both are asked for, or neither; as of `rank_tests` and `propose_folds`.
+    """
+    if (size is None) == (folds is None):
+        raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
+    histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
+    groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
+    counts = np.stack([histogram.counts for histogram in histograms.values()])
+    bound = bound or DensityBound()
+    scenes = Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allowed)
+    settings = ProposalSettings(store.fingerprint, scenes, seed)
+    if size is not None:
+        return _proposed_tests(store.manifest, settings, size)
+    return _proposed_folds(store.manifest, settings, folds or 0)
+
+
+def _proposed_tests(manifest: Manifest, settings: ProposalSettings, size: int) -> Proposal:
+    scenes = settings.scenes
+    # Ranked only where all its scenes are built: a part of it is another test.
+    published = manifest.scenes_of("test") if "test" in {s.name for s in manifest.splits} else ()
+    published = published if set(published) <= set(scenes.names) else ()
+    ranking = rank_tests(scenes, size, settings.seed, published)
+    best = ranking.candidates[0].test
+    train = tuple(name for name in scenes.names if name not in best)
+    why = (
+        f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
+        f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
+    )
+    files = {
+        "split.json": ranking_as_json(manifest, settings, ranking, published),
+        "split.toml": split_fragment(manifest, best, train, why),
     }
-    return json.dumps(content, indent=1) + "\n"
+    table = ranked_splits_table(manifest, ranking, published, scenes.criterion)
+    return Proposal(f"test-{size}", table, files)
+
+
+def _proposed_folds(manifest: Manifest, settings: ProposalSettings, number: int) -> Proposal:
+    scenes = settings.scenes
+    proposals = propose_folds(scenes, number, settings.seed)
+    best = proposals[0]
+    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
+    published = Folds(tuple(scenes.judge([test for test in tests if test])))
+    chosen_by = _chosen_by(manifest, settings)
+    why = f"dfdbench audit split {manifest.short} --folds {number} ({chosen_by})"
+    files = {
+        "folds.json": folds_as_json(manifest, settings, proposals, hopeless, published),
+        "folds.toml": folds_fragment(best, why),
+    }
+    table = folds_table(manifest, proposals, hopeless, published)
+    return Proposal(f"folds-{number}", table, files)
+
+
+def _chosen_by(manifest: Manifest, settings: ProposalSettings) -> str:
+    scenes, absent = settings.scenes, settings.absent(manifest)
+    said = f"criterion {scenes.criterion}, seed {settings.seed}"
+    if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
+        said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
+    if scenes.allowed:
+        said += f", allowed share {scenes.allowed:g}"
+    return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
 
 def _pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:

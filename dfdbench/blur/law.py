@@ -25,9 +25,9 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Shift = Annotated[float, Field(ge=-100, le=100)]
 _Turn = Annotated[float, Field(ge=-0.5, le=0.5)]
 _Size = Annotated[float, Field(ge=-0.3, le=0.3)]
-_Share = Annotated[float, Field(ge=0.01, le=100)]
-#: A channel's light at even steps of r^2, from the middle to the corners.
-FallOff = Annotated[tuple[_Share, ...], Field(min_length=2, max_length=100)]
+#: A part of the light; a channel's curve has some at even steps of r^2, from the middle on.
+Share = Annotated[float, Field(ge=0.01, le=100)]
+STEPS = Field(min_length=2, max_length=100)
 _Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -89,7 +89,7 @@ class BlurLaw:
     registered: bool = True
     even: bool = True
     similarity: tuple[_Shift, _Shift, _Turn, _Size] = (0.0, 0.0, 0.0, 0.0)
-    falloff: Annotated[tuple[FallOff, ...], Field(max_length=3)] = ()
+    falloff: Annotated[tuple[Annotated[tuple[Share, ...], STEPS], ...], Field(max_length=3)] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "blur law")

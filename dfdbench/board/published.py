@@ -1,11 +1,9 @@
 """Numbers printed in a publication, carried over with their origin: read them, show them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -80,7 +78,7 @@ class PublishedTable(Record):
     rows: Annotated[list[PublishedRow], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _values_are_of_something(self) -> PublishedTable:
+    def _values_are_of_something(self) -> Self:
         if any(row.values for row in self.rows) != (self.quantity is not None):
             raise ValueError("quantity says what the rows' values are: both or neither")
         return self

@@ -1,12 +1,10 @@
 """A row of the leaderboard: a method's runs on one split of a data set, in one file."""
 
-from __future__ import annotations
-
 import functools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
@@ -66,7 +64,7 @@ class RowRun(Record):
     warnings: list[str] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _check(self) -> RowRun:
+    def _check(self) -> Self:
         if self.label not in _LABELS:
             raise ValueError(f"no such run: {self.label}")
         if max(self.machine, default=0) > len(self.other_environments):
@@ -133,7 +131,7 @@ class Row(Record):
     runs: Annotated[list[RowRun], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _check(self) -> Row:
+    def _check(self) -> Self:
         if unknown := set(self.suites) - {CLEAN_SUITE, *SUITES}:
             raise ValueError(f"no such suite: {', '.join(sorted(unknown))}")
         # Without these a row could choose what is averaged.

@@ -140,6 +140,8 @@ class BuildReport:
 
     Parameters
     ----------
+    manifest : Manifest
+        What belongs to the data set.
     path : UPath
         The store.
     fingerprint : str
@@ -154,8 +156,11 @@ class BuildReport:
         Why scenes were left out.
     warnings : tuple of str
         What looks odd in scenes that were built.
+    missing_help : str
+        How the missing pairs are had; empty if there are none.
     """
 
+    manifest: Manifest
     path: UPath
     fingerprint: str
     scenes_built: tuple[str, ...]
@@ -164,6 +169,7 @@ class BuildReport:
     missing: tuple[Pair, ...]
     problems: tuple[Problem, ...] = ()
     warnings: tuple[str, ...] = ()
+    missing_help: str = ""
 
 
 def build_store(
@@ -230,6 +236,7 @@ def build_store(
         writer.refuse_to_lose(left_out)
         fingerprint = writer.finish({one.scene: one.digest for one in whole}, left_out)
     return BuildReport(
+        manifest,
         writer.path,
         fingerprint,
         tuple(outcome.scene for outcome in whole if not outcome.kept),
@@ -238,6 +245,7 @@ def build_store(
         missing,
         _told_once(outcomes),
         (*_found_fewer(manifest), *(text for outcome in whole for text in outcome.warnings)),
+        source.missing_help(missing) if missing else "",
     )
 
 

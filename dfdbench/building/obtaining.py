@@ -1,19 +1,24 @@
-"""A data set's files, from a folder or fetched from its site; the two do not mix."""
+"""A data set by its name: its files, from a folder or fetched from its site, and then its store."""
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dfdbench.building.build import BuildPlan
+from dfdbench.building.build import BuildPlan, BuildReport, build_store, plan_build
 from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
-from dfdbench.datasets.catalog import default_store
+from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.cache import DOWNLOADS, cache_folder
+from dfdbench.system.location import Place, is_local
+from dfdbench.system.parallel import Pool, Shown
 from dfdbench.tables.table import counted
 
 
@@ -106,14 +111,64 @@ def obtain(
     return Obtained(source, place, done, _count_files(aside) - before)
 
 
+def build_dataset(
+    name: str,
+    source: Path | None = None,
+    *,
+    store: Place | None = None,
+    recipe: str | None = None,
+    steps: tuple[int, int] | None = None,
+    mirrors: Sequence[str] = (),
+    offline: bool = False,
+    seed: int | str | None = None,
+    pool: Pool | None = None,
+    cache: Path | None = None,
+    shown: Shown = lambda what: nullcontext(),
+    on_fetched: Callable[[Obtained], None] = lambda obtained: None,
+) -> BuildReport:
+    """Find a data set's files, and build its store of them.
+
+    Parameters
+    ----------
+    name, source, store, recipe, steps, mirrors, offline, seed, cache, shown
+        As of `dfdbench.build`.
+    pool : Pool, optional
+        As of `build_store`.
+    on_fetched : callable
+        Called with the files, before anything is built of them.
+
+    Raises
+    ------
+    DfdbenchError
+        As of `plan_build`, `obtain` and `build_store`; where the store would be written into
+        something else.
+    """
+    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache, source)
+    if is_local(plan.place):
+        # The cache may be inside the folder of the files; a place that the user names may not.
+        read = source if store else None
+        output_place(plan.place.path, read, option="--store", replaces=True)
+    with shown(f"fetching {plan.manifest.short}") as step:
+        obtained = obtain(plan, source, mirrors, offline, cache, step)
+    on_fetched(obtained)
+    with shown(f"building {name}") as step:
+        return build_store(plan.manifest, obtained.source, plan.place, plan.recipe, pool, step)
+
+
 def _count_files(folder: Path) -> int:
     return sum(path.is_file() for path in folder.rglob("*"))
 
 
 def voltage_pair_sets(
-    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None = None
-) -> tuple[dict[str, Path], dict[str, Source]]:
-    """Return where the sets of pairs of voltage steps are, and the captures of those not built.
+    manifest: Manifest,
+    pairs: Sequence[Any],
+    source: Path | None,
+    cache: Path | None = None,
+    pool: Pool | None = None,
+    shown: Shown = lambda what: nullcontext(),
+    on_built: Callable[[BuildReport], None] = lambda report: None,
+) -> dict[str, Dataset]:
+    """Return the sets of pairs of voltage steps; what is not built yet is built.
 
     Parameters
     ----------
@@ -125,6 +180,10 @@ def voltage_pair_sets(
         The folder of the captures; needed where a set is not built yet.
     cache : Path, optional
         The cache folder, in which the sets lie.
+    pool, shown
+        As of `build_dataset`.
+    on_built : callable
+        Called with the report of each build.
 
     Raises
     ------
@@ -142,7 +201,12 @@ def voltage_pair_sets(
         fix = "name the folder of the captures: --source DIR"
         raise InputError(what, where=str(usual.parent), fix=fix)
     # A step that does not exist is reported before the first set is built.
-    return places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    for pair, files in sources.items():
+        with shown(f"building {manifest.stem}, steps {pair}") as step:
+            report = build_store(manifest, files, places[pair], None, pool, step)
+        on_built(report)
+    return {pair: Dataset(place) for pair, place in places.items()}
 
 
 def _steps_of(pair: str) -> tuple[int, int]:

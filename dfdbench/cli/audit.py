@@ -1,27 +1,24 @@
 """The verbs of `audit`: coverage, depths, split, difficulty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import typer
 from typer import Argument, Option
 
 from dfdbench.audit import coverage as cover
 from dfdbench.audit import difficulty as hardness
 from dfdbench.audit import run_errors, splits
-from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
+from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
 from dfdbench.board.row_file import read_row
 from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
+from dfdbench.datasets.manifest import ALL_PAIRS, Pair
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
@@ -30,6 +27,20 @@ from dfdbench.results.wording import method_label
 from dfdbench.tables.table import Format, Table
 
 _CONSTANT = "constant"
+#: What is tested one by one against all other scenes.
+Each = Literal["scene", "fold"]
+CriterionOption = Annotated[
+    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
+]
+AllowOption = Annotated[
+    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
+]
+FactorOption = Annotated[
+    float, Option(min=1, help="Density: how many times the share in training is too much.")
+]
+FloorOption = Annotated[
+    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
+]
 
 
 def depths(
@@ -135,14 +146,13 @@ def _answer_bound(
 ) -> None:
     from dfdbench.audit import bound as least
     from dfdbench.evaluation.fitting import training_pairs
-    from dfdbench.methods.calibration import calibrate
 
     manifest = store.manifest
     manifest.scenes_of(split)
     runs = _runs_on(store, split, places)
-    law = calibrate(training_pairs(store, split, manifest.pair_images)[1]).law
+    training = training_pairs(store, split, manifest.pair_images)[1]
     with screen.progress("looking at pairs", "nothing was written") as step:
-        found = least.split_bounds(store, split, law, step)
+        law, found = least.split_bounds(store, split, training, step)
     figure = audits.bound_figure(
         f"least error in {manifest.label}, {split}: best, median and worst pair",
         [
@@ -199,101 +209,10 @@ def split_command(
     format: Printed = Format.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
-    if (test_scenes is None) == (folds is None):
-        raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
     store = open_dataset(dataset)
     bound = cover.DensityBound(density_factor, density_floor)
-    scenes = _scenes(store, criterion, bound, allow)
-    settings = splits.ProposalSettings(store.fingerprint, scenes, seed)
-    if test_scenes is not None:
-        name, table, files = _propose_tests(store.manifest, settings, test_scenes)
-    else:
-        name, table, files = _propose_folds(store.manifest, settings, folds or 0)
-    screen.give([table], format, _place(out, store, "splits", name), files)
-
-
-def _chosen_by(manifest: Manifest, settings: splits.ProposalSettings) -> str:
-    scenes, absent = settings.scenes, settings.absent(manifest)
-    said = f"criterion {scenes.criterion}, seed {settings.seed}"
-    if scenes.criterion is not cover.Criterion.thesis and scenes.bound != cover.DensityBound():
-        said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
-    if scenes.allowed:
-        said += f", allowed share {scenes.allowed:g}"
-    return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
-
-
-def _propose_tests(
-    manifest: Manifest, settings: splits.ProposalSettings, size: int
-) -> tuple[str, Table, dict[str, str]]:
-    scenes = settings.scenes
-    published = _published_test(manifest, scenes)
-    ranking = splits.rank_tests(scenes, size, settings.seed, published)
-    best = ranking.candidates[0].test
-    train = tuple(name for name in scenes.names if name not in best)
-    why = (
-        f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
-        f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
-    )
-    table = splits.ranked_splits_table(manifest, ranking, published, scenes.criterion)
-    fragment = splits.split_fragment(manifest, best, train, why)
-    content = splits.ranking_as_json(manifest, settings, ranking, published)
-    return f"test-{size}", table, {"split.json": content, "split.toml": fragment}
-
-
-def _propose_folds(
-    manifest: Manifest, settings: splits.ProposalSettings, number: int
-) -> tuple[str, Table, dict[str, str]]:
-    scenes = settings.scenes
-    proposals = splits.propose_folds(scenes, number, settings.seed)
-    best = proposals[0]
-    hopeless = splits.hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
-    tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
-    published = splits.Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = (
-        f"dfdbench audit split {manifest.short} --folds {number} ({_chosen_by(manifest, settings)})"
-    )
-    content = splits.folds_as_json(manifest, settings, proposals, hopeless, published)
-    table = splits.folds_table(manifest, proposals, hopeless, published)
-    files = {"folds.json": content, "folds.toml": splits.folds_fragment(best, why)}
-    return f"folds-{number}", table, files
-
-
-def _scenes(
-    store: Dataset, criterion: cover.Criterion, bound: cover.DensityBound, allow: float
-) -> splits.Scenes:
-    histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
-    groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
-    counts = np.stack([histogram.counts for histogram in histograms.values()])
-    return splits.Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
-
-
-def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...]:
-    # Ranked only where all its scenes are built: a part of it is another test.
-    names = {split.name for split in manifest.splits}
-    test = manifest.scenes_of("test") if "test" in names else ()
-    return test if set(test) <= set(scenes.names) else ()
-
-
-#: What is tested one by one against all other scenes.
-Each = Literal["scene", "fold"]
-CriterionOption = Annotated[
-    cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
-]
-
-
-AllowOption = Annotated[
-    float, Option(min=0, max=1, help="Share of the test that may lie on uncovered levels.")
-]
-
-
-FactorOption = Annotated[
-    float, Option(min=1, help="Density: how many times the share in training is too much.")
-]
-
-
-FloorOption = Annotated[
-    float, Option(min=0, max=1, help="Density: a smaller share of the test is no alarm.")
-]
+    found = splits.propose(store, test_scenes, folds, criterion, bound, allow, seed)
+    screen.give([found.table], format, _place(out, store, "splits", found.name), found.files)
 
 
 def coverage(

@@ -11,8 +11,6 @@ from typer import Argument, Option
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
 from dfdbench.cli.screen import progress, say, writing
-from dfdbench.datasets.catalog import find_manifest, of_seed
-from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
@@ -56,33 +54,32 @@ def build(
     cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
-    from dfdbench.building.build import build_store, plan_build
-    from dfdbench.building.obtaining import obtain
-    from dfdbench.system.location import is_local
+    from dfdbench.building.obtaining import build_dataset
 
-    wanted = find_manifest(of_seed(name, seed))
-    plan = plan_build(wanted, store, recipe, _steps(pair), cache, source)
-    if plan.place.protocol == "memory":
+    if store and store.startswith("memory:"):
         # From Python it is as good a place as any other.
-        raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")
-    if is_local(plan.place):
-        # The cache may be inside the folder of the files; a place that the user names may not.
-        read = source if store else None
-        output_place(plan.place.path, read, option="--store", replaces=True)
-    pool = options.pool_of(workers, scheduler)
-    with progress(f"fetching {plan.manifest.short}") as fetched:
-        obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
-    tell_fetched(obtained)
-    files = obtained.source
-    with progress("building scenes") as step:
-        report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, step)
-    _tell(plan.manifest, report)
+        raise InputError(f"a store in memory ends with this command: {store}", where="--store")
+    report = build_dataset(
+        name,
+        source,
+        store=store,
+        recipe=recipe,
+        steps=_steps(pair),
+        mirrors=mirror or (),
+        offline=offline,
+        seed=seed,
+        pool=options.pool_of(workers, scheduler),
+        cache=cache,
+        shown=progress,
+        on_fetched=_tell_fetched,
+    )
+    _tell(report)
     for text in report.warnings:
         say(f"warning: {text}")
     for number, problem in enumerate(report.problems, 1):
         say(f"{number}. {problem}")
     if report.missing:
-        say(_missing_text(plan.manifest, report.missing, files.missing_help(report.missing)))
+        say(_missing_text(report))
         if not allow_missing:
             raise typer.Exit(2)
 
@@ -119,8 +116,7 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
     return infocus, defocus
 
 
-def tell_fetched(obtained: Obtained) -> None:
-    """Say what was fetched and what was refused."""
+def _tell_fetched(obtained: Obtained) -> None:
     done, folder = obtained.done, obtained.folder
     if done is None or folder is None:
         return
@@ -135,16 +131,17 @@ def tell_fetched(obtained: Obtained) -> None:
         say(f"their checksums are kept in {done.lock}")
 
 
-def _tell(manifest: Manifest, report: BuildReport) -> None:
+def _tell(report: BuildReport) -> None:
     scenes = len(report.scenes_built) + len(report.scenes_kept)
     kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
     pairs = counted(report.pairs, "pair")
-    print(f"built {manifest.stem}: {pairs} of {counted(scenes, 'scene')}{kept}")
+    print(f"built {report.manifest.stem}: {pairs} of {counted(scenes, 'scene')}{kept}")
     print(f"store        {report.path}")
     print(f"fingerprint  {report.fingerprint}")
 
 
-def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> str:
+def _missing_text(report: BuildReport) -> str:
+    manifest, missing = report.manifest, report.missing
     by_scene: dict[str, list[str]] = {}
     for pair in missing:
         by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
@@ -154,7 +151,7 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
         lines.append(f"  no pair at all    {listed(whole, most=8)}")
     for scene in [s for s in by_scene if s not in whole]:
         lines.append(f"  {scene:<17} {listed(by_scene[scene], most=8)}")
-    lines.append(f"  fix               {fix}")
+    lines.append(f"  fix               {report.missing_help}")
     return "\n".join(lines)
 
 

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
 
-from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
 from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.files import write_whole
 from dfdbench.system.packages import needed
-from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table, counted
+from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
-    from dfdbench.methods.networks.weights import Card
-    from dfdbench.training.experiments import Experiment, Trial
+    from dfdbench.building.build import BuildReport
+    from dfdbench.training.experiments import Experiment
     from dfdbench.training.search.search_plan import SearchPlan
     from dfdbench.training.search.swarm_search import SearchOutcome
 
 
-_REDUCTION = "reduction"
 _PUBLISHED = "published"
 
 
@@ -75,7 +69,7 @@ def experiment(
     with needed():
         from dfdbench.figures.trainings import experiment_figure
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.experiments import find_experiment, trials
+        from dfdbench.training.experiments import find_experiment, run_trials, trials
     training.use_threads(threads)
     asked, chosen = find_experiment(name), _listed(values)
     configs = _rows_of(name, rows, chosen, config)
@@ -94,54 +88,21 @@ def experiment(
         repeats,
         start,
     )
-    tables, cards = _train_all(asked, planned, limit, device, folder)
-    if name == _REDUCTION:
-        tables = _compared(asked, planned, cards, device)
-        keep_tables(folder, tables)
+    tables, cards = run_trials(asked, planned, folder, limit, device, progress)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
     print_tables(tables, format)
     say(f"table        {folder / 'scores.md'}, scores.csv")
 
 
-def _train_all(
-    asked: Experiment, planned: Sequence[Trial], limit: float | None, device: str, folder: Path
-) -> tuple[list[Table], list[tuple[str, Card]]]:
-    """Return tables and cards of all trainings; what there is so far lies in the folder."""
-    from dfdbench.training.experiments import experiment_table, run_trial
-    from dfdbench.training.task import LOGGED
-
-    cards: list[tuple[str, Card]] = []
-    tables: list[Table] = []
-    for number, trial in enumerate(planned, 1):
-        label = f"{number} of {len(planned)}: {trial.folder.name}"
-        with progress(label) as bar:
-            card = run_trial(trial, limit, device, lambda *at: bar(*at[:2]))
-        cards.append((trial.value, card))
-        tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
-        keep_tables(folder, tables)
-    return tables, cards
-
-
-def _compared(
-    asked: Experiment, trained: Sequence[Trial], cards: Sequence[tuple[str, Card]], device: str
-) -> list[Table]:
-    from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
-    from dfdbench.training.task import LOGGED
-    from dfdbench.training.trainer import WEIGHTS
-
-    files = {trial.value: trial.folder / WEIGHTS for trial in trained}
-    seconds = seconds_an_image(files, trained[0].task.store, device)
-    return [comparison_table(asked.title, cards, seconds, protocol) for protocol in LOGGED]
-
-
 def _rows_of(
     name: str, rows: Path | None, chosen: list[Any] | None, config: str
 ) -> dict[str, str] | None:
+    from dfdbench.training.experiments import REDUCTION
     from dfdbench.training.reduction.reduce import configurations_in
 
     if rows is None:
         return None
-    if name != _REDUCTION:
+    if name != REDUCTION:
         raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
     if config != _PUBLISHED:
         fix = "leave it out; dfdbench thesis reduce takes it"
@@ -161,29 +122,18 @@ def _data_of(
 
     if asked.varies == PAIR:
         manifest = find_manifest(dataset or "realworld")
-        return _built_pairs(manifest, chosen or asked.values, source, cache), manifest.stem
+        pairs, pool = chosen or asked.values, options.pool_of(None)
+        sets = voltage_pair_sets(manifest, pairs, source, cache, pool, progress, _say_built)
+        return sets, manifest.stem
     if source:
         raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
     store = open_dataset(dataset or "middlebury", cache=cache)
     return store, store.path.stem
 
 
-def _built_pairs(
-    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
-) -> dict[str, Dataset]:
-    places, to_build = voltage_pair_sets(manifest, pairs, source, cache)
-    for pair, files in to_build.items():
-        with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(manifest, files, places[pair], None, options.pool_of(None), step)
-        pairs_built = counted(report.pairs, "pair")
-        say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
-    return {pair: Dataset(place) for pair, place in places.items()}
-
-
-def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
-    """Write tables as Markdown and CSV."""
-    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
-        write_whole(folder / f"scores.{suffix}", render(tables, format))
+def _say_built(report: BuildReport) -> None:
+    pairs = counted(report.pairs, "pair")
+    say(f"built        {report.path}: {pairs}, {len(report.missing)} missing")
 
 
 def _listed(text: str | None) -> list[Any] | None:
@@ -253,9 +203,6 @@ def reduce(
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
 
 
-_BEST, _TABLE = "best.toml", "search.md"
-
-
 def architecture(
     dataset: options.DataSet = "middlebury",
     split: Annotated[str, Option(help="The split to train on.")] = "train",
@@ -316,8 +263,6 @@ def architecture(
     narrowed = {n: str(value) for n, value in options.values_of(bounds, "--bounds").items()}
     on = (split, as_thesis, hold_out, gamma, variant)
     asked = Choices(*on, bounds_of(narrowed), particles, score_pairs, seed)
-    if as_thesis and hold_out:
-        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     store = open_dataset(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
@@ -336,7 +281,7 @@ def architecture(
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
-    from dfdbench.training.search.swarm_search import best_as_toml, course_table, network_table
+    from dfdbench.training.search.swarm_search import BEST, TABLES
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")
@@ -345,17 +290,13 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     title = f"particle swarm on {plan.store.manifest.stem}, seed {plan.choices.seed}"
     save_figure(objective_figure(outcome.course, title), folder / "objective.png")
     save_figure(convergence_figure(outcome.course, title), folder / "convergence.png")
-    tables = [course_table(plan, outcome.course, outcome.failures)]
     if outcome.best:
-        tables.append(network_table(plan, outcome.best))
         filters = particle_at(outcome.best.position).filters
         save_figure(widths_figure(filters, title), folder / "widths.png")
-    print_tables(tables, None)
-    write_whole(folder / _TABLE, render(tables, Format.markdown))
-    say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
+    print_tables(outcome.write(plan, folder), None)
+    say(f"log          {folder / 'positions.csv'}; tables {folder / TABLES}")
     if outcome.best is None:
         say("every training failed: nothing was found")
         raise typer.Exit(1)
-    write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
-    say(f"best         {folder / _BEST}")
-    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
+    say(f"best         {folder / BEST}")
+    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / BEST}")

@@ -75,9 +75,7 @@ def train_command(
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = train(
-            task, folder.path, limit, device, lambda done, steps, _: bar(done, steps), fresh
-        )
+        outcome = train(task, folder.path, limit, device, bar, fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     print_tables([card_table(outcome.card), patches_table(drawn)], None)
     _tell(folder, outcome)

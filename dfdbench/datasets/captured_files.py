@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from dfdbench.blur.law import STEPS, Share
 from dfdbench.datasets.depth_scale import Positive
 from dfdbench.system.strict import StrictRecord
 
@@ -23,9 +24,6 @@ IMAGE = "image"
 
 Index = Annotated[int, Field(ge=0)]
 Extent = Annotated[int, Field(ge=1)]
-
-_Share = Annotated[float, Field(ge=0.01, le=100)]
-_FallOff = Annotated[list[_Share], Field(min_length=2, max_length=100)]
 
 
 class Crop(StrictRecord):
@@ -116,7 +114,7 @@ class CapturedFiles(StrictRecord):
     align: Literal["none", "translation", "euclidean", "similarity"] = "none"
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
-    flat_field: list[_FallOff] | None = None
+    flat_field: list[Annotated[list[Share], STEPS]] | None = None
 
     @property
     def patterns(self) -> dict[str, str]:

@@ -1,7 +1,5 @@
 """Manifests of rendered sets by seed: ``unseen-7`` is drawn when it is asked for."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from importlib import resources

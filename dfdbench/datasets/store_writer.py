@@ -1,13 +1,11 @@
 """Write a built data set: scene by scene beside its place, then moved there whole."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import xarray
 import zarr
@@ -134,7 +132,7 @@ class StoreWriter:
         self.scenes = SceneWriter(self.path, self.partial, self._attributes)
         self._held = contextlib.ExitStack()
 
-    def __enter__(self) -> StoreWriter:
+    def __enter__(self) -> Self:
         fix = "wait for it, or build elsewhere with --store PATH"
         taken = StoreError("another build is writing this store", where=str(self.path), fix=fix)
         with disk_errors(self.path), contextlib.ExitStack() as held:

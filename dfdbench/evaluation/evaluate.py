@@ -1,7 +1,6 @@
 """Run a method on a data set, or score depth maps made elsewhere; the data sets of all tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
-from dfdbench.building.build import build_store, plan_build
-from dfdbench.building.obtaining import obtain
+from dfdbench.building.obtaining import build_dataset
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
@@ -27,10 +25,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.system.files import write_whole, writing_folder
-from dfdbench.system.parallel import Pool
-
-#: Shows how far a step is: entered with what is done, it gives a callable (done, total).
-Shown = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
+from dfdbench.system.parallel import Pool, Shown
 
 
 def evaluate(
@@ -129,10 +124,7 @@ def built_track(
     except StoreError:
         if source is None and not is_made(plain):
             raise
-    plan = plan_build(find_manifest(name), cache=cache, source=source)
-    files = obtain(plan, source, cache=cache).source
-    with shown(f"building {name}") as step:
-        build_store(plan.manifest, files, plan.place, on_scene=step)
+    build_dataset(name, source, cache=cache, shown=shown)
     return open_dataset(name, cache=cache)
 
 

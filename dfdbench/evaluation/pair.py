@@ -1,14 +1,12 @@
 """Evaluate one pair: call the method, score what it gives; in this process or another."""
 
-from __future__ import annotations
-
 import json
 import platform
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,9 +124,7 @@ class RemoteEvaluator:
     expected: str = field(default="{}", repr=False)
 
     @classmethod
-    def of(
-        cls, store: Dataset, method: Method, seed: int, fit: Fit | None = None
-    ) -> RemoteEvaluator:
+    def of(cls, store: Dataset, method: Method, seed: int, fit: Fit | None = None) -> Self:
         """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)

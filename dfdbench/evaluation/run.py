@@ -1,7 +1,5 @@
 """Run a method over a split: predict once a pair, score under every protocol, keep it all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parameters chosen on training captures, by cross-validation over their groups."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any

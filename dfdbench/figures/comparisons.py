@@ -209,7 +209,7 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     Parameters
     ----------
     means : DataFrame
-        See `dfdbench.report.transfer.Transfer.table`.
+        See `dfdbench.report.objects.Transfer.table`.
     title : str
         Above the matrix.
     """

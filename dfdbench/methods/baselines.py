@@ -1,7 +1,5 @@
 """The baselines: what any method has to beat."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -28,6 +28,7 @@ from dfdbench.methods.alignment import (
     rounding_at,
     smooth_grey,
 )
+from dfdbench.methods.fitted import part_of
 from dfdbench.methods.law_cost import blur
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
@@ -153,7 +154,7 @@ def _parts(
     parts: list[list[Part]] = []
     for number, place in enumerate(_places(len(captures))):
         capture = captures[place]
-        region = _region(capture.levels.shape, number)
+        region = part_of(capture.levels.shape, number, _SIDE)
         known = capture.levels[region], capture.valid[region]
         if any(change.changes for change in changes):
             # They are about the middle of the whole image.
@@ -195,15 +196,6 @@ def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
         pixels += np.bincount(part.depth[part.counts], minlength=LEVELS)
         textured += np.bincount(part.depth[part.counts & texture], minlength=LEVELS)
     return np.asarray((pixels >= _MANY_PIXELS) & (textured < _TEXTURED * pixels))
-
-
-def _region(shape: tuple[int, ...], number: int) -> tuple[slice, slice]:
-    # Of a large image one part, another of each pair: left, middle, right, and so on.
-    rows, columns = (
-        (size - min(size, _SIDE)) * (turn % 3) // 2
-        for size, turn in zip(shape, (number // 3, number), strict=True)
-    )
-    return slice(rows, rows + _SIDE), slice(columns, columns + _SIDE)
 
 
 def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.methods.fitted import evenly_spread
+from dfdbench.methods.fitted import evenly_spread, part_of
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
 
@@ -167,11 +167,7 @@ class _Search:
 
 
 def _part(capture: TrainingPair, turn: int, change: ViewChange | None) -> Part:
-    # Of a large image one part, another of each capture: left, middle, right, and so on.
-    region = rows, columns = tuple(
-        slice(start := (size - min(size, _SIDE)) * (place % 3) // 2, start + _SIDE)
-        for size, place in zip(capture.levels.shape, (turn // 3, turn), strict=True)
-    )
+    region = rows, columns = part_of(capture.levels.shape, turn, _SIDE)
     defocus = capture.defocus
     if change and change.changes:
         defocus = np.rint(change.undone(defocus)).astype(np.uint8)

@@ -91,7 +91,7 @@ def data_cost(
     """
     sharp, blurred = np.asarray(infocus), np.asarray(defocus)
     values = np.asarray(sigmas, np.float64)
-    _check(sharp, blurred)
+    require_pair(sharp, blurred, "uint8", "float32")
     radius = kernel_size // 2
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
@@ -119,14 +119,21 @@ def data_cost(
     return unary, int(offset)
 
 
-def _check(infocus: Array, defocus: Array) -> None:
+def require_pair(infocus: Array, defocus: Array, *kinds: str) -> None:
+    """Refuse images of another shape than (y, x, channel), of other kinds, or of two sizes.
+
+    Raises
+    ------
+    InputError
+        If they are such.
+    """
     for name, image in (("infocus", infocus), ("defocus", defocus)):
         if image.ndim != 3 or 0 in image.shape or image.shape[2] > 4:
             raise InputError(
                 f"{name}: expected a shape (y, x, channel) with 1 to 4 channels, got {image.shape}"
             )
-        if image.dtype not in (np.uint8, np.float32):
-            raise InputError(f"{name}: expected uint8 or float32, got {image.dtype}")
+        if image.dtype.name not in kinds:
+            raise InputError(f"{name}: expected {' or '.join(kinds)}, got {image.dtype}")
     if infocus.shape != defocus.shape:
         raise InputError(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")
 

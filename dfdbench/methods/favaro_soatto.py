@@ -13,9 +13,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.choices import Part, choose
 from dfdbench.methods.fitted import (
     REFIT,
+    Choosing,
     Image,
     evenly_spread,
     fit_problems,
@@ -23,11 +23,10 @@ from dfdbench.methods.fitted import (
     not_fitted,
     nothing_to_fit,
     odd_window,
-    window_in,
     wrong,
 )
 from dfdbench.methods.method import Learned, TrainingPair
-from dfdbench.methods.readout import AS_USUAL, Chosen, read_out
+from dfdbench.methods.readout import Chosen, read_out
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.system.compiled import compiled
 
@@ -45,7 +44,7 @@ _STEP = 2.0**-14
 Array = NDArray[Any]
 
 
-class FavaroSoatto:
+class FavaroSoatto(Choosing):
     """Depth by the operators of training patches: no point-spread function is known or estimated.
 
     A sharp patch and the blurred patches at its middle, one of each defocus image, stacked to one
@@ -118,9 +117,8 @@ class FavaroSoatto:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += fit_problems(prior, window)
         MethodError.raise_if(problems)
-        self._with_prior, self.chosen = prior, AS_USUAL
-        self._sides = sharp_patch, blurred_patch
-        self._groups, self._given_window = groups, window
+        super().__init__(prior, window)
+        self._sides, self._groups = (sharp_patch, blurred_patch), groups
         self._operators: NDArray[np.float32] | None = None
         self._images = 1
 
@@ -136,14 +134,7 @@ class FavaroSoatto:
         trial = copy.copy(self)
         trial.restore(learned)
         # A stack leaves less to choose, and its fit takes long enough.
-        if trial._images > 1:
-            return learned
-
-        def solve(part: Part, chosen: Chosen) -> Array:
-            trial.chosen = chosen
-            return trial._solve(part.infocus, [part.defocus])
-
-        return learned | choose(solve, pairs, self._with_prior, not self._given_window).as_learned()
+        return learned if trial._images > 1 else trial._with_choices(learned, pairs)
 
     def _learned(self, pairs: Sequence[TrainingPair]) -> Learned:
         sharp, blurred = self._sides
@@ -222,7 +213,7 @@ class FavaroSoatto:
         if len(images) != self._images:
             what = f"{len(images)} defocus images, but {self._images} were fitted"
             raise MethodError(what, where=_NAME, fix=REFIT)
-        window = window_in(infocus, self._given_window, self.chosen, _NAME)
+        window = self.window_in(infocus)
         side, small = self._sides
         sharp, *blurred = (
             np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)

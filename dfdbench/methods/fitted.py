@@ -21,25 +21,19 @@ if TYPE_CHECKING:
     from xarray import DataArray
 
     from dfdbench.methods.measured_law import Calibration
+    from dfdbench.methods.view_change import ViewChange
 
 
-class Calibrated(ABC):
-    """A method that needs the blur: it is given, or measured on training pairs.
+class Choosing(ABC):
+    """A method whose fit chooses how much the prior and its neighbours count for a pixel.
 
     Parameters
     ----------
-    recipe : BlurRecipe, BlurLaw or None
-        The blur; None leaves it to the fit.
     prior : bool
         Let the fit find out whether it helps to know how often training shows each depth.
-    window : int, optional
-        Side of the square window in pixels that costs are summed over, odd; by default the fit
-        chooses it.
-
-    Raises
-    ------
-    MethodError
-        For a window or a prior that is none.
+    window : int or None
+        Side of the square window in pixels that costs are summed over, odd; None leaves it to the
+        fit.
     """
 
     #: Whether a median can be read from its costs.
@@ -47,21 +41,15 @@ class Calibrated(ABC):
     #: Whether more or less can be smoothed.
     smooths: ClassVar[bool] = True
 
+    def __init__(self, prior: bool, window: int | None) -> None:
+        self._with_prior = prior
+        self._given_window = window
+        #: What the fit chose; as usual before.
+        self.chosen = AS_USUAL
+
     @abstractmethod
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
-
-    def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True, window: int | None = None
-    ) -> None:
-        MethodError.raise_if(fit_problems(prior, window))
-        self._told = recipe
-        self._with_prior = prior
-        self._given_window = window
-        #: What the fit chose; as usual if the blur was given, or before.
-        self.chosen = AS_USUAL
-        #: What the fit measured of each defocus image; nothing if the blur was given, or before.
-        self.calibrations: tuple[Calibration, ...] = ()
 
     def window_in(self, image: Image) -> tuple[int, int]:
         """Return the window for an image: one that a fit chose on larger ones is cut to fit.
@@ -71,7 +59,53 @@ class Calibrated(ABC):
         MethodError
             If the window that was given is larger than the image.
         """
-        return window_in(image, self._given_window, self.chosen, type(self).__name__)
+        if given := self._given_window:
+            require_window_fits(given, image, type(self).__name__)
+            return given, given
+        most = max((min(image.shape[:2]) - 1) // 2 * 2 + 1, _SMALL_WINDOW)
+        side = min(_USUAL_WINDOW * self.chosen.smoothing // 2 * 2 + 1, most)
+        return side, side
+
+    def _with_choices(
+        self, learned: Learned, captures: Sequence[TrainingPair], change: ViewChange | None = None
+    ) -> Learned:
+        """Return what was learned with what is chosen by it; to be called on a copy."""
+        # Imported here and in the fits: they load half of scipy, for the fit alone.
+        from dfdbench.methods.choices import Part, choose
+
+        def solve(part: Part, chosen: Chosen) -> Array:
+            self.chosen = chosen
+            return self._solve(part.infocus, [part.defocus])
+
+        smooth = self.smooths and not self._given_window
+        found = choose(solve, captures, self._with_prior, smooth, self.reads_out, change)
+        return learned | found.as_learned()
+
+
+class Calibrated(Choosing):
+    """A method that needs the blur: it is given, or measured on training pairs.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe, BlurLaw or None
+        The blur; None leaves it to the fit.
+    prior, window
+        As of `Choosing`.
+
+    Raises
+    ------
+    MethodError
+        For a window or a prior that is none.
+    """
+
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True, window: int | None = None
+    ) -> None:
+        MethodError.raise_if(fit_problems(prior, window))
+        super().__init__(prior, window)
+        self._told = recipe
+        #: What the fit measured of each defocus image; nothing if the blur was given, or before.
+        self.calibrations: tuple[Calibration, ...] = ()
 
     @property
     def calibration(self) -> Calibration | None:
@@ -85,7 +119,6 @@ class Calibrated(ABC):
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        # Imported here and in the fit: it loads half of scipy, for the fit alone.
         from dfdbench.methods.measured_law import Calibration
 
         learned = dict(learned)
@@ -123,7 +156,6 @@ class Calibrated(ABC):
         return self._learned([calibrate(pairs)], pairs)
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.choices import Part, choose
         from dfdbench.methods.measured_law import Calibration
         from dfdbench.methods.view_change import ViewChange, without_change
 
@@ -133,15 +165,7 @@ class Calibrated(ABC):
             return learned
         trial = copy.copy(self)
         trial.calibrations = (replace(found[0], law=without_change(found[0].law)),)
-
-        def solve(part: Part, chosen: Chosen) -> Array:
-            trial.chosen = chosen
-            return trial._solve(part.infocus, [part.defocus])
-
-        smooth = self.smooths and not self._given_window
-        change = ViewChange.of(found[0].law)
-        chosen = choose(solve, captures, self._with_prior, smooth, self.reads_out, change)
-        return learned | chosen.as_learned()
+        return trial._with_choices(learned, captures, ViewChange.of(found[0].law))
 
 
 class Solver(Calibrated):
@@ -235,6 +259,21 @@ def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
     """
     number = min(count, most)
     return [(2 * index + 1) * count // (2 * number) for index in range(number)]
+
+
+def part_of(shape: tuple[int, ...], number: int, side: int) -> tuple[slice, slice]:
+    """Return which part of an image to look at, another of each: left, middle, right, and so on.
+
+    Examples
+    --------
+    >>> [part_of((9, 30), number, 10)[1] for number in (0, 1)]
+    [slice(0, 10, None), slice(10, 20, None)]
+    """
+    rows, columns = (
+        (size - min(size, side)) * (turn % 3) // 2
+        for size, turn in zip(shape, (number // 3, number), strict=True)
+    )
+    return slice(rows, rows + side), slice(columns, columns + side)
 
 
 def not_fitted(method: str) -> MethodError:
@@ -344,22 +383,6 @@ def fit_problems(prior: Any, window: Any) -> list[Problem]:
     """Return what is wrong with the parameters of a fit: true or false, and a window."""
     problems = [] if isinstance(prior, bool) else [wrong("prior", "true or false", prior)]
     return problems + ([] if window is None else odd_window("window", window))
-
-
-def window_in(image: Image, given: int | None, chosen: Chosen, method: str) -> tuple[int, int]:
-    """Return the window for an image: as it was given, or what a fit chose, cut to the image.
-
-    Raises
-    ------
-    MethodError
-        If the window that was given is larger than the image.
-    """
-    if given:
-        require_window_fits(given, image, method)
-        return given, given
-    most = max((min(image.shape[:2]) - 1) // 2 * 2 + 1, _SMALL_WINDOW)
-    side = min(_USUAL_WINDOW * chosen.smoothing // 2 * 2 + 1, most)
-    return side, side
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

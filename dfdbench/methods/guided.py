@@ -1,7 +1,5 @@
 """A cost volume smoothed by the guided filter: every level by itself, then the winner."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

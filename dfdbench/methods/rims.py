@@ -4,8 +4,6 @@ A law says how a surface blurs, not that a near one, out of focus, covers what l
 beside a near surface the far one explains its own images badly, and the near one grows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.errors import InputError, MethodError, Problem
+from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
+from dfdbench.methods.data_cost import require_pair
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs
@@ -82,7 +83,7 @@ def rounded_cost(
     ([0, 0, 129, 129], 0)
     """
     sharp, blurred = np.asarray(infocus), np.asarray(defocus)
-    _check(sharp, blurred)
+    require_pair(sharp, blurred, "uint8")
     radius = kernels.shape[1] // 2
     half = np.ascontiguousarray(kernels[:, radius:])
     border = ((radius, radius), (radius, radius), (0, 0))
@@ -115,21 +116,6 @@ def costs_of_misfits(unary: NDArray[np.uint16], channels: int, unit: float, limi
         entry = unit * math.log(least.size / off.size)
         slope = unit * channels / (2 * float(np.mean(off**2)))
     return int(_costs(unary, entry, slope, limit))
-
-
-def _check(infocus: Array, defocus: Array) -> None:
-    problems = []
-    for name, image in (("infocus", infocus), ("defocus", defocus)):
-        if image.ndim != 3 or 0 in image.shape or image.dtype != np.uint8:
-            got = f"{image.dtype} {image.shape}"
-            problems.append(
-                Problem("wrong image", where=name, expected="uint8 (y, x, channel)", got=got)
-            )
-    if not problems and infocus.shape != defocus.shape:
-        problems.append(
-            Problem(f"sizes differ, {infocus.shape} and {defocus.shape}", where="defocus")
-        )
-    InputError.raise_if(problems)
 
 
 def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -1,7 +1,5 @@
 """Semi-global matching over the cost of each depth level."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

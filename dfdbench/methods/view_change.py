@@ -5,11 +5,9 @@ aperture darkens the corners more than a small one. Both are measured over train
 taken out of the defocus image before it is compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -64,7 +62,7 @@ class Images(NamedTuple):
     times: int = 1
 
     @classmethod
-    def small(cls, infocus: Array, defocus: Array) -> Images:
+    def small(cls, infocus: Array, defocus: Array) -> Self:
         """Return images of any size as small as they are looked at."""
         height, width = infocus.shape[:2]
         times = -(-max(height, width) // _LONGEST)
@@ -103,7 +101,7 @@ class ViewChange:
     uneven: float = 0.0
 
     @classmethod
-    def of(cls, law: BlurLaw) -> ViewChange:
+    def of(cls, law: BlurLaw) -> Self:
         """Return what a law says of it."""
         return cls(law.similarity, law.falloff)
 
@@ -327,15 +325,23 @@ def _similarity(pair: Images, light: ViewChange) -> Array:
 
 def _moved_back(image: Array, similarity: Any) -> Array:
     """Return an image (y, x, channel) looked up where a similarity has put each pixel."""
-    # Imported here: it takes half a second, and most images are in register.
-    from scipy.ndimage import affine_transform
-
     down, right, turn, larger = similarity
     matrix = (1 + larger) * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     middle = (np.array(image.shape[:2]) - 1) / 2
     offset = middle + np.array([down, right]) - matrix @ middle
+    return np.asarray(np.clip(resampled(image.astype(np.float32), matrix, offset), 0, LAST_LEVEL))
+
+
+def resampled(image: Array, matrix: Array, offset: Array) -> Array:
+    """Return an image (y, x, channel) looked up, by cubic splines, where a transform leads to.
+
+    Beyond the image's edge are its edge pixels; `matrix` and `offset` are of (y, x).
+    """
+    # Imported here: it takes half a second, and most images are in register.
+    from scipy.ndimage import affine_transform
+
     channels = [
-        affine_transform(image[..., c].astype(np.float32), matrix, offset, mode="nearest")
-        for c in range(image.shape[2])
+        affine_transform(image[..., channel], matrix, offset, mode="nearest")
+        for channel in range(image.shape[2])
     ]
-    return np.asarray(np.clip(np.stack(channels, axis=-1), 0, LAST_LEVEL))
+    return np.stack(channels, axis=-1)

@@ -1,7 +1,5 @@
 """The scores of a depth map, NRMSE, NMAE and SSIM, and whether it goes the wrong way."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

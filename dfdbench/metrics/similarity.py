@@ -1,7 +1,5 @@
 """The local sums of SSIM, compiled: Eq. 3.14 of the thesis at every pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

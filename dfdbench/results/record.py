@@ -1,12 +1,10 @@
 """A result: what a run found, pair by pair, and its file."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
@@ -26,7 +24,6 @@ from dfdbench.system.files import read_text, write_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_json
 
-RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
 
@@ -165,7 +162,7 @@ class DatasetRecord(Record):
     groups: dict[Name, Name] = Field(default_factory=dict)
 
     @classmethod
-    def of(cls, manifest: Manifest, **facts: Any) -> DatasetRecord:
+    def of(cls, manifest: Manifest, **facts: Any) -> Self:
         """Return the record of a data set; `facts` are what its manifest does not know."""
         return cls(
             axes=list(manifest.axes),
@@ -253,7 +250,7 @@ class Result(Record):
     warnings: list[str] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _check(self) -> Result:
+    def _check(self) -> Self:
         data, pairs, protocols = self.dataset, self.pairs, self.protocol_names
         # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
         if not {data.blocks, data.rows or data.blocks} <= set(data.axes):
@@ -315,19 +312,12 @@ def load_result(path: Path | str) -> Result:
     Raises
     ------
     ResultError
-        Where it cannot be read, is of another schema version, or contradicts itself.
+        Where it cannot be read, a field is wrong, or it contradicts itself.
     """
     path = Path(path)
     path = path / RESULT if path.is_dir() else path
-    content = read_json(path)
-    found = content.get("schema_version") if isinstance(content, dict) else None
-    # True equals 1 too.
-    if type(found) is not int or found != RESULT_SCHEMA_VERSION:
-        what = f"result of version {found}, not {RESULT_SCHEMA_VERSION}"
-        fix = "run the method again with this version of dfdbench"
-        raise ResultError(what, where=str(path), fix=fix)
     try:
-        result = Result.model_validate(content, strict=True)
+        result = Result.model_validate(read_json(path), strict=True)
     except ValidationError as error:
         problems = problems_of(error, "wrong value in the result", file=path)
         raise ResultError.of(problems) from error

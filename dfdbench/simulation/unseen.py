@@ -1,7 +1,5 @@
 """Draw cameras and photograph rooms by seed: pairs and focus stacks that nobody has seen."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple

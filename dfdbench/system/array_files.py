@@ -1,7 +1,5 @@
 """Arrays of files that somebody handed in, and what reading damaged ones comes to."""
 
-from __future__ import annotations
-
 import struct
 import tokenize
 import zipfile

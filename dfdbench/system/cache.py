@@ -1,7 +1,5 @@
 """The folder in which downloads and built data sets are kept, and what is in it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from dataclasses import dataclass

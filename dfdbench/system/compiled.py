@@ -1,7 +1,5 @@
 """Compile functions with numba, and cache the machine code where there is a place for it."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """Write files whole or not at all, and lock a folder for one writer."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

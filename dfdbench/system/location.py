@@ -1,7 +1,5 @@
 """A place that holds a data set: a local folder, or the URL of an object store."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

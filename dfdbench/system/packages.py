@@ -1,7 +1,5 @@
 """What is installed: versions, extras, plug-ins."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points, version

@@ -1,7 +1,5 @@
 """Do one thing for many items at once, through Dask: in threads, in processes, on a cluster."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re
@@ -9,7 +7,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
@@ -23,6 +21,8 @@ Outcome = TypeVar("Outcome")
 OnOutcome = Callable[[Item, Outcome], None]
 #: Called with (items done, items in all) after each item.
 OnDone = Callable[[int, int], None]
+#: Shows how far a step is: entered with what is done, it gives a callable (done, total).
+Shown = Callable[[str], AbstractContextManager[Callable[..., None] | None]]
 #: Called with an item's number and its outcome, as soon as it is there.
 Hear = Callable[[int, Outcome], None]
 

@@ -1,7 +1,5 @@
 """Frozen records of checked fields, and what is wrong with one in words."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields

@@ -1,12 +1,12 @@
 """JSON and TOML as text."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+from pydantic_core import to_json
 
 from dfdbench.errors import InputError, Problem
 
@@ -39,6 +39,22 @@ def parse_json(text: str | bytes) -> Any:
             half = ascii(error.object[error.start])
             raise ValueError(f"a lone surrogate, {half}: half a character is no text") from error
     return content
+
+
+def as_json(kind: str, **content: Any) -> str:
+    """Return an answer as its file has it: what kind it is, and its content; NaN becomes null.
+
+    Examples
+    --------
+    >>> print(as_json("bound", spread=float("nan")), end="")
+    {
+     "format": "dfdbench bound",
+     "schema_version": 1,
+     "spread": null
+    }
+    """
+    whole = {"format": f"dfdbench {kind}", "schema_version": 1, **content}
+    return to_json(whole, indent=1, inf_nan_mode="null").decode() + "\n"
 
 
 def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """Pictures in HTML that needs no other file: what a notebook shows of images and depth maps."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -1,11 +1,9 @@
 """How a network is trained: a checked record of every choice, and the files it is read from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import torch
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -157,7 +155,7 @@ class TrainingConfiguration(Record):
         return value
 
     @model_validator(mode="after")
-    def _fits(self) -> TrainingConfiguration:
+    def _fits(self) -> Self:
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
         for name in self.tracks:
@@ -169,7 +167,7 @@ class TrainingConfiguration(Record):
             raise ValueError("activations and first_activation both say what comes first")
         return self
 
-    def with_examples_of_eight(self) -> TrainingConfiguration:
+    def with_examples_of_eight(self) -> Self:
         """Return it with as many examples a step as its patches give in eight orientations.
 
         5.2.1 compares schemes of expansion so.

@@ -15,17 +15,23 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
+from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import Shown
 from dfdbench.system.strict import Record
-from dfdbench.tables.table import Table
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.learner import EndedBy
-from dfdbench.training.task import PROTOCOL, Task, require_trainable, task_of
+from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
+from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
 from dfdbench.training.trainer import WEIGHTS, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
 #: The pair of voltage steps: each value has a data set of its own.
 PAIR = "pair"
+#: The experiment whose networks are compared in speed as well.
+REDUCTION = "reduction"
 
 
 class Experiment(Record):
@@ -180,7 +186,7 @@ def run_trial(
     trial: Trial,
     max_seconds: float | None,
     device: str,
-    on_step: Callable[[int, int | None, float], None] | None = None,
+    on_step: Callable[[int, int | None], None] | None = None,
 ) -> Card:
     """Train, or go on with it; of a training that has ended, return the card.
 
@@ -200,6 +206,44 @@ def run_trial(
         if not (ended and ended.early and more_time):
             return card
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
+
+
+def run_trials(
+    experiment: Experiment,
+    planned: Sequence[Trial],
+    folder: Path,
+    max_seconds: float | None,
+    device: str,
+    shown: Shown,
+) -> tuple[list[Table], list[tuple[str, Card]]]:
+    """Train all that is planned; return its tables, and the value and card of each training.
+
+    The folder has the tables of what has been trained so far. `shown` shows how far each is;
+    `max_seconds` and `device` are of each training.
+
+    Raises
+    ------
+    InputError
+        As of `run_trial`.
+    """
+    cards: list[tuple[str, Card]] = []
+    tables: list[Table] = []
+    for number, trial in enumerate(planned, 1):
+        with shown(f"{number} of {len(planned)}: {trial.folder.name}") as step:
+            cards.append((trial.value, run_trial(trial, max_seconds, device, step)))
+        tables = [experiment_table(experiment, cards, protocol) for protocol in LOGGED]
+        _keep(folder, tables)
+    if experiment.name == REDUCTION:
+        weights = {trial.value: trial.folder / WEIGHTS for trial in planned}
+        seconds = seconds_an_image(weights, planned[0].task.store, device)
+        tables = [comparison_table(experiment.title, cards, seconds, label) for label in LOGGED]
+        _keep(folder, tables)
+    return tables, cards
+
+
+def _keep(folder: Path, tables: Sequence[Table]) -> None:
+    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
+        write_whole(folder / f"scores.{suffix}", render(tables, format))
 
 
 def _is_of(card: Card, task: Task, device: str) -> bool:

@@ -1,11 +1,9 @@
 """A network in training, and its loss."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -39,7 +37,7 @@ class EndedBy(StrEnum):
     TIME_LIMIT_IN_WARM_UP = "its time limit, within the warm-up"
 
     @classmethod
-    def of(cls, text: str) -> EndedBy | None:
+    def of(cls, text: str) -> Self | None:
         """Parse the text of a card; None if it says something else.
 
         Examples

@@ -50,7 +50,7 @@ def train(
     folder: Path,
     max_seconds: float | None = None,
     device: str = "auto",
-    on_step: Callable[[int, int | None, float], None] | None = None,
+    on_step: Callable[[int, int | None], None] | None = None,
     fresh: bool = False,
 ) -> TrainingOutcome:
     """Train until the schedule ends or time is up, from the folder's checkpoint if it has one.
@@ -66,7 +66,7 @@ def train(
     device : str
         As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
     on_step : callable, optional
-        Called with (steps done, steps in all if known, loss).
+        Called with (steps done, steps in all if known).
     fresh : bool
         Remove an earlier training from the folder, once everything is checked.
 
@@ -113,7 +113,7 @@ class _Session:
             self._learner.restore(state)
 
     def run(
-        self, max_seconds: float | None, on_step: Callable[[int, int | None, float], None] | None
+        self, max_seconds: float | None, on_step: Callable[[int, int | None], None] | None
     ) -> TrainingOutcome:
         choices = self._task.configuration
         begin = time.monotonic() - self._seconds
@@ -125,9 +125,9 @@ class _Session:
             self._save()
         ended = self._ended(max_seconds)
         while not ended:
-            loss = self._one_step()
+            self._one_step()
             if on_step:
-                on_step(self._learner.step, choices.steps, loss)
+                on_step(self._learner.step, choices.steps)
             if self._learner.step % choices.evaluate_every == 0:
                 self._note_scores()
             now = time.monotonic()
@@ -148,11 +148,10 @@ class _Session:
             return EndedBy.TIME_LIMIT
         return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {step:,} of {choices.warm_up:,}"
 
-    def _one_step(self) -> float:
+    def _one_step(self) -> None:
         rate = self._learner.schedule.rate
         loss = self._learner.learn()
         self._log.losses.append({"step": self._learner.step, "learning_rate": rate, "loss": loss})
-        return loss
 
     def _note_scores(self) -> None:
         row: dict[str, Any] = {"step": self._learner.step}

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from dfdbench.cli.verbs import VERBS
+from dfdbench.cli import VERBS
 from dfdbench.tables.render import escape_markdown
 
 HEAD = """# Every command

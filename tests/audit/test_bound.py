@@ -167,6 +167,7 @@ def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores(
         ("half", f"{one / 2:.4f}", "2.00"),
         ("twice", f"{2 * one:.4f}", "0.50"),
     ]
+    assert table.notes[-1].endswith("left out: thesis, stopped")
 
 
 def test_a_file_has_the_law_and_every_captures_numbers() -> None:

@@ -4,8 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.building import obtaining
 from dfdbench.building.build import plan_build
 from dfdbench.building.obtaining import obtain, voltage_pair_sets
+from dfdbench.building.sources.interface import Source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, SourceError
@@ -56,25 +58,44 @@ def site(tmp_path: Path) -> Path:
     return tmp_path / "site"
 
 
-def test_each_pair_has_a_place_beside_the_sets_own(site: Path, tmp_path: Path) -> None:
-    places, to_build = voltage_pair_sets(REALWORLD, ["135-129", "141-129"], site, tmp_path)
-    assert places == {
-        "135-129": tmp_path / f"stores/{REALWORLD.stem}-135-129.zarr",
-        "141-129": tmp_path / f"stores/{REALWORLD.stem}-141-129.zarr",
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> dict[Path, object]:
+    """By place, the options of what would be built."""
+    found: dict[Path, object] = {}
+
+    def note(manifest: Manifest, source: Source, place: Path, *others: object) -> None:
+        found[place] = source.options
+
+    monkeypatch.setattr(obtaining, "build_store", note)
+    monkeypatch.setattr(obtaining, "Dataset", Path)
+    return found
+
+
+def test_each_pair_has_a_place_beside_the_sets_own(
+    site: Path, tmp_path: Path, built: dict[Path, object]
+) -> None:
+    first, second = (
+        tmp_path / f"stores/{REALWORLD.stem}-{pair}.zarr" for pair in ("135-129", "141-129")
+    )
+    found = voltage_pair_sets(REALWORLD, ["135-129", "141-129"], site, tmp_path)
+    assert {pair: str(place) for pair, place in found.items()} == {
+        "135-129": str(first),
+        "141-129": str(second),
     }
     # The manifest's own pair too: the set that `build` makes is never taken for an experiment's.
-    assert default_store(REALWORLD, tmp_path) not in places.values()
-    assert {pair: source.options for pair, source in to_build.items()} == {
-        "135-129": {"pair": [135, 129]},
-        "141-129": {"pair": [141, 129]},
-    }
+    assert default_store(REALWORLD, tmp_path) not in built
+    assert built == {first: {"pair": [135, 129]}, second: {"pair": [141, 129]}}
 
 
-def test_what_is_built_is_not_built_again(site: Path, tmp_path: Path) -> None:
+def test_what_is_built_is_not_built_again(
+    site: Path, tmp_path: Path, built: dict[Path, object]
+) -> None:
     (tmp_path / f"stores/{REALWORLD.stem}-135-129.zarr").mkdir(parents=True)
-    assert [*voltage_pair_sets(REALWORLD, ["135-129", "141-129"], site, tmp_path)[1]] == ["141-129"]
+    voltage_pair_sets(REALWORLD, ["135-129", "141-129"], site, tmp_path)
+    assert [place.stem for place in built] == [f"{REALWORLD.stem}-141-129"]
     # And needs no captures any more.
-    assert not voltage_pair_sets(REALWORLD, ["135-129"], None, tmp_path)[1]
+    assert voltage_pair_sets(REALWORLD, ["135-129"], None, tmp_path)
+    assert len(built) == 1
 
 
 @pytest.mark.parametrize("pair", ["135", "135,129", "135-", "a-b", "-135-129", "135-129-141"])

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from dfdbench.cli.verbs import Verb
+from dfdbench.cli import Verb
 
 HEAVY = ("scipy", "numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
 

@@ -160,9 +160,9 @@ def test_where_no_label_fits_costs_grow_with_the_square_of_the_misfit() -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"infocus": noise((4, 5))}, "wrong image"),
-        ({"infocus": noise((4, 5, 3)).astype(float)}, "wrong image"),
-        ({"defocus": noise((4, 6, 3))}, "sizes differ"),
+        ({"infocus": noise((4, 5))}, "infocus: expected a shape"),
+        ({"infocus": noise((4, 5, 3)).astype(float)}, "infocus: expected uint8, got float64"),
+        ({"defocus": noise((4, 6, 3))}, "defocus: expected the shape"),
     ],
 )
 def test_what_it_does_not_take_is_told(changes: dict[str, object], told: str) -> None:

@@ -43,7 +43,7 @@ def read(content: dict[str, Any], folder: Path) -> Any:
         (lambda c: c["pairs"][0].update(scores={}), "not scored under"),
         (lambda c: c["pairs"][0].update(machine=1), "machine that is not listed"),
         (lambda c: c["dataset"].update(colour="red"), "colour"),
-        (lambda c: c.update(schema_version=7), "version 7"),
+        (lambda c: c.update(schema_version=7), "schema_version"),
         (lambda c: c["dataset"].update(blocks="colour"), "not among the axes"),
         (lambda c: c["pairs"][0]["coordinates"].pop("view"), "its name says"),
         (lambda c: c["pairs"][0].update(id="../x"), "its name says"),

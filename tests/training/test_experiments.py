@@ -96,8 +96,8 @@ def test_a_training_that_has_ended_is_taken_over(tiny_store: Dataset, tmp_path: 
         return found[0]
 
     steps: list[int] = []
-    first = run_trial(one(), None, "cpu", lambda step, total, loss: steps.append(step))
-    again = run_trial(one(), None, "cpu", lambda step, total, loss: steps.append(step))
+    first = run_trial(one(), None, "cpu", lambda step, total: steps.append(step))
+    again = run_trial(one(), None, "cpu", lambda step, total: steps.append(step))
     assert steps == [1, 2]
     assert again == first
     with pytest.raises(InputError, match="another training"):

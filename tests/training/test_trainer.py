@@ -96,7 +96,7 @@ def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
     whole = train(task(tiny_store, schedule=schedule), tmp_path / "whole", device="cpu")
     for stop in (4, 9):
 
-        def interrupt(step: int, steps: int | None, loss: float, at: int = stop) -> None:
+        def interrupt(step: int, steps: int | None, at: int = stop) -> None:
             if step == at:
                 raise KeyboardInterrupt
 

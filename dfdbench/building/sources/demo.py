@@ -1,7 +1,7 @@
 """Make the demo set: small scenes with photographs on their surfaces, seen by a camera."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.interface import Made, SceneImages
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, View, look
 from dfdbench.tables.table import listed
@@ -146,13 +146,13 @@ class DemoScenes(Made):
     Raises
     ------
     SourceError
-        With every scene, axis and value that there is none of here.
+        For another scene, axis, or value of one.
     """
 
     captures_defocus = False
 
     def __init__(self, manifest: Manifest) -> None:
-        SourceError.raise_if(_problems_of(manifest))
+        _require_made_here(manifest)
         super().__init__(manifest)
 
     def signature(self, scene: str) -> str:
@@ -187,29 +187,18 @@ class DemoScenes(Made):
         return SceneImages.of_pairs(infocus, depth, depth != unknown, np.ones(extent, bool))
 
 
-def _problems_of(manifest: Manifest) -> Iterator[Problem]:
-    made: dict[str, tuple[int, ...]] = {
-        "view": tuple(_VIEWS),
-        "illumination": tuple(_LIGHTS),
-        "exposure": tuple(_GAINS),
-    }
-    fields = (
-        ("axes", list(manifest.axes), list(made)),
-        ("depth.axes", manifest.depth.axes, ["view"]),
-    )
-    for field, named, needed in fields:
-        if named != needed:
-            what = (
-                f"the demo scenes have other axes: {listed(needed)}, not {listed(named) or 'none'}"
-            )
-            yield Problem(what, where=f"{manifest.stem}: {field}")
-    for axis, values in made.items():
-        if strange := [value for value in manifest.axes.get(axis, ()) if value not in values]:
-            what = f"the demo scenes have no {axis} {listed(strange)}, only {listed(values)}"
-            yield Problem(what, where=f"{manifest.stem}: axes.{axis}")
-    if others := [scene for scene in manifest.scene_names if scene not in SCENES]:
-        what = f"no such demo scene: {listed(others)}, not of {listed(SCENES)}"
-        yield Problem(what, where=f"{manifest.stem}: scenes")
+def _require_made_here(manifest: Manifest) -> None:
+    made = {"view": [*_VIEWS], "illumination": [*_LIGHTS], "exposure": [*_GAINS]}
+    strange = [
+        f"{axis} {value}"
+        for axis, values in manifest.axes.items()
+        for value in values
+        if value not in made.get(axis, ())
+    ]
+    strange += [f"scene {name}" for name in manifest.scene_names if name not in SCENES]
+    if strange or list(manifest.axes) != list(made) or manifest.depth.axes != ["view"]:
+        what = f"the demo scenes are others than these: {listed(strange) or 'axes'}"
+        raise SourceError(what, where=manifest.stem, expected=f"{listed(SCENES)}; axes {made}")
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:

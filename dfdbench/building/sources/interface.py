@@ -1,11 +1,9 @@
 """What every source of images and depth maps gives, whatever it reads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +77,7 @@ class SceneImages:
         valid: NDArray[np.bool_],
         available: NDArray[np.bool_],
         defocus: NDArray[np.uint8] | None = None,
-    ) -> SceneImages:
+    ) -> Self:
         """Return what pairs consist of, shapes (*pair axes, y, x, channel), in depth levels.
 
         Without `defocus` the build makes it.

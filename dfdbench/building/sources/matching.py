@@ -9,10 +9,9 @@ from typing import Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from dfdbench.errors import InputError
-from dfdbench.methods.view_change import Images, ViewChange, find_change
+from dfdbench.methods.view_change import Images, ViewChange, find_change, resampled
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -237,17 +236,12 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
     back = at.magnification * np.array([[cosine, -sine], [sine, cosine]])
     centre = (np.array(image.shape[:2]) - 1) / 2
     offset = centre - back @ centre - np.array([at.down, at.right])
-    moved = np.empty_like(image)
-    for channel in range(image.shape[2]):
-        moved[..., channel] = ndimage.affine_transform(
-            image[..., channel], back, offset, order=3, mode="nearest"
-        )
     y, x = np.indices(image.shape[:2], dtype=np.float64)
     rows = back[0, 0] * y + back[0, 1] * x + offset[0]
     columns = back[1, 0] * y + back[1, 1] * x + offset[1]
     covered = (rows >= 0) & (rows <= image.shape[0] - 1)
     covered &= (columns >= 0) & (columns <= image.shape[1] - 1)
-    return moved, covered
+    return resampled(image, back, offset), covered
 
 
 def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where: Mask) -> float:

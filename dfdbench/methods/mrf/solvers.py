@@ -6,8 +6,6 @@ Where it can, it does so on blocks of 4 x 4 pixels, and repairs those labels on 
 on pixels: cuts of a sixteenth and a quarter of the size do most of the work.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal, get_args
 
@@ -19,6 +17,8 @@ from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, label_dtyp
 from dfdbench.methods.mrf.maxflow import GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
+
+Array = NDArray[Any]
 
 # Costs are turned from pixels of labels to labels of pixels for so many labels at a time: in one
 # label's plane, neighbours are neighbours in memory, and this many come in one line of the cache.
@@ -297,8 +297,6 @@ REPAIRS: dict[str, tuple[tuple[int, ...], ...]] = {
 # A table counts as nearly convex if it lies at most this part of its maximum above its convex
 # hull: the published one, rounded down from a concave curve, lies 1 of 254 above.
 CONVEX_TOLERANCE = 0.01
-
-Array = NDArray[Any]
 
 
 def split(energy: Energy, quality: Quality = "default") -> Solution:

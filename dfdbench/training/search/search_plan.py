@@ -181,6 +181,8 @@ def plan_search(
     """
     if choices.variant not in VARIANTS:
         raise unknown_name("variant", choices.variant, VARIANTS)
+    if choices.as_thesis and choices.held_out:
+        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     _refuse_what_particles_choose(base, changes)
     task = task_of("dfd-net", store, base, choices.split)
     train = tuple(dict.fromkeys(pair.scene for pair in task.train))

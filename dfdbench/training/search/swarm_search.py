@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SITES, SIZED
-from dfdbench.system.files import writing_folder
+from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool
-from dfdbench.tables.table import Table
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.log import PARTS, Evaluation, LogRow, Outcome, Place, SearchFolder
 from dfdbench.training.search.particle import (
@@ -26,6 +27,9 @@ from dfdbench.training.search.particle import (
     whole_numbers,
 )
 from dfdbench.training.search.search_plan import SearchPlan
+
+#: In a search's folder, when it has an outcome.
+BEST, TABLES = "best.toml", "search.md"
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,15 @@ class SearchOutcome:
     failures: tuple[LogRow, ...]
     trainings: int
     finished: bool
+
+    def write(self, plan: SearchPlan, folder: Path) -> list[Table]:
+        """Write its tables, and the best network as a configuration; return the tables."""
+        tables = [course_table(plan, self.course, self.failures)]
+        if self.best:
+            tables.append(network_table(plan, self.best))
+            write_whole(folder / BEST, best_as_toml(plan, self.best))
+        write_whole(folder / TABLES, render(tables, Format.markdown))
+        return tables
 
 
 class _TimeUpError(Exception):

@@ -81,7 +81,7 @@ def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_on
     scenes = [strange.scenes[0].model_copy(update={"name": "Cellar"})]
     with pytest.raises(SourceError) as caught:
         DemoScenes(strange.model_copy(update={"scenes": scenes}))
-    for found in ("view 3", "illumination 4", "exposure 9", "scene: Cellar"):
+    for found in ("view 3", "illumination 4", "exposure 9", "scene Cellar"):
         assert found in str(caught.value)
 
 
