@@ -10,7 +10,6 @@ from scipy import ndimage
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.errors import InputError
 from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.method import Method
@@ -155,23 +154,3 @@ def test_where_no_label_fits_costs_grow_with_the_square_of_the_misfit() -> None:
     expected = np.minimum(costs - costs.min(axis=2, keepdims=True), LIMIT)
     assert np.abs(unary - expected).max() <= 1.5
     assert offset == pytest.approx(costs.min(axis=2).sum(), rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"infocus": noise((4, 5))}, "wrong image"),
-        ({"infocus": noise((4, 5, 3)).astype(float)}, "wrong image"),
-        ({"defocus": noise((4, 6, 3))}, "sizes differ"),
-    ],
-)
-def test_what_it_does_not_take_is_told(changes: dict[str, object], told: str) -> None:
-    right: dict[str, object] = {
-        "infocus": noise((4, 5, 3)),
-        "defocus": noise((4, 5, 3)),
-        "kernels": RECIPE.kernels(),
-        "unit": UNIT,
-        "limit": LIMIT,
-    }
-    with pytest.raises(InputError, match=told):
-        rounded_cost(**(right | changes))  # type: ignore[arg-type]
