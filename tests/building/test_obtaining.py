@@ -84,8 +84,6 @@ def test_what_is_no_pair_of_steps_is_told(site: Path, tmp_path: Path, pair: str)
     assert caught.value.problems[0].got == pair
 
 
-def test_a_step_that_the_lens_never_had_is_told_before_anything_is_built(
-    site: Path, tmp_path: Path
-) -> None:
+def test_a_step_that_the_lens_never_had_is_told_at_once(site: Path, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="two steps of 127 to 143"):
         voltage_pair_sets(REALWORLD, ["135-129", "135-150"], site, tmp_path)

@@ -11,7 +11,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.cli import main
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.manifest import Manifest
 from tests.cli.command import Command, Outcome
 from tests.conftest import TINY_TOML, write_png
 from tests.site import Site, served
@@ -81,14 +81,8 @@ def built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
 
 
-def build(toml: str, folder: Path, path: Path) -> str:
-    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder), path)
-    return str(path)
-
-
 @pytest.fixture
-def uneven(tiny_folder: Path, tmp_path: Path) -> str:
+def uneven(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> str:
     """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
     for number, scene in enumerate(("One", "Two", "Three")):
         for view in (1, 5):
@@ -97,4 +91,5 @@ def uneven(tiny_folder: Path, tmp_path: Path) -> str:
                 depth[:4] = 36 + np.arange(32) % 3
             depth[-1] = 0
             write_png(tiny_folder / scene / f"disp{view}.png", depth)
-    return build(TINY_TOML, tiny_folder, tmp_path / "uneven.zarr")
+    source = open_source(tiny_manifest, tiny_folder)
+    return str(build_store(tiny_manifest, source, tmp_path / "uneven.zarr").path)

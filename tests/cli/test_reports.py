@@ -28,9 +28,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
     place = "results/compare-demo-1-Market-local-window=5-vs-local-window=9.png"
     assert f"figure       {place}" in compared.err
-    panels = cv2.imread(place)
-    assert panels is not None
-    assert panels.shape[1] == 1800
+    assert np.asarray(cv2.imread(place)).shape[1] == 1800
     both = ("compare", "window=5", "window=9")
     assert "figure       folder/compare.png" in dfdbench(*both, "--out", "folder").err
     assert Path("folder/compare.png").exists()
@@ -59,11 +57,8 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert "no figure: no run is complete" in table.err
     dfdbench.refused("a page shows every metric and figure", "report window=5 --metric ssim")
     dfdbench.refused("has the form that its name says", "report window=5 --format csv", *SVG)
-    dfdbench.refused(
-        "no figures are drawn with --no-predictions",
-        "run --dataset demo --method constant --no-predictions",
-        *SVG,
-    )
+    bare = "run --dataset demo --method constant --no-predictions"
+    dfdbench.refused("no figures are drawn with --no-predictions", bare, *SVG)
 
 
 def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command) -> None:
@@ -125,10 +120,8 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
 @pytest.mark.usefixtures("built")
 def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("mymodule:nan")
-    refused = dfdbench.refused(
-        "mymodule:predict has no card (leaderboard/methods)",
-        "run --dataset demo --method mymodule:predict --submit",
-    )
+    run = "run --dataset demo --method mymodule:predict --submit"
+    refused = dfdbench.refused("mymodule:predict has no card (leaderboard/methods)", run)
     assert "Fix: write one, NAME.toml: title, authors" in refused.err
     assert not Path("results").exists()
 

@@ -22,7 +22,7 @@ def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     encoding: dict[str, str], tmp_path: Path
 ) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "dfdbench", *BLUR, "--pixel", "4.8um"],
+        [sys.executable, "-m", "dfdbench", *BLUR.split(), "--pixel", "4.8um"],
         cwd=tmp_path,
         env={**os.environ, **encoding},
         capture_output=True,
@@ -76,9 +76,7 @@ def test_a_download_says_its_bytes_and_work_of_unknown_length_what_is_done(
     ]
 
 
-def test_a_table_of_somebody_elses_text_steers_no_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_table_of_others_text_steers_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     print_table(Table("title\x1b]0;x\x07", ("method",), (("mine\x1b[2J\r",),), "l", ("n\x9b",)))
     out = capsys.readouterr().out
     assert "mine\\x1b[2J\\r" in out

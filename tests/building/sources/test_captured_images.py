@@ -16,10 +16,15 @@ NAMES = ("sharp.png", "blurred.png", "depth.png")
 DEPTH: Depth = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml").depth
 
 
+def files(**fields: object) -> CapturedFiles:
+    return CapturedFiles.model_validate(
+        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
+    )
+
+
 def made(folder: Path, **fields: object) -> CapturedImages:
-    files = {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
     *photographs, depth = [((folder / name).read_bytes(), name) for name in NAMES]
-    return captured_images(photographs, depth, CapturedFiles.model_validate(files), DEPTH)
+    return captured_images(photographs, depth, files(**fields), DEPTH)
 
 
 @pytest.fixture
@@ -102,12 +107,6 @@ def test_an_alignment_that_is_not_found_names_the_file(scene: Path, tmp_path: Pa
 
 SCALE = DepthScale(near=0.5, far=5.0)
 INVERSE = Depth(axes=[], unknown=0, grows_with="nearness", unit="", scale=SCALE)
-
-
-def files(**fields: object) -> CapturedFiles:
-    return CapturedFiles.model_validate(
-        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
-    )
 
 
 def test_metres_become_levels_and_what_is_missing_or_beyond_is_unknown() -> None:

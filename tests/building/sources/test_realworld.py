@@ -102,9 +102,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
-    captures: Path, tmp_path: Path
-) -> None:
+def test_the_board_at_1_5_m_is_brighter_than_at_2_5_m(captures: Path, tmp_path: Path) -> None:
     raw = tmp_path / "raw"
     assert CAPTURED.capture is not None
     write_captures(raw, ("k00",), CAPTURED.capture, CaptureSettings((129, 141), (40,)))
@@ -124,8 +122,7 @@ def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> Non
     store = Dataset(tmp_path / "s.zarr")
     for pair in store.pairs("all"):
         images = store.read(pair)
-        truth = cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1)
-        assert truth is not None
+        truth = np.asarray(cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1))
         near = np.abs(255 - images.levels.astype(int) - truth.astype(int) // 10) <= 2
         assert near[images.valid].mean() > 0.95
         assert images.valid.mean() > 0.9
@@ -144,9 +141,7 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
 
 
 @pytest.mark.slow
-def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
-    captures: Path, tmp_path: Path
-) -> None:
+def test_synthetic_blur_takes_the_sharpest_step(captures: Path, tmp_path: Path) -> None:
     manifest = manifest_with_few_steps("realworld-synthetic")
     build_store(manifest, open_source(manifest, captures), tmp_path / "s.zarr")
     store = Dataset(tmp_path / "s.zarr")
@@ -168,8 +163,7 @@ def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
     top, left = scene.rig.crop_offset
     inner = (slice(top, top + 630), slice(left, left + 630))
     for path in scene.images(40, 129):
-        frame = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        assert frame is not None
+        frame = np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB))
         marred = noise.copy()
         marred[inner] = frame[inner]
         write_png(path, marred)
@@ -180,7 +174,7 @@ def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
 
 
 @pytest.mark.slow
-def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
+def test_all_that_is_wrong_is_told_others_build(
     spoiled: Path, published: Path, tmp_path: Path
 ) -> None:
     for name in ("k32", "k35", "k44", "k45", "k46"):
@@ -233,8 +227,6 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
         open_source(CAPTURED, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
         open_source(CAPTURED, tmp_path / "none")
-    with pytest.raises(SourceError, match="simulate realworld"):
-        open_source(CAPTURED)
 
 
 CAPTURE = find_manifest("realworld").capture or pytest.fail("the rig captured it")
