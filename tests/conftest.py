@@ -1,7 +1,5 @@
 """What several test files need: the shared images, a tiny data set, the demo store."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil
@@ -270,8 +268,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPa
 @pytest.fixture
 def read_image() -> Callable[[Path], NDArray[np.uint8]]:
     def read(path: Path) -> NDArray[np.uint8]:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        assert image is not None, path
+        image = np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB))
         return np.asarray(image, np.uint8)
 
     return read
@@ -288,8 +285,7 @@ def aloe(shared_data: Path) -> Callable[[int], Energy]:
         )
         pair = []
         for path in paths:
-            image = cv2.imread(str(path))
-            assert image is not None, path
+            image = np.asarray(cv2.imread(str(path)))
             pair.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8))
         unary, offset = data_cost(pair[0], pair[1], RECIPES["text"].sigmas)
         return Energy(unary, published(256), offset=offset)

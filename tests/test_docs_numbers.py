@@ -1,7 +1,5 @@
 """Each number on a page is what a sealed result, a published table or a command says, as text."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

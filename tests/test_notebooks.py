@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom, and lie in the repository without what they print."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

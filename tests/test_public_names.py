@@ -1,7 +1,5 @@
 """The names that users and results rely on: a change here breaks somebody's code."""
 
-from __future__ import annotations
-
 import builtins
 import importlib
 

@@ -1,7 +1,5 @@
 """The house: every module lives in a room, and imports lead down, never up or round."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import graphlib

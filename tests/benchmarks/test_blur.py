@@ -1,7 +1,5 @@
 """The blur against a stack of 256 images filtered whole with OpenCV, in one run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

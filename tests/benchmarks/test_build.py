@@ -5,8 +5,6 @@ of them where none is, are random images of the same size. The peer is the thesi
 256 whole images filtered with OpenCV.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time
@@ -131,8 +129,7 @@ def all_lightings(folder: Path, tmp_path: Path) -> Path:
     manifest = find_manifest("middlebury")
     for pair in manifest.pairs():
         scene, at = folder / pair.scene, pair.at
-        image = cv2.imread(str(scene / image_name({"view": at["view"]})))
-        assert image is not None
+        image = np.asarray(cv2.imread(str(scene / image_name({"view": at["view"]}))))
         light = (0.25, 0.6, 1.0)[at["exposure"]] * (0.8 + 0.06 * at["illumination"])
         write_png(place / pair.scene / image_name(at), (image * light).astype(np.uint8))
         depth = place / pair.scene / depth_name(at)

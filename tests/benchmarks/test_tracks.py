@@ -1,7 +1,5 @@
 """A pair on each track against the clean blur, in one run, on one thread."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

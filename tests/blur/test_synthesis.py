@@ -58,9 +58,7 @@ def test_the_published_images_come_out_identical(
         [RECIPES["published"], RECIPES["text"], BlurRecipe(0.5, 0.02, invert=False)]
     ),
 )
-def test_it_equals_the_stack_of_filtered_images(
-    image: Image, depth: Image, recipe: BlurRecipe
-) -> None:
+def test_it_equals_filtered_images(image: Image, depth: Image, recipe: BlurRecipe) -> None:
     ours = synthesize(image, depth, recipe)
     assert np.array_equal(ours, stack_of_filtered_images(image, depth, recipe))
 

@@ -88,9 +88,7 @@ def test_nobody_knows_the_draw_beforehand(row: Row) -> None:
         ),
     ],
 )
-def test_scores_that_were_made_up_are_found_out(
-    row: Row, tamper: Callable[[Row], Row], told: str
-) -> None:
+def test_made_up_scores_are_found_out(row: Row, tamper: Callable[[Row], Row], told: str) -> None:
     found = verify(tamper(row), HERE, count=2)
     assert not found.passed
     assert told in str(found.pairs[0])
@@ -146,7 +144,7 @@ def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, A
     assert f"{next(iter(claim))} is " in str(found.pairs[0])
 
 
-def test_code_of_others_is_imported_only_if_it_is_trusted(
+def test_code_is_imported_if_trusted(
     row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -197,9 +195,7 @@ def test_a_fitted_method_is_fitted_anew(
     assert len(found.pairs) == 3
 
 
-def test_runs_on_tracks_are_run_again_as_they_were(
-    stores: dict[str, Dataset], tmp_path: Path
-) -> None:
+def test_runs_on_tracks_are_run_as_they_were(stores: dict[str, Dataset], tmp_path: Path) -> None:
     results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
     row = row_of(results, ["tracks-1"])
     found = verify(row, HERE, count=9, seed=3)

@@ -28,9 +28,7 @@ def test_brighter_is_nearer_in_every_set() -> None:
         (lambda: find_manifest("demo").pairs_of_scene("Atic"), "Atic", "did you mean Attic"),
     ],
 )
-def test_unknown_names_show_the_near_misses(
-    ask: Callable[[], object], name: str, hint: str
-) -> None:
+def test_unknown_names_show_near_misses(ask: Callable[[], object], name: str, hint: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
         ask()
     assert name in str(caught.value)
@@ -55,9 +53,7 @@ def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
         find_manifest("demo.toml")
 
 
-def test_each_version_of_a_set_has_a_place_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_version_has_its_own_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert default_store(find_manifest("demo"), tmp_path) == tmp_path / "stores/demo-1.zarr"
     monkeypatch.setenv("DFDBENCH_CACHE", "elsewhere")
     assert default_store(find_manifest("realworld")) == Path("elsewhere/stores/realworld-1.zarr")

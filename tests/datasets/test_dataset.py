@@ -78,7 +78,7 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
     assert "dfdbench build demo" in str(caught.value)
 
 
-def test_a_damaged_scene_is_written_again(
+def test_a_damaged_scene_is_mended(
     tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     before = tiny_store.fingerprint

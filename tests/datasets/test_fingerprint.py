@@ -118,7 +118,7 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) 
         ("Two/depth", {"codecs": []}),
     ],
 )
-def test_arrays_that_are_not_as_built_are_told(
+def test_arrays_not_as_built_are_told(
     tiny_store: Dataset, place: str, change: dict[str, Any]
 ) -> None:
     path = damaged(tiny_store, place, lambda content: content.update(change))
@@ -140,7 +140,7 @@ def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) ->
     ("name", "value"),
     [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
 )
-def test_a_scene_record_of_another_kind_is_told_by_name(
+def test_another_scene_record_is_told_by_name(
     tiny_store: Dataset, name: str, value: object
 ) -> None:
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))

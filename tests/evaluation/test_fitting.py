@@ -124,9 +124,7 @@ def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
     assert result.pairs[0].prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
-def test_a_run_that_goes_on_is_not_fitted_again(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
+def test_a_resumed_run_is_not_fitted_again(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
     fits = []
     for options in (RunOptions(limit=2), RunOptions(), RunOptions(fresh=True), RunOptions(seed=1)):
         method = load_for(tiny_store, mean, {})
@@ -181,9 +179,7 @@ def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
     assert load_result(tmp_path / "runs/out").complete
 
 
-def test_what_was_learned_and_then_damaged_is_not_trusted(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
+def test_damaged_learning_is_not_trusted(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
     run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
     assert read_fit(tmp_path / "out").fitted_on == "tiny-1, split train"
     (tmp_path / "out" / FIT).write_bytes(b"PK\x03\x04 rot")
@@ -202,9 +198,7 @@ def test_nothing_is_tested_on_what_it_was_fitted_on(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_set_without_training_pairs_says_what_to_do(
-    tiny_folder: Path, tmp_path: Path, mean: str
-) -> None:
+def test_a_set_without_training_says_so(tiny_folder: Path, tmp_path: Path, mean: str) -> None:
     text = TINY_TOML.replace('name = "train"', 'name = "learn"')
     manifest = parse_manifest(text.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
@@ -236,9 +230,7 @@ def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
     assert "goes on" not in said
 
 
-def test_what_one_run_learned_is_used_in_another(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
+def test_one_run_s_fit_is_used_in_another(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
     run_method(tiny_store, load_for(tiny_store, mean, {}), "Two", tmp_path / "two")
     options = RunOptions(fitted=tmp_path / "two")
     done = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "b", options)

@@ -88,9 +88,7 @@ def test_a_user_may_withhold_the_recipe(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.slow
-def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
-    tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_told_a_method_gets_a_track_s_law_and_says_so(tiny_folder: Path, tmp_path: Path) -> None:
     tracked = with_track(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"), "psf-3")
     build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "psf.zarr")
     store = Dataset(tmp_path / "psf.zarr")

@@ -67,9 +67,7 @@ def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) ->
     assert DepthPredictor("local", "published")(sharp, blurred).found == ""
 
 
-def test_what_a_law_says_of_the_view_is_undone_once(
-    pair: tuple[Image, Image, Image], tmp_path: Path
-) -> None:
+def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
     sharp, blurred, _ = pair
     larger = np.rint(np.clip(magnify(blurred.astype(float), [0.02] * 3), 0, 255)).astype(np.uint8)
     recipe = RECIPES["published"]

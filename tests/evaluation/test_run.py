@@ -25,9 +25,7 @@ from tests.conftest import ON_SERVERS
 from tests.evaluation.made_methods import Counting, grey, method
 
 
-def test_a_run_predicts_once_and_scores_under_every_protocol(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_run_predicts_once_for_every_protocol(tiny_store: Dataset, tmp_path: Path) -> None:
     predict = Counting()
     run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
     # One more, to see whether the first answer comes again.
@@ -78,9 +76,7 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path
     assert second.result.complete
 
 
-def test_a_changed_method_starts_over_and_the_old_run_is_kept(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_changed_method_starts_over_beside_the_old(tiny_store: Dataset, tmp_path: Path) -> None:
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
     old = (tmp_path / "out" / RESULT).read_text()
     predict = Counting()
@@ -165,9 +161,7 @@ def test_each_pair_keeps_the_machine_that_it_was_run_on(
     assert load_result(tmp_path / "out") == result
 
 
-def test_answers_that_differ_from_call_to_call_are_told(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Path) -> None:
     random = np.random.default_rng(0)
 
     def drawing(infocus: Any, defocus: Any) -> Any:
@@ -182,9 +176,7 @@ def test_answers_that_differ_from_call_to_call_are_told(
     assert result.pairs[0].id in str(result.warnings)
 
 
-def test_a_limited_run_is_incomplete_and_can_be_completed(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_limited_run_can_be_completed(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
     assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
     assert run.result.averages is None
@@ -193,9 +185,7 @@ def test_a_limited_run_is_incomplete_and_can_be_completed(
     assert whole.result.averages is not None
 
 
-def test_pairs_that_the_store_lacks_are_missing(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
     path = tmp_path / "s.zarr"
     build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), path)
@@ -220,9 +210,7 @@ def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path:
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
-def test_kept_depth_maps_are_found_by_their_coordinates(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_kept_depth_maps_are_found_by_coordinates(tiny_store: Dataset, tmp_path: Path) -> None:
     run_method(tiny_store, method(grey), "Two", tmp_path / "out")
     kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
     images = tiny_store.read(tiny_store.pairs("Two")[1])

@@ -1,7 +1,5 @@
 """Command lines out of the command line's own tree of verbs: a new verb is tried unlisted."""
 
-from __future__ import annotations
-
 import enum
 import functools
 import typing

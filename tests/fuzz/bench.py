@@ -1,7 +1,5 @@
 """What is spoiled: small sound files of every kind, each made when it is first asked for."""
 
-from __future__ import annotations
-
 import shutil
 import zipfile
 from collections.abc import Callable

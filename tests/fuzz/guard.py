@@ -1,7 +1,5 @@
 """Watch an input: what it writes, which hosts it asks, what it takes of memory and time."""
 
-from __future__ import annotations
-
 import errno
 import faulthandler
 import os

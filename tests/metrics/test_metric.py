@@ -62,9 +62,7 @@ def run_constant(store: Dataset, folder: Path) -> Result:
 
 
 @pytest.mark.usefixtures("with_a_fourth")
-def test_a_metric_more_is_in_every_table_figure_and_page(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     result = run_constant(tiny_store, folder)
     first = result.pairs[0].scores["valid"]
@@ -127,9 +125,7 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
 
 
 @pytest.mark.slow
-def test_in_metres_every_table_figure_and_page_shows_their_metrics(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path: Path) -> None:
     store, _ = in_metres(tiny_store)
     folder = tmp_path / "run"
     result = run_constant(store, folder)
@@ -297,9 +293,7 @@ def test_delta_is_the_same_both_ways_and_grows_with_its_bound(truth: Floats, tes
 
 
 @given(truth=metres, test=metres, factor=st.sampled_from([0.25, 2.0, 8.0]))
-def test_relative_errors_know_no_unit_and_rmse_does(
-    truth: Floats, test: Floats, factor: float
-) -> None:
+def test_relative_errors_know_no_unit_but_rmse(truth: Floats, test: Floats, factor: float) -> None:
     assert abs_rel(truth * factor, test * factor) == pytest.approx(abs_rel(truth, test))
     assert share_within(truth * factor, test * factor) == share_within(truth, test)
     assert rmse_metres(truth * factor, test * factor) == pytest.approx(
@@ -308,7 +302,7 @@ def test_relative_errors_know_no_unit_and_rmse_does(
 
 
 @given(truth=metres, test=metres, mask=masks)
-def test_what_does_not_count_does_not_count(
+def test_what_is_left_out_does_not_count(
     truth: Floats, test: Floats, mask: NDArray[np.bool_]
 ) -> None:
     assume(mask.any())

@@ -148,9 +148,7 @@ def test_an_unknown_protocol_shows_the_near_miss() -> None:
         ("network-of-16", (8, 360), (48, 400)),
     ],
 )
-def test_each_crop_of_a_middlebury_image(
-    crop: Crop, rows: tuple[int, int], columns: tuple[int, int]
-) -> None:
+def test_crops_of_middlebury(crop: Crop, rows: tuple[int, int], columns: tuple[int, int]) -> None:
     assert window_of(crop, (370, 463), 352) == (slice(*rows), slice(*columns))
 
 

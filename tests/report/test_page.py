@@ -102,7 +102,7 @@ def test_nothing_is_fetched(tags: list[tuple[str, dict[str, str | None]]]) -> No
     assert "default-src 'none'" in str(policies)
 
 
-def test_a_name_is_text_never_markup(
+def test_a_name_is_no_markup(
     html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
 ) -> None:
     assert HOSTILE not in html_page.read_text("utf-8")
@@ -175,9 +175,7 @@ def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> 
 
 
 @pytest.mark.slow
-def test_it_says_the_same_with_pictures_beside_it(
-    saved_runs: list[SavedRun], tmp_path: Path
-) -> None:
+def test_it_says_the_same_beside_pictures(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     text = page.write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
     pictures = re.findall(r"^!\[.*\]\((.*?)\)$", text, re.M)
     # An illumination each, the times, accuracy against them, and each method's worst pairs.

@@ -70,8 +70,6 @@ def run(path: str, result: Result) -> SavedRun:
         (["old.json", "new.json"], ["mine (old)", "mine (new)"]),
     ],
 )
-def test_runs_of_one_label_are_told_apart_by_their_places(
-    paths: list[str], labels: list[str]
-) -> None:
+def test_runs_of_one_label_are_told_apart_by_places(paths: list[str], labels: list[str]) -> None:
     same = make_demo_result(lambda _: 0.1)
     assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels

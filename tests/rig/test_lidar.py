@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -130,7 +128,7 @@ scans = hnp.arrays(np.int32, hnp.array_shapes(min_dims=2, max_dims=2), elements=
 
 
 @given(scans)
-def test_what_is_written_is_read(
+def test_what_it_writes_it_reads(
     tmp_path_factory: pytest.TempPathFactory, ranges: np.ndarray
 ) -> None:
     path = tmp_path_factory.mktemp("scan") / "lidar_rng_00000.bin"

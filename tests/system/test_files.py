@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import multiprocessing
 import os
@@ -11,9 +9,7 @@ from dfdbench.errors import ResultError, StoreError
 from dfdbench.system import files
 
 
-def test_a_failed_write_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.json"
     files.write_whole(path, "old")
 

@@ -40,9 +40,7 @@ def test_unknown_pixels_may_be_left_out(tiny_store: Dataset) -> None:
     assert (found[depth.valid] == depth.levels[depth.valid]).all()
 
 
-def test_channel_means_are_those_of_all_pixels(
-    tiny_store: Dataset, images: crops.TrainingImages
-) -> None:
+def test_channel_means_are_of_all_pixels(tiny_store: Dataset, images: crops.TrainingImages) -> None:
     pixels = [
         np.concatenate([pair.infocus, pair.defocus], axis=2).reshape(-1, 6)
         for pair in map(tiny_store.read, tiny_store.pairs("test"))
@@ -50,9 +48,7 @@ def test_channel_means_are_those_of_all_pixels(
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
 
 
-def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(
-    images: crops.TrainingImages,
-) -> None:
+def test_a_patch_comes_in_eight_orientations_depth_alike(images: crops.TrainingImages) -> None:
     pixels, levels = crops.Cropper(images, 16, 2, "eight", 0.0, 5).draw(3)
     assert pixels.shape == (16, 6, 16, 16)
     assert levels.shape == (16, 16, 16)

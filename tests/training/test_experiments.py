@@ -69,9 +69,7 @@ def test_each_value_and_seed_is_a_training(tiny_store: Dataset, tmp_path: Path) 
     ]
 
 
-def test_wrong_values_are_told_before_anything_is_trained(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_wrong_values_are_told_before_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
     def planned(name: str, **more: Any) -> None:
         changes = QUICK | more.pop("changes", {})
         experiment = find_experiment(name)
@@ -150,9 +148,7 @@ def test_both_expansions_get_as_many_examples_a_step(tiny_store: Dataset, tmp_pa
     assert [chosen.crops_per_step for chosen in choices] == [24, 3]
 
 
-def test_trainings_begin_with_weights_and_are_known_again_by_them(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_trainings_are_known_again_by_their_weights(tiny_store: Dataset, tmp_path: Path) -> None:
     def planned(folder: str, start: Path | None) -> Any:
         asked = find_experiment("cross-validation")
         # A precision that the processor chooses is known again, too.

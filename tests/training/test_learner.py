@@ -276,8 +276,6 @@ def test_the_largest_tenth_is_left_out_and_what_equals_its_least_is_kept() -> No
         ("hand", None, None),
     ],
 )
-def test_a_card_says_why_training_ended(
-    text: str, ended: EndedBy | None, early: bool | None
-) -> None:
+def test_a_card_says_why_it_ended(text: str, ended: EndedBy | None, early: bool | None) -> None:
     assert EndedBy.of(text) is ended
     assert ended is None or ended.early is early

@@ -15,9 +15,7 @@ from tests.methods.made_weights import card, save_small
 from tests.methods.networks.test_architectures import SMALL
 
 
-def test_weights_become_configurations_of_narrower_networks(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: Path) -> None:
     choices = TrainingConfiguration(narrow=8, crop=16, steps=3)
     found = reduce.reduce_weights(save_small(tmp_path / "w.safetensors"), tiny_store, choices)
     assert list(found.rows)[:2] == [reduce.BASELINE, "B-01-01"]
@@ -42,7 +40,7 @@ def test_weights_become_configurations_of_narrower_networks(
     assert "counted on tiny-1, split test" in (folder / "B-01-01.toml").read_text()
 
 
-def test_layers_stay_what_they_are_and_rounding_adds_rows(
+def test_layers_stay_as_they_are_and_rounding_adds_rows(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
     architecture = {"filters": list(SMALL), "sampling_size": 3, "first_activation": "sigmoid"}
@@ -59,9 +57,7 @@ def test_layers_stay_what_they_are_and_rounding_adds_rows(
         assert 'first_activation = "sigmoid"\n' in text
 
 
-def test_weights_of_another_network_and_unknown_levels_are_refused(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_other_networks_and_unknown_levels_are_refused(tiny_store: Dataset, tmp_path: Path) -> None:
     unet = {"filters": [2, 4, 8, 16, 32]}
     path = tmp_path / "u.safetensors"
     save_weights(path, build_network("u-net", unet), card(method="u-net", architecture=unet))

@@ -119,7 +119,7 @@ def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, 
     folder.require_same((5, 0), other)
 
 
-def test_another_search_is_refused_with_what_differs(
+def test_another_search_is_told_by_what_is(
     plan: SearchPlan, path: Path, tiny_store: Dataset
 ) -> None:
     before = {file.name: file.read_bytes() for file in path.iterdir()}

@@ -267,9 +267,7 @@ def mixed(whole: bool) -> Box:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(1, 5))
-def test_it_stays_in_its_box_and_the_best_never_gets_worse(
-    seed: int, whole: bool, particles: int
-) -> None:
+def test_it_stays_in_its_box_and_never_gets_worse(seed: int, whole: bool, particles: int) -> None:
     box, random = mixed(whole), np.random.default_rng(seed)
 
     def judge(swarm: Swarm) -> Numbers:
