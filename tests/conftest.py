@@ -192,6 +192,14 @@ def make_tiny_set(folder: Path) -> None:
     build_store(manifest, open_source(manifest, folder / "site"), folder / "tiny.zarr")
 
 
+def store_of(manifest: Manifest | str, folder: Path, place: Path) -> Dataset:
+    """Build a set from files; a text is the tiny set's manifest, edited."""
+    if isinstance(manifest, str):
+        manifest = parse_manifest(manifest.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, folder), place)
+    return Dataset(place)
+
+
 @pytest.fixture(scope="session")
 def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `site` and `tiny.zarr`; never changed: tests get copies."""
@@ -218,6 +226,15 @@ def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
 
     return Dataset(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
+
+
+@pytest.fixture
+def demo_built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache where the demo set of the session stands for the one that a build would make."""
+    (tmp_path / "cache/stores").mkdir(parents=True)
+    (tmp_path / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,5 @@
 import io
-import os
 import shutil
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -19,6 +16,7 @@ from tests.conftest import TINY_TOML
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
+from tests.process import python
 from tests.site import Site
 
 
@@ -70,21 +68,14 @@ def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_
     whole = build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "whole.zarr")
     store = tmp_path / "tiny.zarr"
     arguments = ["build", tiny_toml, "--store", str(store), "--source", str(tiny_folder)]
-    stopped = subprocess.run(
-        [sys.executable, "-c", STOPPED, *arguments, "--workers", "1"],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
-        timeout=120,
-        check=False,
-    )
+    stopped = python("-c", STOPPED, *arguments, "--workers", "1")
     errors = stopped.stderr
     assert stopped.returncode == 130
     assert "goes on from here" in errors
     assert "Traceback" not in errors
     assert not store.exists()
-    command = [sys.executable, "-m", "dfdbench", *arguments]
-    again = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    again = python("-m", "dfdbench", *arguments)
+    assert again.returncode == 0
     assert whole.fingerprint in again.stdout
     assert "kept from before" in again.stdout
 

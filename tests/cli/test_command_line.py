@@ -1,4 +1,3 @@
-import subprocess
 import sys
 from pathlib import Path
 
@@ -6,6 +5,7 @@ import pytest
 
 from tests.cli.command import Command
 from tests.conftest import TINY_TOML
+from tests.process import shell
 
 
 @pytest.mark.parametrize(
@@ -42,16 +42,13 @@ def test_a_mistake_ends_with_a_message_and_status_2(
 
 
 def test_a_closed_pipe_is_no_mistake() -> None:
-    command = f"{sys.executable} -m dfdbench info middlebury --pairs all | head -1"
-    outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
-    assert outcome.stdout == "Aloe/view1/illumination1/exposure0\n".replace("Aloe", "Art")
-    assert outcome.stderr == ""
+    outcome = shell(f"{sys.executable} -m dfdbench info middlebury --pairs all | head -1")
+    assert (outcome.stdout, outcome.stderr) == ("Art/view1/illumination1/exposure0\n", "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_told() -> None:
-    command = f"{sys.executable} -m dfdbench list > /dev/full"
-    outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    outcome = shell(f"{sys.executable} -m dfdbench list > /dev/full")
     assert outcome.returncode == 2
     assert outcome.stderr.startswith("error: No space left on device")
     assert "Traceback" not in outcome.stderr

@@ -18,7 +18,7 @@ SVG = ("--figure-format", "svg")
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     for window in (5, 9):
         name = f"window={window}"
@@ -67,7 +67,7 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
     dfdbench.refused("(t.tex)", "report v1 --format latex --out t.tex")
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
@@ -86,7 +86,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert "constant" in dfdbench("leaderboard").out
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_mistakes_are_told(dfdbench: Command) -> None:
     make_folder("constant")
     dfdbench("run --dataset demo --method constant --submit --no-predictions")
@@ -117,7 +117,7 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("mymodule:nan")
     run = "run --dataset demo --method mymodule:predict --submit"
@@ -126,7 +126,7 @@ def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) ->
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("learned.py:predict")
     Path("learned.py").write_text(

@@ -94,7 +94,7 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_a_folder_is_scored_and_submitted(
     dfdbench: Command, demo_store: Dataset, tmp_path: Path
 ) -> None:

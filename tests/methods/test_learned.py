@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from dfdbench.methods.networks.weights import build_network, load_weights, save_
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
+from tests.process import python
 
 
 @pytest.mark.slow
@@ -143,9 +142,7 @@ def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
         "main()\n"
     )
     for arguments in (["check-method", "dfd-net"], ["train", "dfd-net", "--dataset", "demo"]):
-        done = subprocess.run(
-            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path
-        )
+        done = python("-c", code, *arguments, cwd=tmp_path)
         assert done.returncode == 2, done.stderr
         assert "torch is not installed" in done.stderr
         assert "pip install 'dfdbench[nets]'" in done.stderr

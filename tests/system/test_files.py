@@ -23,18 +23,6 @@ def test_a_failed_write_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.M
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "device").symlink_to("/dev/zero")
-    for name in ("pipe", "device"):
-        with pytest.raises(OSError, match="not a regular file"):
-            files.read_whole(tmp_path / name)
-    with pytest.raises(IsADirectoryError):
-        files.read_whole(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        files.read_whole(tmp_path / "lacking")
-
-
 def test_a_file_is_read_up_to_a_bound(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(b"ab\r\ncd")
