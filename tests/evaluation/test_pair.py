@@ -37,17 +37,6 @@ def test_a_method_is_warmed_up_once_and_scored_under_protocols_asked(tiny_store:
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
-def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Dataset) -> None:
-    evaluate = PairEvaluator(tiny_store, method(Counting(fail_at=1)), 0)
-    first, second = tiny_store.pairs("One")[:2]
-    record, depth = evaluate(first)
-    assert depth is None
-    assert record.status == "failed"
-    assert (record.error or "").startswith("raised RuntimeError: out of memory (made_methods.py:")
-    assert (record.scores, record.prediction_sha256) == ({}, None)
-    assert evaluate(second)[0].status == "ok"
-
-
 def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
     def drawing(infocus: Any, defocus: Any) -> Any:
         return np.random.uniform(0, 255, infocus.shape[:2])

@@ -133,13 +133,8 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
 
 
 def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
-    for name in (
-        "a/infocus.png",
-        "a/defocus.JPG",
-        "b/c/infocus.png",
-        "b/c/defocus.png",
-        "infocus.png",
-    ):
+    pairs = ("a/infocus.png", "a/defocus.JPG", "b/c/infocus.png", "b/c/defocus.png")
+    for name in (*pairs, "infocus.png"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert list(captures_in(tmp_path)) == ["a", "b/c"]

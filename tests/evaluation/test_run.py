@@ -1,4 +1,3 @@
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -252,32 +251,6 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
-
-
-def test_what_a_method_does_to_the_process_ends_with_its_call(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    seen = []
-
-    def spoiling(infocus: Any, defocus: Any) -> Any:
-        seen.append((Path.cwd(), os.environ.get("MINE"), np.geterr()["invalid"]))
-        os.chdir("/")
-        os.environ["MINE"] = "1"
-        np.seterr(all="raise")
-        np.random.seed(99)
-        infocus[:] = 255
-        defocus[:] = 255
-        return np.full(infocus.shape[:2], 100)
-
-    state = np.random.get_state(legacy=False)
-    # A relative folder: it must not wander with the method.
-    result = run_method(tiny_store, method(spoiling), "test", Path("out")).result
-    assert result.complete
-    assert set(seen) == {(tmp_path, None, "warn")}
-    assert load_result(tmp_path / "out" / RESULT) == result
-    after = np.random.get_state(legacy=False)
-    assert np.array_equal(after["state"]["key"], state["state"]["key"])
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
