@@ -24,15 +24,8 @@ from dfdbench.training.trainer import Log, TrainingFolder, train
 from tests.conftest import write_png
 from tests.methods.networks.test_architectures import SMALL
 
-QUICK = {
-    "filters": list(SMALL),
-    "crop": 16,
-    "crops_per_step": 1,
-    "steps": 12,
-    "evaluate_every": 5,
-    "evaluate_pairs": 1,
-    "learning_rate": 1e-3,
-}
+QUICK = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "learning_rate": 1e-3}
+QUICK |= {"steps": 12, "evaluate_every": 5, "evaluate_pairs": 1}
 
 
 def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
@@ -55,9 +48,8 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
     assert set(card.scores) == {"nrmse", "nmae", "ssim"}
     assert set(card.further_scores) == {"thesis-networks-2"}
     assert set(card.further_scores["thesis-networks-2"]) == set(card.scores)
-    assert (
-        "under the protocol `thesis-networks-2`" in outcome.weights.with_suffix(".md").read_text()
-    )
+    page = outcome.weights.with_suffix(".md").read_text()
+    assert "under the protocol `thesis-networks-2`" in page
     assert card.fingerprint == tiny_store.fingerprint
     assert card.architecture["channel_means"] == pytest.approx(
         network.state_dict()["pixels.means"].flatten().tolist()
@@ -212,17 +204,10 @@ def test_a_tiny_dfd_net_beats_constant_on_a_cpu(tiny_manifest: Manifest, tmp_pat
     build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
     store = Dataset(path)
     choices = TrainingConfiguration(
-        narrow=8,
-        crops_per_step=6,
-        expansion="one",
-        learning_rate=1e-3,
-        weight_decay=0,
-        initial_filters="differences",
-        label_width=5,
-        schedule="cosine",
-        steps=200,
+        narrow=8, crops_per_step=6, expansion="one", learning_rate=1e-3, weight_decay=0,
+        initial_filters="differences", label_width=5, schedule="cosine", steps=200,
         evaluate_every=10_000,
-    )
+    )  # fmt: skip
     outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", device="cpu")
     learned = load_for(store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
     constant = load_for(store, "constant", {})

@@ -25,12 +25,8 @@ def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: P
     folder.mkdir()
     (folder / "F-01-01.toml").write_text("old")
     found.write(folder)
-    assert {path.name for path in folder.iterdir()} == set(found.files) | {
-        "counts.md",
-        "counts.csv",
-        "rows.md",
-        "rows.csv",
-    }
+    tables = {"counts.md", "counts.csv", "rows.md", "rows.csv"}
+    assert {path.name for path in folder.iterdir()} == set(found.files) | tables
     for name, widths in found.rows.items():
         read = read_configuration(str(folder / f"{name}.toml"))
         assert read == choices.model_copy(update={"filters": list(widths), "narrow": 1})
@@ -103,12 +99,8 @@ def test_a_level_leaves_all_other_layers_as_they_are() -> None:
         rows = reduce.iterative_rows(table_d_1(), level, base)
         assert len(rows) == (9 if level == 1 else 6)
         for widths in rows.values():
-            changed = {
-                layer
-                for layer, one, other in zip(LAYERS, widths, base, strict=True)
-                if one != other
-            }
-            assert changed == set(layers)
+            both = zip(LAYERS, widths, base, strict=True)
+            assert {layer for layer, one, other in both if one != other} == set(layers)
     assert reduce.iterative_rows(table_d_1(), 1, base)["F1-02-03"][14:17] == (70, 19, 70)
     with pytest.raises(InputError, match="only 1, 2 and 3"):
         reduce.iterative_rows(table_d_1(), 4, base)
@@ -122,9 +114,7 @@ def test_h_is_printed_exactly_and_l_goes_down_everywhere() -> None:
     # As printed, only these four of the layers that are no multiple go down.
     printed = dict(zip(LAYERS, FILTERS["F-02-02L"], strict=True))
     ours = dict(zip(LAYERS, low, strict=True))
-    assert [ours[layer] for layer in (48, 40, 27, 8)] == [
-        printed[layer] for layer in (48, 40, 27, 8)
-    ]
+    assert all(ours[layer] == printed[layer] for layer in (48, 40, 27, 8))
     assert reduce.rounded({"x": (5, 256)}, "L") == {"xL": (8, 256)}
 
 
