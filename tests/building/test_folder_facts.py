@@ -125,10 +125,3 @@ def test_of_a_focal_stack_the_smallest_aperture_is_in_focus(folder: Path) -> Non
     assert facts.roles["defocus"].pattern.startswith(f"{stack}/img_run_7_")
     assert facts.roles["depth"].pattern == "{split}/{scene}/gt/depth.npy"
     assert any("which defocus image to take: 13 more kinds" in text for text in facts.open)
-
-
-def test_without_depth_nothing_is_guessed(folder: Path) -> None:
-    for scene in SCENES:
-        (folder / scene / "depth.png").write_bytes((folder / scene / "sharp.png").read_bytes())
-    with pytest.raises(InputError, match="no depth map and two photographs"):
-        facts_of(folder)

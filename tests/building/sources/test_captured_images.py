@@ -168,8 +168,3 @@ def test_files_may_hold_levels() -> None:
     for wrong in (256.0, 1.5, -1.0):
         with pytest.raises(SourceError, match="no depth levels"):
             depth_of(np.array([[wrong, 3]]), files(depth_unit=None), plain, "d.png")
-
-
-def test_a_map_without_depth_is_refused() -> None:
-    with pytest.raises(SourceError, match=r"none of 2 depths .*above 0"):
-        depth_of(np.array([[0, np.nan]]), files(), INVERSE, "d.png")

@@ -13,6 +13,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
+from tests.conftest import store_of
 from tests.made_folder import depth_in_millimetres, photograph
 from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
 
@@ -175,8 +176,7 @@ def test_each_image_of_a_stack_is_laid_on_the_first_one(folder: Path) -> None:
 
 def test_a_set_without_depth_is_built_and_says_so(folder: Path, tmp_path: Path) -> None:
     manifest = manifest_of('depth = "{scene}/depth.npy"\n')
-    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    store = Dataset(tmp_path / "mine.zarr")
+    store = store_of(manifest, folder, tmp_path / "mine.zarr")
     assert not store.manifest.has_truth
     assert not store.captures()[0].valid.any()
 

@@ -116,17 +116,11 @@ def matched(gain: float = 1, **how: float) -> Matching:
     return matching_of(pairs)
 
 
-def test_nothing_is_proposed_if_nothing_moved() -> None:
+def test_what_is_proposed_is_what_was_measured() -> None:
     found = matched()
     assert (found.align, found.match_gain, found.open) == ("none", False, ())
-
-
-def test_a_shift_asks_for_a_translation_and_a_turn_for_more() -> None:
     assert matched(right=1.3, down=-0.7).align == "translation"
     assert matched(degrees=0.3).align == "euclidean"
-
-
-def test_gain_is_matched() -> None:
     found = matched(gain=0.9)
     assert (found.align, found.match_gain) == ("none", True)
     assert found.found[-1] == "photographs differ in brightness by up to 11.1 %"

@@ -76,16 +76,6 @@ def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> Non
         MiddleburyScenes(tiny_manifest, tmp_path / "none")
 
 
-@pytest.mark.parametrize("above", ["", "ThirdSize", "here/ThirdSize"])
-def test_the_folder_may_be_the_scenes_or_one_above(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, above: str
-) -> None:
-    root = tmp_path / "root"
-    (root / above).parent.mkdir(parents=True, exist_ok=True)
-    tiny_folder.rename(root / above)
-    assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
-
-
 def archive(path: Path, members: dict[str, bytes]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w") as file:

@@ -18,7 +18,7 @@ from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
-from tests.conftest import write_png
+from tests.conftest import store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
@@ -92,8 +92,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
         ("far", as_captured, levels),
     ):
         place = tmp_path / f"{name}.zarr"
-        build_store(manifest, open_source(manifest, published), place)
-        store = Dataset(place)
+        store = store_of(manifest, published, place)
         images = store.read(store.pairs("k33")[0])
         assert (images.levels[20:] == expected).all()
         assert (images.levels[:20] == 0).all()
@@ -108,8 +107,7 @@ def test_the_board_at_1_5_m_is_brighter_than_at_2_5_m(captures: Path, tmp_path: 
     write_captures(raw, ("k00",), CAPTURED.capture, CaptureSettings((129, 141), (40,)))
     shutil.copy(raw / "truth/k00" / REGISTRATION, raw / "k00" / REGISTRATION)
     (raw / "k03").symlink_to(captures / "k03")
-    build_store(CAPTURED, open_source(CAPTURED, raw), tmp_path / "s.zarr")
-    store = Dataset(tmp_path / "s.zarr")
+    store = store_of(CAPTURED, raw, tmp_path / "s.zarr")
     far, near = (store.read(store.pairs(name)[0]) for name in ("k00", "k03"))
     assert np.median(far.levels[far.valid]) == pytest.approx(5, abs=2)
     assert np.median(near.levels[near.valid]) == pytest.approx(105, abs=2)
@@ -143,8 +141,7 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
 @pytest.mark.slow
 def test_synthetic_blur_takes_the_sharpest_step(captures: Path, tmp_path: Path) -> None:
     manifest = manifest_with_few_steps("realworld-synthetic")
-    build_store(manifest, open_source(manifest, captures), tmp_path / "s.zarr")
-    store = Dataset(tmp_path / "s.zarr")
+    store = store_of(manifest, captures, tmp_path / "s.zarr")
     pair = store.pairs("k03")[0]
     images = store.read(pair)
     scene = raw_scene(captures, "k03")
