@@ -71,11 +71,7 @@ def record(tiny_store: Dataset) -> CoverageRecord:
         (join_of(3.0), Training.known, "another cause than coverage"),
         (join_of(1.0), Training.known, "fall by 0 %: most of the error has another cause"),
         (join_of(9.0, share=0), Training.known, "what is wrong is not coverage"),
-        (
-            join_of(9.0, share=0),
-            Training.unknown,
-            "but what the method was trained on is not known",
-        ),
+        (join_of(9.0, share=0), Training.unknown, "what the method was trained on is not known"),
     ],
 )
 def test_the_conclusion_follows_from_errors_and_training(

@@ -78,12 +78,9 @@ def test_averages_follow_from_pairs_whatever_is_written(
         lambda c: c["pairs"][0].update(seconds=-1),
         lambda c: c["pairs"][0].update(scene="../../elsewhere"),
         lambda c: c["pairs"][0]["coordinates"].update(view=10**400),
-        *(
-            lambda c, name=name, value=value: c["pairs"][0]["scores"]["thesis"].update(
-                {name: value}
-            )
-            for name, value in (*(("nrmse", -9), ("ssim", 1.7), ("nrmse", float("nan"))),)
-        ),
+        lambda c: c["pairs"][0]["scores"]["thesis"].update(nrmse=-9),
+        lambda c: c["pairs"][0]["scores"]["thesis"].update(ssim=1.7),
+        lambda c: c["pairs"][0]["scores"]["thesis"].update(nrmse=float("nan")),
         lambda c: c["pairs"][0]["scores"]["metric"].update(delta_125=1.1),
         lambda c: c["pairs"][0]["scores"]["metric"].update(nrmse=0.1),
         lambda c: c["protocols"][1].update(metrics=["nrmse"]),
