@@ -53,14 +53,6 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return image, random.integers(0, 256, SHAPE).astype(np.uint8)
 
 
-@pytest.fixture
-def one_thread() -> Any:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(before)
-
-
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.benchmark(group="blur 370 x 463 x 3, 256 levels, one thread")
 @pytest.mark.parametrize("way", [synthesize, stack], ids=["ours", "stack"])

@@ -5,10 +5,8 @@ of them where none is, are random images of the same size. The peer is the thesi
 256 whole images filtered with OpenCV.
 """
 
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,7 @@ from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.system.parallel import Threads
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
+from tests.process import python
 
 RECIPE = RECIPES["published"]
 
@@ -50,14 +49,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             depth = cv2.GaussianBlur(noise[..., 0], (0, 0), 30) * 3 % 200 + 20
             write_png(place / scene / f"disp{view}.png", depth.astype(np.uint8))
     return place
-
-
-@pytest.fixture
-def one_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(before)
 
 
 def time_steps(manifest: Manifest, source: Source, store: Path) -> tuple[dict[str, float], int]:
@@ -163,13 +154,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def peak(folder: Path, store: Path) -> float:
     """Megabytes that a build has in memory at most."""
-    done = subprocess.run(
-        [sys.executable, "-c", _BUILD, str(folder), str(store)],
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return int(done.stdout) / 1024
+    return int(python("-c", _BUILD, folder, store).stdout) / 1024
 
 
 @pytest.mark.benchmark(group="peak memory of a build of 27 scenes")
