@@ -285,8 +285,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPa
 @pytest.fixture
 def read_image() -> Callable[[Path], NDArray[np.uint8]]:
     def read(path: Path) -> NDArray[np.uint8]:
-        image = np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB))
-        return np.asarray(image, np.uint8)
+        return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
 
     return read
 

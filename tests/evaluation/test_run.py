@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
@@ -20,7 +18,7 @@ from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.system.parallel import Cluster, Pool, Processes
-from tests.conftest import ON_SERVERS
+from tests.conftest import ON_SERVERS, store_of
 from tests.evaluation.made_methods import Counting, grey, method
 
 
@@ -186,9 +184,8 @@ def test_a_limited_run_can_be_completed(tiny_store: Dataset, tmp_path: Path) -> 
 
 def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
-    path = tmp_path / "s.zarr"
-    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), path)
-    run = run_method(Dataset(path), method(Counting()), "test", tmp_path / "out")
+    store = store_of(tiny_manifest, tiny_folder, tmp_path / "s.zarr")
+    run = run_method(store, method(Counting()), "test", tmp_path / "out")
     assert [pair.status for pair in run.result.pairs].count("missing") == 1
     assert run.result.averages is None
     lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
@@ -196,10 +193,9 @@ def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_
     for scene in ("Two", "Three"):
         for png in (tiny_folder / scene).rglob("*.png"):
             png.unlink()
-    other = tmp_path / "o.zarr"
-    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), other)
+    other = store_of(tiny_manifest, tiny_folder, tmp_path / "o.zarr")
     with pytest.raises(StoreError, match="no pair of split test"):
-        run_method(Dataset(other), method(Counting()), "test", tmp_path / "o")
+        run_method(other, method(Counting()), "test", tmp_path / "o")
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -185,8 +185,7 @@ def test_a_fit_that_trains_leaves_no_trace(network: Path) -> None:
     method = load_method(f"{network}:Net", {}, {})
     assert method.trained_on == "nothing"
     method.fit([])
-    image = np.zeros((9, 12, 3), np.uint8)
-    assert call(method.predict, image, image).depth is not None
+    assert call(method.predict, IMAGE, IMAGE).depth is not None
     assert isinstance(method.predict, TorchMethod)
     assert method.predict.modes == [(False, False, False)]
 
@@ -197,7 +196,6 @@ def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
         sys.stdout.close()
         return np.zeros(infocus.shape[:2])
 
-    image = np.zeros((4, 5, 3), np.uint8)
-    found = call(predict, image, image)
+    found = call(predict, IMAGE, IMAGE)
     assert (found.error, found.printed) == ("", "before\n")
     print("standard output is open")
