@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
@@ -21,7 +18,7 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import Log, TrainingFolder, train
-from tests.conftest import write_png
+from tests.conftest import store_of, write_png
 from tests.methods.networks.test_architectures import SMALL
 
 QUICK = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "learning_rate": 1e-3}
@@ -29,9 +26,8 @@ QUICK |= {"steps": 12, "evaluate_every": 5, "evaluate_pairs": 1}
 
 
 def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
-    return task_of(
-        "dfd-net", store, TrainingConfiguration.model_validate(QUICK | changes), seed=seed
-    )
+    choices = TrainingConfiguration.model_validate(QUICK | changes)
+    return task_of("dfd-net", store, choices, seed=seed)
 
 
 def losses(folder: Path) -> list[str]:
@@ -190,19 +186,14 @@ def noise_scenes(folder: Path) -> None:
                 depth[top : top + 24, left : left + 32] = random.choice([60, 130, 200])
             write_png(folder / scene / f"disp{view}.png", depth)
             for exposure in (0, 1):
-                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", noise(random))
-
-
-def noise(random: np.random.Generator) -> NDArray[np.uint8]:
-    return random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
+                noise = random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
+                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", noise)
 
 
 @pytest.mark.slow
 def test_a_tiny_dfd_net_beats_constant_on_a_cpu(tiny_manifest: Manifest, tmp_path: Path) -> None:
     noise_scenes(tmp_path / "site")
-    path = tmp_path / "tiny.zarr"
-    build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
-    store = Dataset(path)
+    store = store_of(tiny_manifest, tmp_path / "site", tmp_path / "tiny.zarr")
     choices = TrainingConfiguration(
         narrow=8, crops_per_step=6, expansion="one", learning_rate=1e-3, weight_decay=0,
         initial_filters="differences", label_width=5, schedule="cosine", steps=200,
