@@ -237,11 +237,9 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
 
 def test_the_folds_of_photographs_are_printed_and_sealed() -> None:
     protocol = find_protocol("thesis-networks").label
-    quoted = Quoted(
-        "docs/training.md", "| NRMSE / NMAE / SSIM", "middlebury-default-1-all", protocol
-    )
-    result = results(quoted.board, protocol)["dfd-net readout=median weights=demo"]
-    _, rows = table(quoted)
+    of_network = results("middlebury-default-1-all", protocol)
+    result = of_network["dfd-net readout=median weights=demo"]
+    _, rows = table(Quoted("docs/training.md", "| NRMSE / NMAE / SSIM", "", protocol))
     assert len(rows) == 9
     for name, printed, own in rows:
         fold, _, scenes = name.partition(": ")
