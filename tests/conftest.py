@@ -1,7 +1,5 @@
 """What several test files need: the shared images, a tiny data set, the demo store."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil
@@ -194,6 +192,14 @@ def make_tiny_set(folder: Path) -> None:
     build_store(manifest, open_source(manifest, folder / "site"), folder / "tiny.zarr")
 
 
+def store_of(manifest: Manifest | str, folder: Path, place: Path) -> Dataset:
+    """Build a set from files; a text is the tiny set's manifest, edited."""
+    if isinstance(manifest, str):
+        manifest = parse_manifest(manifest.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, folder), place)
+    return Dataset(place)
+
+
 @pytest.fixture(scope="session")
 def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `site` and `tiny.zarr`; never changed: tests get copies."""
@@ -220,6 +226,15 @@ def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
 
     return Dataset(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
+
+
+@pytest.fixture
+def demo_built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache where the demo set of the session stands for the one that a build would make."""
+    (tmp_path / "cache/stores").mkdir(parents=True)
+    (tmp_path / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
 
 
 @pytest.fixture(scope="session")
@@ -270,9 +285,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPa
 @pytest.fixture
 def read_image() -> Callable[[Path], NDArray[np.uint8]]:
     def read(path: Path) -> NDArray[np.uint8]:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        assert image is not None, path
-        return np.asarray(image, np.uint8)
+        return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
 
     return read
 
@@ -288,8 +301,7 @@ def aloe(shared_data: Path) -> Callable[[int], Energy]:
         )
         pair = []
         for path in paths:
-            image = cv2.imread(str(path))
-            assert image is not None, path
+            image = np.asarray(cv2.imread(str(path)))
             pair.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8))
         unary, offset = data_cost(pair[0], pair[1], RECIPES["text"].sigmas)
         return Energy(unary, published(256), offset=offset)

@@ -1,10 +1,8 @@
 """Small real-world captures, for the tests of what reads them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
-from dfdbench.building.sources.realworld import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.realworld import RawScene, find_captured_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -25,12 +23,4 @@ def raw_scene(folder: Path, name: str) -> RawScene:
     assert capture is not None
     scene = find_captured_scene(folder, name, capture)
     assert isinstance(scene, RawScene)
-    return scene
-
-
-def published_scene(folder: Path, name: str) -> PublishedScene:
-    capture = find_manifest("realworld").capture
-    assert capture is not None
-    scene = find_captured_scene(folder, name, capture)
-    assert isinstance(scene, PublishedScene)
     return scene

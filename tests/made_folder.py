@@ -1,12 +1,17 @@
 """A small captured set in a folder: four scenes, two photographs and depth in millimetres each."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from dfdbench.building.build import build_store
+from dfdbench.building.new_manifest import NewManifest, new_manifest
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest_file import parse_manifest
 
 SHAPE = (72, 96)
 SCENES = ("desk", "door", "lamp", "shelf")
@@ -103,3 +108,24 @@ def make_folder(folder: Path) -> Path:
     for number, scene in enumerate(SCENES):
         write_scene(folder / scene, number)
     return folder
+
+
+def rearranged(folder: Path, name: Callable[[int, str], str]) -> Path:
+    """Write all scenes, each file as `name` calls it by its scene's number and what it shows."""
+    made = make_folder(folder / "made")
+    for number, scene in enumerate(SCENES):
+        for kind in ("sharp", "blurred", "depth"):
+            place = folder / "set" / name(number, kind)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            (made / scene / f"{kind}.png").rename(place)
+    return folder / "set"
+
+
+def built(folder: Path) -> tuple[NewManifest, Dataset]:
+    """Build a folder's set, beside it, by the manifest that is written for it."""
+    written = new_manifest(folder)
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    place = folder.with_name("built.zarr")
+    report = build_store(manifest, open_source(manifest, folder), place)
+    assert (report.problems, report.missing) == ((), ())
+    return written, Dataset(place)

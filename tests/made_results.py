@@ -1,7 +1,5 @@
 """Results made by hand, for the tests of what reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any

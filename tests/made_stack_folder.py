@@ -1,7 +1,5 @@
 """Focal stacks in a folder: four scenes, an image in focus and three that are focused somewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Focal stacks made with SciPy alone, and the photographed one among the shared data."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

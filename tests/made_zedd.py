@@ -1,7 +1,5 @@
 """A folder in ZEDD's layout, of made scenes: focal stacks at several apertures, depth in metres."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Change one operator or constant of a room at a time, and see if its tests notice."""
 
-from __future__ import annotations
-
 import ast
 import os
 import random

@@ -1,7 +1,5 @@
 """Set-up that a run of the tests makes once, whichever of pytest-xdist's workers asks first."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """PyTorch on one thread: threads that wait for each other cost more than such networks do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """A web server on the loopback that serves a folder, and fails as it is told to."""
 
-from __future__ import annotations
-
 import ssl
 import threading
 from collections import defaultdict

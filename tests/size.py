@@ -1,7 +1,5 @@
 """Count lines of code, without docstrings, comments and blank lines: `python -m tests.size`."""
 
-from __future__ import annotations
-
 import ast
 import io
 import tokenize

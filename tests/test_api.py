@@ -1,7 +1,5 @@
 """The public functions on a tiny data set: what each returns, shows and refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +54,7 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
         dfdbench.open_run(tmp_path)
 
 
-def test_runs_are_compared_with_the_first(
+def test_runs_compare_with_the_first(
     done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     constant = dfdbench.run("constant", tiny_store)
@@ -68,9 +66,7 @@ def test_runs_are_compared_with_the_first(
         dfdbench.compare(done)
 
 
-def test_depth_maps_made_elsewhere_are_scored(
-    done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_depth_maps_are_scored(done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path) -> None:
     for name, depth in done.predictions:
         place = tmp_path / "maps" / f"{name}.npy"
         place.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
 
@@ -26,15 +25,8 @@ def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
     assert f"docs/{script}" in text
 
 
-def test_coverage_from_python_is_as_shown(
-    demo_store: Dataset,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    (tmp_path / "stores").mkdir()
-    (tmp_path / "stores/demo-1.zarr").symlink_to(str(demo_store.path))
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
+@pytest.mark.usefixtures("demo_built")
+def test_coverage_from_python_is_as_shown(capsys: pytest.CaptureFixture[str]) -> None:
     text = (DOCS / "coverage.md").read_text("utf-8")
     (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
     exec(block, {})

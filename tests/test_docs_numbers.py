@@ -1,16 +1,10 @@
 """Each number on a page is what a sealed result, a published table or a command says, as text."""
 
-from __future__ import annotations
-
 import functools
 import json
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -30,6 +24,7 @@ from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import given_to, score_text
 from tests.methods.test_graph_cuts import PROGRAM
+from tests.process import python
 
 ROOT = Path(__file__).parents[1]
 METRICS = {"NRMSE ↓": "nrmse", "NMAE ↓": "nmae", "SSIM ↑": "ssim"}
@@ -58,20 +53,15 @@ class Quoted:
         return f"{self.page}: {self.head}"
 
 
+MIDDLEBURY = "middlebury-default-1-test"
 QUOTED = [
-    Quoted("leaderboard/note.md", "| | NRMSE", "middlebury-default-1-test", "thesis"),
-    Quoted("docs/graph_cuts.md", "| protocol `thesis`", "middlebury-default-1-test", "thesis"),
-    Quoted("docs/graph_cuts.md", "| | `thesis-networks`", "middlebury-default-1-test", ""),
+    Quoted("leaderboard/note.md", "| | NRMSE", MIDDLEBURY, "thesis"),
+    Quoted("docs/graph_cuts.md", "| protocol `thesis`", MIDDLEBURY, "thesis"),
+    Quoted("docs/graph_cuts.md", "| | `thesis-networks`", MIDDLEBURY, ""),
     Quoted("docs/graph_cuts.md", "| method | scenes", "middlebury-default-1-all", "thesis"),
     Quoted("docs/classical.md", "| method | NRMSE", "demo-1-test", "valid"),
     Quoted("docs/metres.md", "| `dfdbench run --dataset dfd-indoor", "dfd-indoor-1-test", "valid"),
-    Quoted(
-        "docs/training.md",
-        "| DfD-Net / 8, the six",
-        "middlebury-default-1-test",
-        "thesis",
-        "dfd-net",
-    ),
+    Quoted("docs/training.md", "| DfD-Net / 8, the six", MIDDLEBURY, "thesis", "dfd-net"),
     Quoted("docs/training.md", "| the 29 test scenes", "dfd-indoor-1-test", "valid", "dfd-net"),
     Quoted("docs/training.md", "| demo test, protocol `thesis`", "demo-1-test", "thesis"),
 ]
@@ -247,11 +237,9 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
 
 def test_the_folds_of_photographs_are_printed_and_sealed() -> None:
     protocol = find_protocol("thesis-networks").label
-    quoted = Quoted(
-        "docs/training.md", "| NRMSE / NMAE / SSIM", "middlebury-default-1-all", protocol
-    )
-    result = results(quoted.board, protocol)["dfd-net readout=median weights=demo"]
-    _, rows = table(quoted)
+    of_network = results("middlebury-default-1-all", protocol)
+    result = of_network["dfd-net readout=median weights=demo"]
+    _, rows = table(Quoted("docs/training.md", "| NRMSE / NMAE / SSIM", "", protocol))
     assert len(rows) == 9
     for name, printed, own in rows:
         fold, _, scenes = name.partition(": ")
@@ -358,15 +346,8 @@ def output_of(command: str, folder: Path) -> str:
         return (folder / words[0]).read_text("utf-8")
     # The scripts of docs/ are named as in a clone.
     script = ["-m", "dfdbench"] if program == "dfdbench" else [str(ROOT / words.pop(0))]
-    done = subprocess.run(
-        [sys.executable, *script, *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "DFDBENCH_CACHE": str(folder / "cache"), "PYTHONPATH": str(ROOT)},
-        timeout=1200,
-        check=False,
-    )
+    places = {"DFDBENCH_CACHE": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
+    done = python(*script, *words, cwd=folder, **places)
     assert done.returncode in (0, 1), done.stderr
     return done.stdout
 
@@ -414,8 +395,8 @@ def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
         for space in ("ycrcb", "ycrcb-float"):
             method = GraphCuts(RECIPES[recipe], published_offset=True, color_space=space)
             scores = [metric(depth, method(infocus, defocus)) for metric in (nrmse, nmae, ssim)]
-            energy = f"{method.numbers['energy']:,.0f}"
-            found[recipe, space] = [*map(score_text, scores), energy]
+            shown = f"{method.numbers['energy']:,.0f}"
+            found[recipe, space] = [*map(score_text, scores), shown]
     page = "docs/graph_cuts.md"
     step = {f"{RECIPES[name].sigma_step:g} (`{name}`)": name for name in ("text", "published")}
     compared = 0
@@ -433,18 +414,12 @@ def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
             assert row[3:] == right[: len(row) - 3], row
             compared += 1
     assert compared == 8
-    solvers: dict[str, Callable[[], int]] = {
-        **{
-            f"`split`, quality `{quality}`": partial(_energy_of_split, aloe(exposure), quality)
-            for quality in get_args(Quality)
-        },
-        "`expansion`": lambda: expansion(aloe(exposure)).energy,
+    energy = aloe(exposure)
+    solved = {
+        f"`split`, quality `{quality}`": split(energy, quality) for quality in get_args(Quality)
     }
+    solved["`expansion`"] = expansion(energy)
     _, rows = table(Quoted(page, "| solver | exposure 1", "", ""))
     assert {row[0]: row[exposure] for row in rows} == {
-        name: f"{solve():,}" for name, solve in solvers.items()
+        name: f"{solution.energy:,}" for name, solution in solved.items()
     }
-
-
-def _energy_of_split(energy: Energy, quality: Quality) -> int:
-    return split(energy, quality).energy

@@ -1,7 +1,5 @@
 """The documentation site: what is made of the code is whole; it builds without a warning."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

@@ -6,11 +6,8 @@ from dfdbench.errors import DfdbenchError, ManifestError, Problem, is_lack_of_me
 
 
 def test_several_problems_are_shown_together() -> None:
-    text = str(
-        DfdbenchError.of(
-            [Problem("a", where="here", expected="1", got="2", fix="do"), Problem("b")]
-        )
-    )
+    first = Problem("a", where="here", expected="1", got="2", fix="do")
+    text = str(DfdbenchError.of([first, Problem("b")]))
     assert text.splitlines()[0] == "2 problems:"
     for part in ("1. a", "2. b", "here", "expected 1", "got 2", "Fix: do"):
         assert part in text
@@ -19,11 +16,8 @@ def test_several_problems_are_shown_together() -> None:
 def test_of_more_problems_than_anyone_reads_the_first_are_shown() -> None:
     error = DfdbenchError.of(Problem(f"no image {number}") for number in range(1000))
     lines = str(error).splitlines()
-    assert (lines[0], lines[200], lines[201:]) == (
-        "1000 problems:",
-        "200. no image 199",
-        ["and 800 more"],
-    )
+    shown = lines[0], lines[200], lines[201:]
+    assert shown == ("1000 problems:", "200. no image 199", ["and 800 more"])
     assert len(error.problems) == 1000
 
 

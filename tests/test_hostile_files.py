@@ -1,7 +1,5 @@
 """No file that somebody hands over runs code when it is read: each is told as no such file."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import json
@@ -159,9 +157,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.filterwarnings("ignore:Detected pickle protocol")
 @pytest.mark.parametrize("name", READERS)
-def test_a_file_is_read_as_what_it_should_be_or_not_at_all(
-    tmp_path: Path, trap: Trap, name: str
-) -> None:
+def test_a_file_is_what_it_should_be_or_not_read(tmp_path: Path, trap: Trap, name: str) -> None:
     path = tmp_path / "theirs" / name
     path.parent.mkdir(parents=True)
     for bait in BAITS:
@@ -190,9 +186,7 @@ def impatient() -> Iterator[None]:
 
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_what_is_no_file_is_not_waited_for(
-    tmp_path: Path, impatient: None, name: str, kind: str
-) -> None:
+def test_a_pipe_is_not_waited_for(tmp_path: Path, impatient: None, name: str, kind: str) -> None:
     path = tmp_path / "theirs" / name
     path.parent.mkdir(parents=True)
     os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
@@ -200,9 +194,7 @@ def test_what_is_no_file_is_not_waited_for(
         READERS[name](path)
 
 
-def test_depth_maps_that_are_handed_in_run_nothing(
-    tmp_path: Path, tiny_store: Dataset, trap: Trap
-) -> None:
+def test_depth_maps_handed_in_run_nothing(tmp_path: Path, tiny_store: Dataset, trap: Trap) -> None:
     for bait, suffix in itertools.product(BAITS, (".npy", ".npz", ".png", ".tif")):
         folder = tmp_path / f"{bait.__name__}{suffix}"
         for pair in tiny_store.pairs("One"):
@@ -259,9 +251,7 @@ def test_a_store_names_no_codec_that_runs_code(tiny_store: Dataset, trap: Trap, 
         Dataset(tiny_store.path).read(pair)
 
 
-def test_a_run_goes_on_without_what_is_no_text(
-    tmp_path: Path, tiny_store: Dataset, trap: Trap
-) -> None:
+def test_a_run_goes_on_without_odd_text(tmp_path: Path, tiny_store: Dataset, trap: Trap) -> None:
     method = load_for(tiny_store, "constant", {"training_mean": 90.0})
     folder = tmp_path / "out"
     for name in ("pairs.jsonl", "run.json"):

@@ -1,7 +1,5 @@
 """What is long says why: a module of more than 500 lines, a function of more than 40."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

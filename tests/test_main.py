@@ -1,13 +1,14 @@
 """The start of the command line, before anything of it is loaded."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+from tests.process import python, shell
 
 SLOPE = np.arange(2400, dtype=np.uint8).reshape(40, 60)
 PICTURE = cv2.imencode(".png", SLOPE)[1].tobytes()
@@ -39,15 +40,13 @@ except SystemExit:
 
 @pytest.mark.parametrize("module", ["dfdbench.system.packages", "dfdbench.cli"])
 def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
-    command = (sys.executable, "-c", STOPPED_WHILE_LOADING, module)
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    ended = python("-c", STOPPED_WHILE_LOADING, module)
     assert (ended.returncode, ended.stderr) == (130, "stopped\n")
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_closed_stream_is_no_mistake(closed: str) -> None:
-    command = f'"{sys.executable}" -m dfdbench info demo {closed}'
-    ended = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    ended = shell(f'"{sys.executable}" -m dfdbench info demo {closed}')
     assert ended.returncode == 0
     assert "Traceback" not in ended.stderr
 
@@ -55,23 +54,14 @@ def test_a_closed_stream_is_no_mistake(closed: str) -> None:
 @pytest.mark.parametrize("kilobytes", [60_000, 250_000, 350_000])
 def test_too_little_memory_is_told_without_a_traceback(kilobytes: int) -> None:
     command = f'ulimit -v {kilobytes}; exec "{sys.executable}" -m dfdbench run --method constant'
-    ended = subprocess.run(
-        command,
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
+    ended = shell(command, OPENBLAS_NUM_THREADS="1")
     assert ended.returncode == 2, ended.stderr
     assert ended.stderr.startswith("error: not enough memory or threads")
     assert "Traceback" not in ended.stderr
 
 
 def test_no_variable_names_a_screen_for_figures() -> None:
-    odd = {**os.environ, "MPLBACKEND": "nonsense"}
-    drawing = (sys.executable, "-c", DRAWING)
-    ended = subprocess.run(drawing, env=odd, capture_output=True, text=True, check=False)
+    ended = python("-c", DRAWING, MPLBACKEND="nonsense")
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -79,8 +69,7 @@ def test_a_folder_that_is_gone_and_a_name_that_is_no_text_are_told(tmp_path: Pat
     gone = tmp_path / "gone"
     gone.mkdir()
     build = f'cd "{gone}" && rmdir "{gone}" && "{sys.executable}" -P -m dfdbench'
-    command = f"{build} build demo --store rel.zarr --cache {tmp_path}"
-    ended = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    ended = shell(f"{build} build demo --store rel.zarr --cache {tmp_path}")
     assert ended.returncode == 2
     assert "No such file or directory" in ended.stderr
     folder = os.fsencode(tmp_path / "odd") + b"\xff"
@@ -88,8 +77,7 @@ def test_a_folder_that_is_gone_and_a_name_that_is_no_text_are_told(tmp_path: Pat
     for name in (b"sharp.png", b"blurred.png", b"depth.png"):
         with open(folder + b"/a\xff/" + name, "wb") as file:
             file.write(PICTURE)
-    command_line = (sys.executable, "-m", "dfdbench", "new-dataset", folder)
-    ended = subprocess.run(command_line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ended = python("-m", "dfdbench", "new-dataset", folder, cwd=tmp_path)
     assert ended.returncode == 2
     assert "not UTF-8" in ended.stderr
     assert "Traceback" not in ended.stderr

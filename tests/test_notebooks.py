@@ -1,15 +1,11 @@
 """The notebooks run from top to bottom, and lie in the repository without what they print."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
-
-from dfdbench.datasets.dataset import Dataset
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs/notebooks").glob("*.ipynb"))
 
@@ -29,20 +25,10 @@ def test_a_notebook_holds_no_output(path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(
-    path: Path, demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The demo store of the session stands in for the one that the first cell would make.
-    (tmp_path / "cache/stores").mkdir(parents=True)
-    (tmp_path / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+@pytest.mark.usefixtures("demo_built")
+def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     notebook = read(path)
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": tmp_path}}).execute()
-    kinds = {
-        kind
-        for cell in notebook.cells
-        for out in cell.get("outputs", ())
-        for kind in out.get("data", ())
-    }
-    assert {"text/html", "image/png"} <= kinds
+    outputs = [out for cell in notebook.cells for out in cell.get("outputs", ())]
+    assert {"text/html", "image/png"} <= {kind for out in outputs for kind in out.get("data", ())}

@@ -1,7 +1,5 @@
 """The names that users and results rely on: a change here breaks somebody's code."""
 
-from __future__ import annotations
-
 import builtins
 import importlib
 
@@ -11,25 +9,9 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
 FACES = {
     "dfdbench": [
-        *(
-            "Board",
-            "Capture",
-            "Captures",
-            "Comparison",
-            "Dataset",
-            "Run",
-            "Transfer",
-            "__version__",
-        ),
-        *(
-            "build",
-            "compare",
-            "leaderboard",
-            "list_datasets",
-            "list_methods",
-            "load_method",
-            "open_dataset",
-        ),
+        *("Board", "Capture", "Captures", "Comparison", "Dataset", "Run", "Transfer"),
+        *("__version__", "build", "compare", "leaderboard", "list_datasets", "list_methods"),
+        *("load_method", "open_dataset"),
         *("open_run", "predict", "run", "run_tracks", "run_transfer", "score", "show", "tune"),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],

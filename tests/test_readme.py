@@ -1,11 +1,9 @@
 """The examples of the README and of the first pages run; numbers are what commands print."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
-import sys
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 import pytest
 
 import dfdbench
-from dfdbench.datasets.dataset import Dataset
+from tests.process import python
 
 ROOT = Path(__file__).parents[1]
 
@@ -24,11 +22,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.fixture
-def place(demo_store: Dataset, tmp_path: Path) -> Path:
-    # The demo store of the session stands in for the one that `build demo` would make.
-    stores = tmp_path / "cache/stores"
-    stores.mkdir(parents=True)
-    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
+def place(demo_built: Path, tmp_path: Path) -> Path:
     (tmp_path / "mymodule.py").write_text(blocks("README.md", "python")[0])
     return tmp_path
 
@@ -36,15 +30,7 @@ def place(demo_store: Dataset, tmp_path: Path) -> Path:
 def say(place: Path, command: str) -> subprocess.CompletedProcess[str]:
     program, *arguments = command.split()
     assert program == "dfdbench"
-    return subprocess.run(
-        [sys.executable, "-m", "dfdbench", *arguments],
-        cwd=place,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "DFDBENCH_CACHE": str(place / "cache")},
-        timeout=1200,
-        check=False,
-    )
+    return python("-m", "dfdbench", *arguments, cwd=place)
 
 
 @pytest.mark.slow
@@ -58,10 +44,8 @@ def test_ten_lines_run(place: Path) -> None:
     assert (place / "results/demo-1-Market/mymodule-predict/result.json").exists()
 
 
-def test_the_ten_lines_beat_a_constant_on_every_test_scene(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
+@pytest.mark.usefixtures("place")
+def test_the_ten_lines_beat_a_constant_on_every_test_scene() -> None:
     names: dict[str, Any] = {}
     exec(blocks("README.md", "python")[0], names)
     runs = [dfdbench.run(method, "demo", "test") for method in (names["predict"], "constant")]
@@ -101,18 +85,14 @@ def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"{shown}\n"
 
 
-def test_pairs_are_read_as_shown(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
+@pytest.mark.usefixtures("place")
+def test_pairs_are_read_as_shown(capsys: pytest.CaptureFixture[str]) -> None:
     exec(blocks("docs/python.md", "python")[0], {})
     assert capsys.readouterr().out == "54 (240, 320, 3) (32, 32) 3\n"
 
 
-def test_a_run_from_python_is_as_shown(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
+@pytest.mark.usefixtures("place")
+def test_a_run_from_python_is_as_shown(capsys: pytest.CaptureFixture[str]) -> None:
     exec(blocks("docs/python.md", "python")[2], {})
     assert capsys.readouterr().out == "2\n"
 

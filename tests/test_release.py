@@ -47,11 +47,8 @@ def test_a_tag_that_all_files_bear_gets_the_changelogs_notes(checkout: Path) -> 
 
 def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
     found = script()["problems_of"]("v0.2.0", checkout)
-    assert [text.partition(":")[0] for text in found] == [
-        "pyproject.toml",
-        "CITATION.cff",
-        "CHANGELOG.md",
-    ]
+    named = [text.partition(":")[0] for text in found]
+    assert named == ["pyproject.toml", "CITATION.cff", "CHANGELOG.md"]
     assert script()["problems_of"]("0.1", checkout)[0] == "the tag: expected as v1.2.3, got 0.1"
 
 

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from runpy import run_path
@@ -13,8 +12,8 @@ import pytest
 
 from dfdbench.api import run as run_constant
 from dfdbench.board.board import Draw
-from dfdbench.datasets.dataset import Dataset
 from tests.board.made_boards import add_card
+from tests.process import python
 
 SCRIPT = Path(__file__).parents[1] / "leaderboard/rerun.py"
 
@@ -81,12 +80,8 @@ def test_each_ranking_of_a_row_is_run_as_it_was(
 
 @pytest.mark.slow
 def test_rows_that_are_there_are_run_anew(
-    demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    demo_built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stores = tmp_path / "cache/stores"
-    stores.mkdir(parents=True)
-    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     add_card(tmp_path / "leaderboard", "mean", "constant")
     (tmp_path / "leaderboard/results").mkdir()
@@ -94,19 +89,13 @@ def test_rows_that_are_there_are_run_anew(
     row = tmp_path / "leaderboard/results/demo-1-Market/mean.json"
     text = row.read_text("utf-8")
     row.write_text(text.replace('"nrmse":[0.', '"nrmse":[0.9'))
-
-    def rerun() -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, str(SCRIPT), "--rows"],
-            cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
-        )  # fmt: skip
-
-    done = rerun()
+    done = python(SCRIPT, "--rows")
     assert (done.returncode, done.stderr.count("left out")) == (0, 0), done.stderr
     scores = [line for line in text.splitlines() if '"nrmse":' in line]
     assert [line for line in row.read_text("utf-8").splitlines() if '"nrmse":' in line] == scores
     assert "| 1 | mean | mean depth |" in (tmp_path / "leaderboard/README.md").read_text("utf-8")
-    (stores / "demo-1.zarr").unlink()
-    (left,) = [line for line in rerun().stderr.splitlines() if line.startswith("left out")]
+    (demo_built / "stores/demo-1.zarr").unlink()
+    told = python(SCRIPT, "--rows").stderr.splitlines()
+    (left,) = [line for line in told if line.startswith("left out")]
     assert "demo-1-Market/mean.json, clean: " in left
     assert "dfdbench build demo" in left

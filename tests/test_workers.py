@@ -1,7 +1,5 @@
 """The tests of a file run on one of pytest-xdist's workers, or set-up is made on each of them."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -68,7 +68,7 @@ def most_likely(values: Floats, shown: Floats, levels: Floats) -> Floats:
 @pytest.mark.parametrize(
     ("noise", "contrast", "window"), [(0.3, 60, 1), (1.0, 40, 7), (4.0, 60, 7), (1.0, 5, 21)]
 )
-def test_the_likeliest_level_is_as_far_off_as_the_bound_says(
+def test_the_likeliest_level_errs_as_the_bound_says(
     noise: float, contrast: float, window: int
 ) -> None:
     infocus = texture(contrast)

@@ -71,11 +71,7 @@ def record(tiny_store: Dataset) -> CoverageRecord:
         (join_of(3.0), Training.known, "another cause than coverage"),
         (join_of(1.0), Training.known, "fall by 0 %: most of the error has another cause"),
         (join_of(9.0, share=0), Training.known, "what is wrong is not coverage"),
-        (
-            join_of(9.0, share=0),
-            Training.unknown,
-            "but what the method was trained on is not known",
-        ),
+        (join_of(9.0, share=0), Training.unknown, "what the method was trained on is not known"),
     ],
 )
 def test_the_conclusion_follows_from_errors_and_training(
@@ -148,9 +144,7 @@ def run(tiny_store: Dataset, tmp_path: Path) -> RunDone:
     return run_method(tiny_store, method, "test", tmp_path / "run")
 
 
-def test_errors_are_those_of_all_known_pixels_by_their_depth(
-    tiny_store: Dataset, run: RunDone
-) -> None:
+def test_errors_are_those_of_known_pixels_by_depth(tiny_store: Dataset, run: RunDone) -> None:
     store = with_metres(Dataset(tiny_store.path))
     found = run_errors.depth_errors(store, run.result, run.folder, "mine")
     depths = [store.read_levels(pair) for pair in store.pairs("test")]
@@ -185,7 +179,7 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
     assert [table.columns for table in untold] == [("levels", "of all", "a", "b")]
 
 
-def test_runs_of_different_pairs_are_not_set_side_by_side(
+def test_runs_of_different_pairs_are_refused(
     tiny_store: Dataset, run: RunDone, tmp_path: Path
 ) -> None:
     method = load_for(tiny_store, "constant", {"training_mean": 60.0})
@@ -210,9 +204,7 @@ def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Datas
     assert np.isclose(sum(float(str(record["share"])) for record in table.records), 1)
 
 
-def test_levels_that_do_not_occur_are_named_and_scenes_that_are_not_there(
-    tiny_store: Dataset,
-) -> None:
+def test_levels_that_do_not_occur_are_named_and_absent_scenes(tiny_store: Dataset) -> None:
     histograms = scene_histograms(tiny_store)
     del histograms["Two"]
     side = side_of(tiny_store, histograms, "all", ("One", "Two", "Three"))

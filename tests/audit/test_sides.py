@@ -10,13 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.audit import sides
-from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from tests.conftest import TINY_TOML
+from tests.conftest import TINY_TOML, store_of
 
 
 def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
@@ -81,12 +79,6 @@ def test_runs_are_whole_apart_and_of_one_key(keys: list[str | None]) -> None:
         assert first > last + 1 or keys[first] != keys[last]
 
 
-def build(toml: str, folder: Path, path: Path) -> Dataset:
-    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder), path)
-    return Dataset(path)
-
-
 def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
     histograms = sides.scene_histograms(tiny_store)
     assert {name: h.pairs for name, h in histograms.items()} == {"One": 4, "Two": 4, "Three": 3}
@@ -101,22 +93,20 @@ def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
     assert histograms["Three"].unknown == int(2 * (~valid[0]).sum() + (~valid[1]).sum())
 
 
-def test_a_store_with_fewer_lightings_gives_the_same_counts(
+def test_fewer_lightings_give_same_counts(
     tiny_store: Dataset, tiny_folder: Path, tmp_path: Path
 ) -> None:
     for image in tiny_folder.rglob("Exp0/view*.png"):
         image.unlink()
-    fewer = build(TINY_TOML, tiny_folder, tmp_path / "fewer.zarr")
+    fewer = store_of(TINY_TOML, tiny_folder, tmp_path / "fewer.zarr")
     assert len(fewer.pairs("all")) < len(tiny_store.pairs("all"))
     whole, part = sides.scene_histograms(tiny_store), sides.scene_histograms(fewer)
     assert all((whole[name].counts == part[name].counts).all() for name in whole)
 
 
-def test_a_depth_map_that_is_not_there_is_not_taken_for_unknown_pixels(
-    tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_an_absent_depth_map_is_not_unknown_pixels(tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/disp5.png").unlink()
-    found = sides.scene_histograms(build(TINY_TOML, tiny_folder, tmp_path / "s.zarr"))["Two"]
+    found = sides.scene_histograms(store_of(TINY_TOML, tiny_folder, tmp_path / "s.zarr"))["Two"]
     assert found.pairs == 2
     assert found.known + found.unknown == 2 * 24 * 31
 
@@ -139,9 +129,7 @@ def lose_record(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [lose_chunks, garble, lose_record])
-def test_a_damaged_depth_map_is_told_and_never_counted(
-    tiny_store: Dataset, damage: Callable[[Path], None]
-) -> None:
+def test_a_damaged_depth_map_is_told(tiny_store: Dataset, damage: Callable[[Path], None]) -> None:
     damage(Path(str(tiny_store.path)))
     with pytest.raises(StoreError) as caught:
         sides.scene_histograms(Dataset(tiny_store.path))
@@ -168,7 +156,7 @@ def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
 def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) -> None:
     for file in (tiny_folder / "Two").rglob("*.png"):
         file.unlink()
-    store = build(TINY_TOML, tiny_folder, tmp_path / "s.zarr")
+    store = store_of(TINY_TOML, tiny_folder, tmp_path / "s.zarr")
     assert sides.sides_of(store)[1].absent == ("Two",)
     with pytest.raises(StoreError, match="no depth of Two"):
         sides.sides_of(store, test="Two")
@@ -178,11 +166,8 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
     tiny_store: Dataset, tiny_folder: Path, tmp_path: Path
 ) -> None:
     # The same depth maps, declared as distances: Eq. 7.1 maps level 4 to 251.
-    far = build(
-        TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"'),
-        tiny_folder,
-        tmp_path / "far.zarr",
-    )
+    text = TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"')
+    far = store_of(text, tiny_folder, tmp_path / "far.zarr")
     _, test = sides.sides_of(tiny_store, other=far)
     assert test.inverted
     assert test.name == "all"

@@ -73,9 +73,7 @@ def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
         rank_tests(scenes, 6)
 
 
-def test_of_too_many_choices_some_are_drawn_the_same_for_a_seed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_of_too_many_choices_some_are_drawn_by_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 30)
     scenes = make(10)
     first, again, other = (rank_tests(scenes, 4, seed=seed) for seed in (1, 1, 2))
@@ -113,9 +111,7 @@ def test_the_search_finds_the_best_of_all_partitions() -> None:
     assert propose_folds(scenes, 3)[0].cost == pytest.approx(best)
 
 
-def test_a_scene_that_no_fold_covers_is_named_with_its_levels(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = np.full((6, 256), 100, np.int64)
     counts[2, 36:39] = 5_000
     scenes = Scenes(tuple("ABCDEF"), counts, tuple((name,) for name in "ABCDEF"))

@@ -27,9 +27,7 @@ def test_the_text_names_scenes_of_the_store(tiny_store: Dataset) -> None:
         ("tiny-1, split train", "known pixels lie on depth levels that tiny-1, train, leaves"),
     ],
 )
-def test_what_is_uncovered_or_cannot_be_told_is_said(
-    tiny_store: Dataset, text: str, told: str
-) -> None:
+def test_what_is_uncovered_or_unknown_is_said(tiny_store: Dataset, text: str, told: str) -> None:
     (warning,) = coverage_warnings(text, tiny_store, "test")
     assert told in warning
 

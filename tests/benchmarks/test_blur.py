@@ -1,7 +1,5 @@
 """The blur against a stack of 256 images filtered whole with OpenCV, in one run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2
@@ -53,14 +51,6 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     random = np.random.default_rng(0)
     image = random.integers(0, 256, (*SHAPE, 3)).astype(np.uint8)
     return image, random.integers(0, 256, SHAPE).astype(np.uint8)
-
-
-@pytest.fixture
-def one_thread() -> Any:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(before)
 
 
 @pytest.mark.usefixtures("one_thread")

@@ -5,12 +5,8 @@ of them where none is, are random images of the same size. The peer is the thesi
 256 whole images filtered with OpenCV.
 """
 
-from __future__ import annotations
-
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +26,7 @@ from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.system.parallel import Threads
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
+from tests.process import python
 
 RECIPE = RECIPES["published"]
 
@@ -52,14 +49,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             depth = cv2.GaussianBlur(noise[..., 0], (0, 0), 30) * 3 % 200 + 20
             write_png(place / scene / f"disp{view}.png", depth.astype(np.uint8))
     return place
-
-
-@pytest.fixture
-def one_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(before)
 
 
 def time_steps(manifest: Manifest, source: Source, store: Path) -> tuple[dict[str, float], int]:
@@ -131,8 +120,7 @@ def all_lightings(folder: Path, tmp_path: Path) -> Path:
     manifest = find_manifest("middlebury")
     for pair in manifest.pairs():
         scene, at = folder / pair.scene, pair.at
-        image = cv2.imread(str(scene / image_name({"view": at["view"]})))
-        assert image is not None
+        image = np.asarray(cv2.imread(str(scene / image_name({"view": at["view"]}))))
         light = (0.25, 0.6, 1.0)[at["exposure"]] * (0.8 + 0.06 * at["illumination"])
         write_png(place / pair.scene / image_name(at), (image * light).astype(np.uint8))
         depth = place / pair.scene / depth_name(at)
@@ -166,13 +154,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def peak(folder: Path, store: Path) -> float:
     """Megabytes that a build has in memory at most."""
-    done = subprocess.run(
-        [sys.executable, "-c", _BUILD, str(folder), str(store)],
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return int(done.stdout) / 1024
+    return int(python("-c", _BUILD, folder, store).stdout) / 1024
 
 
 @pytest.mark.benchmark(group="peak memory of a build of 27 scenes")

@@ -1,7 +1,5 @@
 """Coverage of the whole Middlebury layout from a built store, against reading every pair."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

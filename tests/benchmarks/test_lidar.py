@@ -1,7 +1,5 @@
 """The medians of an upsampled LIDAR image against SciPy's filter in two dimensions, in one run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SSIM against scikit-image's, in one run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

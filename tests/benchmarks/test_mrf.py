@@ -4,8 +4,6 @@ Run with one thread: NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=
 the ratios, which are of CPU time. Nothing is asserted of them but what docs/graph_cuts.md says.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """Inference and training of the networks, as ratios to the plain eager float32 forward."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

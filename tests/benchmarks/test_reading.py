@@ -1,7 +1,5 @@
 """Reading pairs and crops from a store against reading the PNG files with OpenCV, in one run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

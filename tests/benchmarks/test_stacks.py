@@ -3,8 +3,6 @@
 Run as tests/benchmarks/test_mrf.py says. Nothing is asserted of times.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import partial

@@ -1,7 +1,5 @@
 """The command line's start against `import numpy`, both in processor time of a fresh process."""
 
-from __future__ import annotations
-
 import os
 import statistics
 import subprocess

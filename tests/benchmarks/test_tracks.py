@@ -3,8 +3,6 @@
 Nothing is asserted of times.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

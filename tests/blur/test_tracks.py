@@ -12,18 +12,8 @@ from dfdbench.blur.tracks import CLEAN, STACKS, TRACKS, Formation, Track, find_d
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
-RELEASED = (
-    "sigma_min",
-    "sigma_step",
-    "exponent",
-    "layers",
-    "shift",
-    "gain",
-    "noise",
-    "linear",
-    "read_noise",
-    "full_well",
-)
+RELEASED = {"sigma_min", "sigma_step", "exponent", "layers", "shift", "gain", "noise"}
+RELEASED |= {"linear", "read_noise", "full_well"}
 
 
 def test_the_released_definitions_never_change() -> None:
@@ -61,9 +51,8 @@ def test_severity_0_is_clean_and_each_further_one_is_another() -> None:
         assert find_degradation(f"{name}-0").label == CLEAN
         assert find_degradation(f"{name}-0").formation == Formation()
         assert len({Formation(), *track.severities}) == len(track.steps) + 1 == 4
-        assert [find_degradation(f"{name}-{n}").label for n in (1, 2, 3)] == [
-            f"{name}-{n}" for n in (1, 2, 3)
-        ]
+        for label in (f"{name}-1", f"{name}-2", f"{name}-3"):
+            assert find_degradation(label).label == label
 
 
 def test_each_formation_s_field_is_used_by_some_track() -> None:

@@ -126,12 +126,6 @@ def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / "README.md").read_text() == "# My project\n"
 
 
-def test_a_folder_that_is_no_leaderboard_becomes_none(tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match="no leaderboard here"):
-        leaderboard(tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
 def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     first, second, third = (add(tmp_path, name, 0.1) for name in ("one", "two", "three"))
     first.write_text("{")

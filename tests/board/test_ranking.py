@@ -103,12 +103,6 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     assert board.shown(1, "nrmse") == "(0.0010)"
 
 
-def test_a_run_given_a_blur_on_a_track_has_no_rank(tmp_path: Path) -> None:
-    run = make_tracks(labels=["gain-1"], uses=["recipe"])["gain-1"]
-    (board,) = boards([Entry.of(run, tmp_path)])
-    assert ranks(board) == [(None, "mine")]
-
-
 def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.2)
     submit(scored("elsewhere", 0.01), tmp_path)

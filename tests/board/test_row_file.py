@@ -89,14 +89,6 @@ def test_a_file_that_contradicts_itself_is_refused(
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff", b'{"schema_version": 2}'])
-def test_what_is_no_row_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "row.json"
-    path.write_bytes(content)
-    with pytest.raises(ResultError, match=r"row\.json"):
-        read_row(path)
-
-
 def problems(folder: Path, **changes: Any) -> str:
     row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
     return "\n".join(map(str, row_problems(row.model_copy(update=changes), folder, "here")))

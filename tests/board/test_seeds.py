@@ -23,9 +23,7 @@ def test_a_seed_is_drawn_and_written_down(tmp_path: Path, monkeypatch: pytest.Mo
     assert read_draws(tmp_path) == [second, first]
 
 
-def test_a_seed_that_goes_on_stays_drawn_at_its_commit_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_seed_stays_drawn_at_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     at_commit(monkeypatch, "abc")
     first = draw_seed(tmp_path)
     named = draw_seed(tmp_path, 7)

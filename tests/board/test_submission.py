@@ -11,7 +11,7 @@ from dfdbench.board.submission import submit as submit_only
 from dfdbench.errors import ResultError
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
-from tests.board.made_boards import add_card, scored, submit
+from tests.board.made_boards import add_card, submit
 from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
@@ -46,11 +46,6 @@ def test_runs_on_tracks_join_the_row_and_leave_its_other_runs(tmp_path: Path) ->
     anew = make_tracks(value=0.3, labels=["gain-2"])["gain-2"]
     submit(anew, tmp_path)
     assert read_row(path).results == (*before[:2], anew)
-
-
-def test_clean_images_run_along_with_tracks_enter_no_ranking_of_their_own(tmp_path: Path) -> None:
-    path = submit(list(make_tracks().values()), tmp_path)
-    assert read_row(path).suites == ["tracks-1"]
 
 
 @pytest.mark.parametrize(
@@ -119,9 +114,3 @@ def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="unknown data set"):
         submit(make_result({("One", 1, 1, 0): 0.1}), tmp_path)
     assert not (tmp_path / "results").exists()
-
-
-def test_scores_of_depth_maps_made_elsewhere_do_not_replace_a_method(tmp_path: Path) -> None:
-    submit(make_demo_result(lambda pair: 0.1), tmp_path)
-    with pytest.raises(ResultError, match="another method is there"):
-        submit(scored("mine", 0.01), tmp_path)

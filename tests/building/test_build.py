@@ -1,7 +1,4 @@
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +13,12 @@ from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
+from tests.made_source import MadeSource
 
 # Sets are versioned: another fingerprint would be another data set.
 DEMO_FINGERPRINT = "8e739258701254f2ba86202dae3ca1757865bba244f4ef146347eacc87ded761"
@@ -87,7 +85,7 @@ def test_a_second_build_keeps_what_is_finished(
     assert steps == [(1, 3), (2, 3), (3, 3)]
 
 
-def test_a_changed_image_is_noticed(
+def test_a_changed_image_is_seen(
     tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     site = tiny_folder / "Two/Illum1"
@@ -157,42 +155,21 @@ def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
     assert np.array_equal(np.nan_to_num(scene["depth"].values), depth)
 
 
-class Captured:
-    """A source of captured pairs that no rig's manifest describes."""
-
-    options: Mapping[str, Any] = MappingProxyType({})
-    captures_defocus = True
-
-    def __init__(self, manifest: Manifest, gives_defocus: bool = True) -> None:
-        self.manifest, self.gives_defocus = manifest, gives_defocus
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        return self.manifest.pairs("One")
-
-    def signature(self, scene: str) -> str:
-        return "0" * 64
-
-    def read(self, scene: str) -> SceneImages:
-        images = np.full((2, 1, 2, 12, 13, 3), 90, np.uint8)
-        depth = np.full((2, 12, 13), 7, np.uint8)
-        defocus = images // 2 if self.gives_defocus else None
-        return SceneImages.of_pairs(images, depth, depth > 0, np.ones((2, 1, 2), bool), defocus)
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        return ""
-
-
 def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
     place = tmp_path / "s.zarr"
     with_recipe = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
     manifest = parse_manifest(TINY_TOML.replace('recipe = "published"', "").encode(), "tiny-1.toml")
+    images = np.full((2, 1, 2, 12, 13, 3), 90, np.uint8)
+    depth = np.full((2, 12, 13), 7, np.uint8)
     for wrong, recipe in ((manifest, "published"), (with_recipe, None)):
         with pytest.raises(SourceError, match="they are captured"):
-            build_store(wrong, Captured(wrong), place, recipe=recipe)
+            build_store(wrong, MadeSource(wrong, images, depth, images // 2), place, recipe=recipe)
+    bare = MadeSource(manifest, images, depth)
+    bare.captures_defocus = True
     with pytest.raises(SourceError, match=r"not both or neither"):
-        build_store(manifest, Captured(manifest, gives_defocus=False), place)
+        build_store(manifest, bare, place)
     assert not place.exists()
-    build_store(manifest, Captured(manifest), place)
+    build_store(manifest, MadeSource(manifest, images, depth, images // 2, "One"), place)
     store = Dataset(place)
     assert (store.recipe_name, store.recipe) == ("", None)
     assert (store.read(store.pairs("One")[0]).defocus == 45).all()
@@ -221,9 +198,7 @@ def test_a_build_lies_in_the_cache_unless_a_place_is_given(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_another_blur_or_other_steps_are_refused_in_the_sets_own_place(
-    tmp_path: Path, named: bool
-) -> None:
+def test_other_blur_or_steps_are_refused_in_the_sets_own_place(tmp_path: Path, named: bool) -> None:
     places = [default_store(manifest, tmp_path) if named else None for manifest in (DEMO, CAPTURED)]
     with pytest.raises(InputError, match="another blur recipe"):
         plan_build(DEMO, places[0], "text", cache=tmp_path)

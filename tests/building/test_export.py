@@ -1,6 +1,5 @@
 from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -9,10 +8,10 @@ from numpy.typing import NDArray
 
 from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
-from dfdbench.building.sources import SceneImages, open_source
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.evaluate import score_predictions
@@ -20,6 +19,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Local
 from tests.conftest import write_png
+from tests.made_source import MadeSource
 
 local = Local()
 
@@ -63,26 +63,8 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
     infocus, defocus = (random.integers(0, 256, shape).astype(np.uint8) for _ in range(2))
     depth = random.integers(1, 256, (9, 11)).astype(np.uint8)
 
-    class One:
-        options: ClassVar[dict[str, object]] = {}
-        captures_defocus = captured
-
-        def available_pairs(self) -> tuple[Pair, ...]:
-            return manifest.pairs("k03")
-
-        def signature(self, scene: str) -> str:
-            return "0" * 64
-
-        def read(self, scene: str) -> SceneImages:
-            there = np.ones(2, bool)
-            return SceneImages.of_pairs(
-                infocus, depth, depth > 0, there, defocus if captured else None
-            )
-
-        def missing_help(self, missing: tuple[Pair, ...]) -> str:
-            return ""
-
-    build_store(manifest, One(), tmp_path / "s.zarr")
+    source = MadeSource(manifest, infocus, depth, defocus if captured else None, "k03")
+    build_store(manifest, source, tmp_path / "s.zarr")
     store = Dataset(tmp_path / "s.zarr")
     assert export_png(store, tmp_path / "png") == 2
     written = {path.name for path in (tmp_path / "png/k03").iterdir()}
@@ -90,8 +72,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
     assert written == {"depth.png"} | {
         f"exposure_ms{value}{ending}.png" for value in (10, 20) for ending in ("", f"_{blurred}")
     }
-    image = cv2.imread(str(tmp_path / f"png/k03/exposure_ms20_{blurred}.png"))
-    assert image is not None
+    image = np.asarray(cv2.imread(str(tmp_path / f"png/k03/exposure_ms20_{blurred}.png")))
     assert np.array_equal(image[..., ::-1], store.read(store.pairs("k03")[1]).defocus)
 
 

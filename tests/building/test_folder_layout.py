@@ -23,6 +23,8 @@ def patterns(paths: list[str]) -> list[str]:
         ["a/{scene}/depth/map.png", "a/{scene}/near.png", "a/{scene}/sharp.png"],
         ["{scene}_blurred.png", "{scene}_depth.png", "{scene}_sharp.png"],
         ["depth_{scene}.png", "f2_{scene}.png", "f8_{scene}.png"],
+        # An image in two formats is two kinds.
+        ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"],
     ],
 )
 def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
@@ -35,12 +37,6 @@ def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
     paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
     paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]
     assert patterns(paths) == ["depth/{scene}.png", "f2/{scene}.*", "f8/{scene}.*"]
-
-
-def test_an_image_in_two_formats_is_two_kinds() -> None:
-    kinds = ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"]
-    paths = [kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]
-    assert patterns(paths) == kinds
 
 
 def test_splits_are_told_from_scenes() -> None:
@@ -70,16 +66,8 @@ def test_where_names_share_nothing_order_pairs_files() -> None:
 
 
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
-    names = (
-        "a/b.PNG",
-        "a/c.tif",
-        "a/notes.txt",
-        ".cache/d.png",
-        "a/._b.png",
-        "a/gt.npy",
-        "a/K.npy",
-    )
-    for name in names:
+    others = ("a/notes.txt", ".cache/d.png", "a/._b.png", "a/K.npy")
+    for name in ("a/b.PNG", "a/c.tif", "a/gt.npy", *others):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")

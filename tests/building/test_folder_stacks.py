@@ -5,27 +5,16 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
 from dfdbench.building.folder_stacks import find_stacks
-from dfdbench.building.new_manifest import NewManifest, new_manifest
-from dfdbench.building.sources import open_source
-from dfdbench.datasets.dataset import Dataset
+from dfdbench.building.new_manifest import new_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from tests.made_folder import SCENES, make_folder
+from tests.made_folder import SCENES, built, make_folder, rearranged
 from tests.made_stack_folder import FOCUS, make_stacks
 from tests.made_zedd import MOTORS, make_zedd
 
 
-def built(folder: Path, place: Path) -> tuple[NewManifest, Dataset]:
-    written = new_manifest(folder)
-    manifest = parse_manifest(written.toml.encode(), written.name)
-    report = build_store(manifest, open_source(manifest, folder), place)
-    assert (report.problems, report.missing) == ((), ())
-    return written, Dataset(place)
-
-
 def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
-    written, store = built(make_stacks(tmp_path / "mine"), tmp_path / "one.zarr")
+    written, store = built(make_stacks(tmp_path / "mine"))
     files = store.manifest.files
     assert files is not None
     assert files.patterns == {
@@ -59,7 +48,7 @@ def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Pat
     disparity = np.repeat(np.linspace(-2, 2.5, 72)[:, None], 96, axis=1).astype(np.float32)
     np.save(made / "disparity.npy", disparity)
     (made / "depth.npy").unlink()
-    written, store = built(made, tmp_path / "one.zarr")
+    written, store = built(made)
     assert store.manifest.scene_names == ("desk",)
     assert any("neither metres nor levels: -2 to 2.5" in text for text in written.found)
     capture = store.captures("test")[0]
@@ -74,7 +63,7 @@ def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
     for scene in SCENES:
         (folder / scene / "focus.csv").unlink()
     (folder / "metadata.txt").write_text("# run, motor, metres\n1\t20dd\t1\n2\t2371\t2\n3\t2a\t4\n")
-    written, store = built(folder, tmp_path / "one.zarr")
+    written, store = built(folder)
     assert 'columns = ["column_1", "column_2", "column_3"]' in written.toml
     assert "whether column_3 is the focus in metres" in written.open
     assert store.captures()[0].stack.focus_distance[1:].values.tolist() == [4, 2, 1]
@@ -82,7 +71,7 @@ def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
 
 def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
     # As in ZEDD, where run and motor go together.
-    written, store = built(make_zedd(tmp_path / "mine"), tmp_path / "one.zarr")
+    written, store = built(make_zedd(tmp_path / "mine"))
     assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
     assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
     assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
@@ -95,7 +84,7 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     for scene in SCENES:
         for name in ("focus.csv", "depth.npy", "sharp.png"):
             (folder / scene / name).unlink()
-    written, store = built(folder, tmp_path / "one.zarr")
+    written, store = built(folder)
     assert not store.manifest.has_truth
     assert [text.partition(":")[0] for text in written.open[:3]] == [
         "whether an image is in focus all over",
@@ -114,20 +103,15 @@ def test_depth_may_be_npz_or_pfm(tmp_path: Path, ending: str) -> None:
             np.savez(folder / scene / "depth.npz", depth=depth, other=np.zeros(3))
         else:
             cv2.imwrite(str(folder / scene / "depth.pfm"), depth)
-    _, store = built(folder, tmp_path / "one.zarr")
+    _, store = built(folder)
     np.testing.assert_array_equal(store.captures()[-1].depth, depth)
 
 
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:
-    made = make_folder(tmp_path / "made")
-    for number, scene in enumerate(SCENES):
-        for kind in ("sharp", "blurred", "depth"):
-            place = tmp_path / "set" / kind / f"{number}.png"
-            place.parent.mkdir(parents=True, exist_ok=True)
-            (made / scene / f"{kind}.png").rename(place)
-    paths = tuple(str(p.relative_to(tmp_path / "set")) for p in (tmp_path / "set").rglob("*.png"))
-    assert find_stacks(tmp_path / "set", paths) is None
-    assert "defocus" in new_manifest(tmp_path / "set").toml
+    folder = rearranged(tmp_path, lambda number, kind: f"{kind}/{number}.png")
+    paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))
+    assert find_stacks(folder, paths) is None
+    assert "defocus" in new_manifest(folder).toml
 
 
 def test_scenes_of_one_place_are_in_one_split(tmp_path: Path) -> None:

@@ -10,22 +10,13 @@ from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest, manifest_in
 from dfdbench.datasets.croissant import datasheet_of
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, SourceError, StoreError
-from tests.made_folder import SCENES, make_folder
-
-
-def built(folder: Path, place: Path) -> Manifest:
-    written = new_manifest(folder)
-    manifest = parse_manifest(written.toml.encode(), written.name)
-    report = build_store(manifest, open_source(manifest, folder), place)
-    assert (report.problems, report.missing) == ((), ())
-    return manifest
+from tests.made_folder import SCENES, built, make_folder, rearranged
 
 
 def test_what_it_writes_builds(tmp_path: Path) -> None:
-    manifest = built(make_folder(tmp_path / "My desk"), tmp_path / "one.zarr")
+    manifest = built(make_folder(tmp_path / "My desk"))[1].manifest
     assert manifest.stem == "My-desk-1"
     assert manifest.scene_names == SCENES
     assert manifest.scenes_of("train") == SCENES[:3]
@@ -36,14 +27,11 @@ def test_what_it_writes_builds(tmp_path: Path) -> None:
 
 
 def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
-    made = make_folder(tmp_path / "made")
-    for number, scene in enumerate(SCENES):
+    def name(number: int, kind: str) -> str:
         split = "train" if number < 3 else "test"
-        for kind in ("sharp", "blurred", "depth"):
-            place = tmp_path / "set" / kind / split / f"10:0{number % 3} {scene[0]}.png"
-            place.parent.mkdir(parents=True, exist_ok=True)
-            (made / scene / f"{kind}.png").rename(place)
-    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+        return f"{kind}/{split}/10:0{number % 3} {SCENES[number][0]}.png"
+
+    manifest = built(rearranged(tmp_path, name))[1].manifest
     assert manifest.scenes[0].name == "10-00-s"
     assert manifest.scenes[0].names == {"split": "test", "file": "10:00 s"}
     assert len(manifest.scenes_of("train")) == 3
@@ -55,18 +43,15 @@ def test_mixed_endings_build(tmp_path: Path) -> None:
     endings = (".JPG", ".jpg", ".png", ".jpg")
     for scene, ending in zip(SCENES, endings, strict=True):
         for kind in ("sharp", "blurred", "depth"):
-            image = cv2.imread(str(made / scene / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
-            assert image is not None
+            image = np.asarray(cv2.imread(str(made / scene / f"{kind}.png"), cv2.IMREAD_UNCHANGED))
             name = f"{scene}_0{'.png' if kind == 'depth' else ending}"
             place = tmp_path / "set" / kind / name
             place.parent.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(place), image)
-    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    manifest = built(tmp_path / "set")[1].manifest
     assert manifest.files is not None
-    assert (manifest.files.infocus, manifest.files.depth) == (
-        "sharp/{scene}.*",
-        "depth/{scene}.png",
-    )
+    assert manifest.files.infocus == "sharp/{scene}.*"
+    assert manifest.files.depth == "depth/{scene}.png"
     assert len(manifest.scenes) == 4
 
 
@@ -80,8 +65,9 @@ def make_idfd(folder: Path, places: tuple[str, ...]) -> Path:
             ending = ".png" if kind == "depth" else (".JPG", ".jpg")[number % 2]
             path = folder / "iDFD/Data/Processed/inpainting" / place / f"{name}{ending}"
             path.parent.mkdir(parents=True, exist_ok=True)
-            image = cv2.imread(str(made / SCENES[number % 4] / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
-            assert image is not None
+            image = np.asarray(
+                cv2.imread(str(made / SCENES[number % 4] / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
+            )
             cv2.imwrite(str(path), image)
     return folder / "iDFD"
 
@@ -95,13 +81,13 @@ def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     report = build_store(plan.manifest, open_source(plan.manifest, folder), plan.place)
     assert (report.problems, report.missing) == ((), ())
     assert report.warnings == ("13 scenes found; idfd has 764",)
-    built = Dataset(tmp_path / "one.zarr")
-    assert built.manifest.scenes_of("test") == ("Lab-4_0", "Lab-4_1", "Lab-4_2")
-    assert len(built.manifest.scenes_of("train")) == 10
-    assert np.nanmax(built.captures("test")[0].depth) == pytest.approx(4)
-    assert datasheet_of(built.manifest) is not None
+    store = Dataset(tmp_path / "one.zarr")
+    assert store.manifest.scenes_of("test") == ("Lab-4_0", "Lab-4_1", "Lab-4_2")
+    assert len(store.manifest.scenes_of("train")) == 10
+    assert np.nanmax(store.captures("test")[0].depth) == pytest.approx(4)
+    assert datasheet_of(store.manifest) is not None
     again = plan_build(find_manifest("idfd"), tmp_path / "two.zarr", source=folder).manifest
-    assert again == built.manifest
+    assert again == store.manifest
 
 
 def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
@@ -122,28 +108,24 @@ def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
     # As in ZEDD, whose test scenes have no depth.
     made = make_folder(tmp_path / "made")
     for scene in SCENES:
-        depth = cv2.imread(str(made / scene / "depth.png"), cv2.IMREAD_UNCHANGED)
-        assert depth is not None
+        depth = np.asarray(cv2.imread(str(made / scene / "depth.png"), cv2.IMREAD_UNCHANGED))
         np.save(made / scene / "depth.npy", (depth / 1000).astype(np.float32))
         (made / scene / "depth.png").unlink()
         (tmp_path / "set/val").mkdir(parents=True, exist_ok=True)
         (made / scene).rename(tmp_path / "set/val" / scene)
-    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    manifest = built(tmp_path / "set")[1].manifest
     assert manifest.scenes_of("test") == SCENES[3:]
     assert manifest.scenes[0].names == {"split": "val"}
 
 
 def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None:
-    made = make_folder(tmp_path / "made")
-    for number, scene in enumerate(SCENES):
-        for step, kind in enumerate(("sharp", "blurred", "depth")):
-            place = tmp_path / "set" / kind / f"{1000 * number + 7 * step}.png"
-            place.parent.mkdir(parents=True, exist_ok=True)
-            (made / scene / f"{kind}.png").rename(place)
-    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    steps = {"sharp": 0, "blurred": 7, "depth": 14}
+    folder = rearranged(tmp_path, lambda at, kind: f"{kind}/{1000 * at + steps[kind]}.png")
+    written, store = built(folder)
+    manifest = store.manifest
     assert manifest.scenes[1].name == "scene-2"
     assert manifest.scenes[1].names["depth"] == "1014"
-    assert any("by their order" in text for text in new_manifest(tmp_path / "set").open)
+    assert any("by their order" in text for text in written.open)
 
 
 def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from dfdbench.building.obtaining import obtain, voltage_pair_sets
 from dfdbench.building.sources.interface import Source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, SourceError
+from dfdbench.errors import InputError
 from tests.conftest import write_png
 
 
@@ -103,10 +103,3 @@ def test_what_is_no_pair_of_steps_is_told(site: Path, tmp_path: Path, pair: str)
     with pytest.raises(InputError, match="not a pair of voltage steps") as caught:
         voltage_pair_sets(REALWORLD, ["135-129", pair], site, tmp_path)
     assert caught.value.problems[0].got == pair
-
-
-def test_a_step_that_the_lens_never_had_is_told_before_anything_is_built(
-    site: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(SourceError, match="two steps of 127 to 143"):
-        voltage_pair_sets(REALWORLD, ["135-129", "135-150"], site, tmp_path)

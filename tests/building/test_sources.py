@@ -1,20 +1,18 @@
-import hashlib
-from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dfdbench.building import SceneImages, build_store
+from dfdbench.building import build_store
 from dfdbench.building.sources import ENTRY_POINT_GROUP, Source, is_made, open_source
 from dfdbench.building.sources.demo import DemoScenes
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
+from tests.made_source import MadeSource
 
 
 def check_interface(source: Source, manifest: Manifest) -> None:
@@ -39,7 +37,7 @@ def test_what_is_made_needs_no_files() -> None:
     assert made == ["demo", "realworld-sim", "unseen", "unseen-stack"]
 
 
-def test_each_reader_has_its_source(
+def test_each_reader_has_a_source(
     tiny_manifest: Manifest, tiny_folder: Path, captures: Path
 ) -> None:
     for manifest, folder, kind in (
@@ -66,36 +64,17 @@ def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
         open_source(unknown)
 
 
-class Noise:
-    """A source as a package may offer it: images drawn from a scene's name."""
-
-    options: Mapping[str, Any] = {}
-    captures_defocus = False
-
-    def __init__(self, manifest: Manifest, folder: Path | None) -> None:
-        self.manifest, self.folder = manifest, folder
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        return self.manifest.pairs()
-
-    def signature(self, scene: str) -> str:
-        return hashlib.sha256(scene.encode()).hexdigest()
-
-    def read(self, scene: str) -> SceneImages:
-        extent = tuple(len(values) for values in self.manifest.axes.values())
-        random = np.random.default_rng(len(scene))
-        infocus = random.integers(1, 256, (*extent, 20, 24, 3)).astype(np.uint8)
-        depth = np.full((extent[0], 20, 24), 90, np.uint8)
-        return SceneImages.of_pairs(infocus, depth, depth > 0, np.ones(extent, bool))
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        return ""
+def noise(manifest: Manifest, folder: Path | None) -> MadeSource:
+    """Make a source as a package may offer one."""
+    extent = tuple(len(values) for values in manifest.axes.values())
+    infocus = np.random.default_rng(1).integers(1, 256, (*extent, 20, 24, 3)).astype(np.uint8)
+    return MadeSource(manifest, infocus, np.full((extent[0], 20, 24), 90, np.uint8))
 
 
 def test_packages_offer_sources(
     tiny_manifest: Manifest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offered = EntryPoint("noise", f"{__name__}:Noise", ENTRY_POINT_GROUP)
+    offered = EntryPoint("noise", f"{__name__}:noise", ENTRY_POINT_GROUP)
     broken = EntryPoint("torn", f"{__name__}:Torn", ENTRY_POINT_GROUP)
 
     def entry_points(group: str) -> list[EntryPoint]:
@@ -105,7 +84,7 @@ def test_packages_offer_sources(
     monkeypatch.setattr("dfdbench.system.packages.entry_points", entry_points)
     manifest = tiny_manifest.model_copy(update={"reader": "noise"})
     source = open_source(manifest, tmp_path)
-    assert isinstance(source, Noise)
+    assert isinstance(source, MadeSource)
     check_interface(source, manifest)
     report = build_store(manifest, source, tmp_path / "noise.zarr")
     assert (report.pairs, report.missing) == (11, ())

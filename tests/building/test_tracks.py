@@ -1,5 +1,6 @@
 """Data sets built on tracks, and what reads them."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,23 +29,29 @@ from dfdbench.results.record import Result
 from dfdbench.system.parallel import Threads
 
 
-def built(
-    manifest: Manifest, label: str, files: Path, place: Path, threads: int = 1
-) -> tuple[Dataset, str]:
-    tracked = with_track(manifest, label)
-    report = build_store(tracked, open_source(tracked, files), place, pool=Threads(threads))
-    return Dataset(place), report.fingerprint
+@pytest.fixture
+def on_track(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Callable[..., Dataset]:
+    """Build the tiny set on a track, in a place by name."""
+
+    def build(label: str, name: str = "a", threads: int = 1) -> Dataset:
+        tracked, place = with_track(tiny_manifest, label), tmp_path / f"{name}.zarr"
+        source = open_source(tracked, tiny_folder)
+        report = build_store(tracked, source, place, pool=Threads(threads))
+        assert report.fingerprint == Dataset(place).fingerprint
+        return Dataset(place)
+
+    return build
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["camera-2", "shift-1", "occlusion-3"])
 def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path, label: str
+    on_track: Callable[..., Dataset], tiny_manifest: Manifest, tiny_store: Dataset, label: str
 ) -> None:
-    store, fingerprint = built(tiny_manifest, label, tiny_folder, tmp_path / "a.zarr")
+    store = on_track(label)
     assert store.manifest == with_track(tiny_manifest, label)
     assert store.pairs("all") == tiny_store.pairs("all")
-    assert fingerprint == store.fingerprint != tiny_store.fingerprint
+    assert store.fingerprint != tiny_store.fingerprint
     assert (store.recipe, store.recipe_name) == (None, f"of track {label}")
     assert store.attributes["recipe"] == {"name": "", "parameters": {}}
     assert (store.attributes["degradation"], store.attributes["track_version"]) == (label, 1)
@@ -57,27 +64,23 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
         assert np.array_equal(found.infocus, infocus)
         assert np.array_equal(found.defocus, defocus)
         assert np.array_equal(found.levels, plain.levels)
-    _, at_once = built(tiny_manifest, label, tiny_folder, tmp_path / "b.zarr", threads=4)
-    assert at_once == fingerprint
+    assert on_track(label, "b", threads=4).fingerprint == store.fingerprint
 
 
 def test_severity_0_is_the_clean_store_in_every_byte(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path
+    on_track: Callable[..., Dataset], tiny_store: Dataset
 ) -> None:
-    store, fingerprint = built(tiny_manifest, "camera-0", tiny_folder, tmp_path / "a.zarr")
-    assert fingerprint == tiny_store.fingerprint
+    store = on_track("camera-0")
+    assert store.fingerprint == tiny_store.fingerprint
     assert store.attributes == tiny_store.attributes
 
 
-def test_one_track_s_store_is_not_replaced_by_another_s(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    place = tmp_path / "a.zarr"
-    _, fingerprint = built(tiny_manifest, "noise-1", tiny_folder, place)
+def test_one_track_s_store_is_not_replaced_by_another_s(on_track: Callable[..., Dataset]) -> None:
+    store = on_track("noise-1")
     for label in ("noise-2", "noise-0"):
         with pytest.raises(StoreError, match="holds another data set"):
-            built(tiny_manifest, label, tiny_folder, place)
-    assert Dataset(place).fingerprint == fingerprint
+            on_track(label)
+    assert Dataset(store.path).fingerprint == store.fingerprint
 
 
 def test_a_recipe_and_a_track_exclude_each_other(
@@ -91,10 +94,8 @@ def test_a_recipe_and_a_track_exclude_each_other(
     assert not (tmp_path / "a.zarr").exists()
 
 
-def test_a_store_of_a_track_unknown_here_says_so(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
+def test_a_track_unknown_here_is_told(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
+    on_track("gain-1")
     attributes = zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs
     attributes["degradation"] = "haze-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
@@ -102,10 +103,10 @@ def test_a_store_of_a_track_unknown_here_says_so(
         Dataset(tmp_path / "a.zarr")
 
 
-def test_a_method_that_asks_for_the_recipe_is_refused(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+def test_who_asks_for_the_recipe_is_refused(
+    on_track: Callable[..., Dataset], tmp_path: Path
 ) -> None:
-    store, _ = built(tiny_manifest, "psf-2", tiny_folder, tmp_path / "a.zarr")
+    store = on_track("psf-2")
     (tmp_path / "solver.py").write_text(
         "class Solver:\n"
         "    def __init__(self, recipe):\n        self.recipe = recipe\n"
@@ -119,10 +120,8 @@ def test_a_method_that_asks_for_the_recipe_is_refused(
     assert load_for(store, "local", {}).uses == ()
 
 
-def test_a_run_s_result_bears_the_track_and_tells_no_recipe(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    store, _ = built(tiny_manifest, "gain-3", tiny_folder, tmp_path / "a.zarr")
+def test_a_result_names_track_not_recipe(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
+    store = on_track("gain-3")
     done = run_method(store, load_for(store, "constant", {}), "test", tmp_path / "run")
     dataset = done.result.dataset
     assert (dataset.name, dataset.short) == ("tiny-1@gain-3", "tiny@gain-3")
@@ -132,29 +131,23 @@ def test_a_run_s_result_bears_the_track_and_tells_no_recipe(
 
 
 @pytest.mark.parametrize("name", ["tiny-1@noise-2", "tiny@noise-2", "tiny-1", "tiny"])
-def test_the_depths_trained_on_are_the_same_on_any_track(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, name: str
-) -> None:
-    store, _ = built(tiny_manifest, "camera-1", tiny_folder, tmp_path / "a.zarr")
+def test_depths_trained_on_are_of_any_track(on_track: Callable[..., Dataset], name: str) -> None:
+    store = on_track("camera-1")
     side = training_side(f"{name}, split train", store)
     assert side is not None
     assert list(side.scenes) == ["One"]
 
 
-def test_an_export_names_the_defocus_image_by_the_track(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    store, _ = built(tiny_manifest, "camera-1", tiny_folder, tmp_path / "a.zarr")
+def test_an_export_names_images_by_track(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
+    store = on_track("camera-1")
     export_png(store, tmp_path / "png", "One")
     assert (tmp_path / "png/One/Illum1/Exp0/view1_camera-1.png").exists()
     assert not list((tmp_path / "png").rglob("*_lin_*"))
 
 
 @pytest.fixture
-def stacks(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Dataset:
-    manifest = with_track(tiny_manifest, "stack-5")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "stacks.zarr")
-    return Dataset(tmp_path / "stacks.zarr")
+def stacks(on_track: Callable[..., Dataset]) -> Dataset:
+    return on_track("stack-5")
 
 
 def result_of(done: Run) -> Result:
@@ -182,12 +175,8 @@ def test_a_built_stack_says_where_it_is_focused(stacks: Dataset, tiny_store: Dat
     assert not stacks.recipe
 
 
-def test_without_an_infocus_image(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    manifest = with_track(tiny_manifest, "stack-only-3")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "only.zarr")
-    store = Dataset(tmp_path / "only.zarr")
+def test_without_an_infocus_image(on_track: Callable[..., Dataset]) -> None:
+    store = on_track("stack-only-3")
     capture = store.read(store.pairs("test")[0])
     assert capture.stack["focus_depth"].values.tolist() == [0, 128, 255]
     assert "infocus" not in capture.facts.roles

@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.cli import main
-from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.manifest import Manifest
 from tests.cli.command import Command, Outcome
-from tests.conftest import TINY_TOML, write_png
+from tests.conftest import TINY_TOML, store_of, write_png
 from tests.site import Site, served
 
 MINE = """
@@ -73,22 +70,7 @@ def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # The demo store of the session stands in for the one that `build demo` would make.
-    stores = tmp_path / "cache/stores"
-    stores.mkdir(parents=True)
-    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-
-
-def build(toml: str, folder: Path, path: Path) -> str:
-    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder), path)
-    return str(path)
-
-
-@pytest.fixture
-def uneven(tiny_folder: Path, tmp_path: Path) -> str:
+def uneven(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> str:
     """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
     for number, scene in enumerate(("One", "Two", "Three")):
         for view in (1, 5):
@@ -97,4 +79,4 @@ def uneven(tiny_folder: Path, tmp_path: Path) -> str:
                 depth[:4] = 36 + np.arange(32) % 3
             depth[-1] = 0
             write_png(tiny_folder / scene / f"disp{view}.png", depth)
-    return build(TINY_TOML, tiny_folder, tmp_path / "uneven.zarr")
+    return str(store_of(tiny_manifest, tiny_folder, tmp_path / "uneven.zarr").path)

@@ -1,8 +1,5 @@
 import io
-import os
 import shutil
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -19,6 +16,7 @@ from tests.conftest import TINY_TOML
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
+from tests.process import python
 from tests.site import Site
 
 
@@ -28,19 +26,12 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     for png in (tiny_folder / "One").rglob("*.png"):
         png.unlink()
     (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
-    arguments = (
-        "build",
-        tiny_toml,
-        "--source",
-        str(tiny_folder),
-        "--store",
-        str(tmp_path / "s.zarr"),
-    )
-    outcome = dfdbench.refused("missing: 5 of 11 pairs", *arguments)
+    build = f"build {tiny_toml} --source {tiny_folder} --store {tmp_path / 's.zarr'}"
+    outcome = dfdbench.refused("missing: 5 of 11 pairs", build)
     assert "One" in outcome.err
     assert "view5/illumination1/exposure0" in outcome.err
     assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
-    allowed = dfdbench.fine(*arguments, "--allow-missing")
+    allowed = dfdbench.fine(build, "--allow-missing")
     assert "2 of them kept from before" in allowed.out
 
 
@@ -72,33 +63,24 @@ main()
 
 
 @pytest.mark.slow
-def test_ctrl_c_in_mid_build_loses_nothing(
-    tiny_toml: str, tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_path: Path) -> None:
     manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
     whole = build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "whole.zarr")
     store = tmp_path / "tiny.zarr"
     arguments = ["build", tiny_toml, "--store", str(store), "--source", str(tiny_folder)]
-    stopped = subprocess.run(
-        [sys.executable, "-c", STOPPED, *arguments, "--workers", "1"],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
-        timeout=120,
-        check=False,
-    )
+    stopped = python("-c", STOPPED, *arguments, "--workers", "1")
     errors = stopped.stderr
     assert stopped.returncode == 130
     assert "goes on from here" in errors
     assert "Traceback" not in errors
     assert not store.exists()
-    command = [sys.executable, "-m", "dfdbench", *arguments]
-    again = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    again = python("-m", "dfdbench", *arguments)
+    assert again.returncode == 0
     assert whole.fingerprint in again.stdout
     assert "kept from before" in again.stdout
 
 
-def test_from_the_site_to_a_verified_store_and_back_to_files(
+def test_from_the_site_to_a_store_and_to_files(
     dfdbench: Command, site: Site, tmp_path: Path
 ) -> None:
     cache = ("--cache", str(tmp_path / "mine"))
@@ -144,20 +126,13 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
 
 
 @pytest.mark.slow
-def test_a_cluster_builds_and_runs(
-    dfdbench: Command, site: Site, cluster: str, tmp_path: Path
-) -> None:
+def test_a_cluster_does_both(dfdbench: Command, site: Site, cluster: str, tmp_path: Path) -> None:
     store, other = str(tmp_path / "tiny.zarr"), str(tmp_path / "other.zarr")
     built = dfdbench.fine("build tiny-1.toml --store", store, "--scheduler", cluster)
     here = dfdbench("build tiny-1.toml --store", other, "--workers", "2")
     assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
-    ran = dfdbench.fine(
-        "run --method constant --dataset", store, "--scheduler", cluster, "--out", "out"
-    )
+    ran = dfdbench.fine(f"run --method constant --dataset {store} --scheduler {cluster} --out out")
     assert "several at once: not comparable" in " ".join(ran.out.split())
-    dfdbench.refused(
-        "its own number of workers", "build tiny-1.toml --scheduler", cluster, "--workers", "2"
-    )
 
 
 @pytest.mark.slow
@@ -175,8 +150,7 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "train (own): 3 pairs" in dfdbench("info mine-1.toml").out
     assert dfdbench("export mine-1.toml --png png").status == 0
     assert Path("png/desk/capture1_defocus.png").is_file()
-    defocus = cv2.imread("png/desk/capture1_defocus.png")
-    assert defocus is not None
+    defocus = np.asarray(cv2.imread("png/desk/capture1_defocus.png"))
     for name in dfdbench("info mine-1.toml --pairs test").out.split():
         Path("elsewhere", name).parent.mkdir(parents=True, exist_ok=True)
         np.save(f"elsewhere/{name}.npy", np.full(defocus.shape[:2], 100, np.uint8))
@@ -196,11 +170,9 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     folder = make_folder(tmp_path / "mine")
     assert dfdbench("new-dataset", str(folder)).status == 0
     (folder / "desk/blurred.png").unlink()
-    metres = cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED)
-    assert metres is not None
+    metres = np.asarray(cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED))
     cv2.imwrite(str(folder / "door/depth.png"), metres // 1000)
-    image = cv2.imread(str(folder / "lamp/sharp.png"))
-    assert image is not None
+    image = np.asarray(cv2.imread(str(folder / "lamp/sharp.png")))
     cv2.imwrite(str(folder / "lamp/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
     built = dfdbench("build mine-1.toml --source", str(folder))
     assert built.status == 2

@@ -19,9 +19,7 @@ def test_list_and_version(dfdbench: Command) -> None:
     assert dfdbench("--version").out.startswith("dfdbench ")
 
 
-def test_a_set_of_ones_own_goes_by_its_name_once_built(
-    dfdbench: Command, site: Site, tmp_path: Path
-) -> None:
+def test_a_set_of_ones_own_goes_by_its_name(dfdbench: Command, site: Site, tmp_path: Path) -> None:
     # A folder of that name beside it is what the set was made from, as a rule.
     (tmp_path / "work/tiny").mkdir()
     assert "unknown data set" in dfdbench("info tiny").err
@@ -111,8 +109,6 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     assert Path(told["compiled code"]).is_dir()
 
 
-def test_an_extra_that_is_absent_says_how_to_have_it(
-    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_absent_extra_says_how_to(dfdbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
     assert "absent: pip install 'dfdbench[none]'" in dfdbench("doctor").out

@@ -18,10 +18,8 @@ def photographs(folder: Path) -> tuple[str, str]:
 
 def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_path: Path) -> None:
     images = photographs(tmp_path)
-    told = dfdbench.fine(
-        *("predict", *images, "--method", "mymodule:predict", "--out", "depth.png"),
-        *("--figure", "picture.png"),
-    )
+    predict = ("predict", *images, "--method", "mymodule:predict", "--out", "depth.png")
+    told = dfdbench.fine(*predict, "--figure", "picture.png")
     assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out
     depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
     assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)

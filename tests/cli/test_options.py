@@ -1,12 +1,9 @@
-import os
-import subprocess
-import sys
-
 import pytest
 
 from dfdbench.cli.options import parse_length, pool_of, pool_of_processes, value_of, values_of
 from dfdbench.errors import InputError
 from dfdbench.system.parallel import Cluster, Processes, Threads
+from tests.process import python
 
 
 @pytest.mark.parametrize(
@@ -81,13 +78,7 @@ def test_the_shell_is_offered_what_begins_so(typed: str, offered: list[str]) -> 
         "COMP_CWORD": str(len(words.split()) - 1),
     }
     program = "import sys; sys.argv = ['dfdbench']; from dfdbench.cli import app; app()"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | asked,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", program, cwd=None, **asked)
     assert done.stdout.split() == offered, done.stderr
 
 

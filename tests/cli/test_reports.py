@@ -18,7 +18,7 @@ SVG = ("--figure-format", "svg")
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     for window in (5, 9):
         name = f"window={window}"
@@ -28,9 +28,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
     place = "results/compare-demo-1-Market-local-window=5-vs-local-window=9.png"
     assert f"figure       {place}" in compared.err
-    panels = cv2.imread(place)
-    assert panels is not None
-    assert panels.shape[1] == 1800
+    assert np.asarray(cv2.imread(place)).shape[1] == 1800
     both = ("compare", "window=5", "window=9")
     assert "figure       folder/compare.png" in dfdbench(*both, "--out", "folder").err
     assert Path("folder/compare.png").exists()
@@ -59,11 +57,8 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert "no figure: no run is complete" in table.err
     dfdbench.refused("a page shows every metric and figure", "report window=5 --metric ssim")
     dfdbench.refused("has the form that its name says", "report window=5 --format csv", *SVG)
-    dfdbench.refused(
-        "no figures are drawn with --no-predictions",
-        "run --dataset demo --method constant --no-predictions",
-        *SVG,
-    )
+    bare = "run --dataset demo --method constant --no-predictions"
+    dfdbench.refused("no figures are drawn with --no-predictions", bare, *SVG)
 
 
 def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command) -> None:
@@ -72,7 +67,7 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
     dfdbench.refused("(t.tex)", "report v1 --format latex --out t.tex")
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
@@ -91,7 +86,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert "constant" in dfdbench("leaderboard").out
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_mistakes_are_told(dfdbench: Command) -> None:
     make_folder("constant")
     dfdbench("run --dataset demo --method constant --submit --no-predictions")
@@ -122,18 +117,16 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("mymodule:nan")
-    refused = dfdbench.refused(
-        "mymodule:predict has no card (leaderboard/methods)",
-        "run --dataset demo --method mymodule:predict --submit",
-    )
+    run = "run --dataset demo --method mymodule:predict --submit"
+    refused = dfdbench.refused("mymodule:predict has no card (leaderboard/methods)", run)
     assert "Fix: write one, NAME.toml: title, authors" in refused.err
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("built")
+@pytest.mark.usefixtures("demo_built")
 def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("learned.py:predict")
     Path("learned.py").write_text(

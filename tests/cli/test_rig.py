@@ -22,12 +22,10 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     off = dfdbench("rig register k03 --source raw --fresh --focal-length 80mm")
     assert (off.status, "kept" in off.out) == (2, False)
     Path("raw/k03/registration.toml").write_text("matrix = [[1,0,99999],[0,1,99999],[0,0,1]]\n")
-    done = dfdbench.refused("no LIDAR return falls on the image", "rig register k03 --source raw")
+    dfdbench.refused("no LIDAR return falls on the image", "rig register k03 --source raw")
     Path("raw/k03/registration.toml").unlink()
     Path("raw/k03/registration.toml").mkdir()
-    done = dfdbench.refused(
-        "cannot write the registration", "rig register k03 --source raw --fresh"
-    )
+    dfdbench.refused("cannot write the registration", "rig register k03 --source raw --fresh")
     Path("raw/k03/registration.toml").rmdir()
     head = "beam,altitude_deg,azimuth_deg,azimuth_index\n"
     Path("raw/beams.csv").write_text(head + "".join(f"{n},x,3.1,18\n" for n in range(64)))
@@ -51,7 +49,7 @@ SCENES, STEPS = REALWORLD.scene_names, range(127, 144)
         ("10-40", (10, 20, 40), (10, 20, 40)),
     ],
 )
-def test_what_a_list_names_comes_once_and_in_order(
+def test_a_list_is_put_in_order(
     text: str, known: Sequence[object], found: tuple[object, ...]
 ) -> None:
     assert chosen(text, "--steps", known) == found

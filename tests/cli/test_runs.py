@@ -1,4 +1,5 @@
 import json
+import os
 import re
 from pathlib import Path
 
@@ -24,10 +25,8 @@ def test_the_whole_way(
     assert load_result(folder / "result.json").complete
     assert (folder / "figures/worst.png").exists()
     for form in ("markdown", "json", "csv"):
-        shown = dfdbench.fine(
-            "run --method mymodule:predict --protocol valid --no-figures --dataset",
-            *(store, "--format", form),
-        )
+        run = f"run --method mymodule:predict --dataset {store} --format {form}"
+        shown = dfdbench.fine(run, "--protocol", "valid", "--no-figures")
         assert "figures " not in shown.err
         assert "7 pairs taken over" in shown.err
         if form == "json":
@@ -43,11 +42,8 @@ def test_the_whole_way(
     last = rf"overall      {scores}  \(protocol valid, split test, 7 pairs\)"
     assert re.fullmatch(last, ran.err.splitlines()[-1])
     assert "overall      no score: 1 of 7 pairs were evaluated" in plain.err
-    one = ("--dataset", store, "--limit", "1", "--out", "one")
-    assert (
-        "\n1 pair failed; the same command tries it again\n"
-        in dfdbench("run --method mymodule:nan", *one).err
-    )
+    one = dfdbench(f"run --method mymodule:nan --dataset {store} --limit 1 --out one")
+    assert "\n1 pair failed; the same command tries it again\n" in one.err
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
@@ -70,15 +66,10 @@ def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
     ],
 )
 def test_what_has_no_tracks_is_told_before_anything_is_built(
-    dfdbench: Command,
-    words: tuple[str, ...],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    dfdbench: Command, words: tuple[str, ...], said: str
 ) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
     dfdbench.refused(said, "tracks --method constant", *words)
-    assert not (tmp_path / "cache").exists()
+    assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
 
 
 @pytest.mark.slow
@@ -103,8 +94,8 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("built")
-def test_a_folder_named_by_info_is_scored_and_submitted(
+@pytest.mark.usefixtures("demo_built")
+def test_a_folder_is_scored_and_submitted(
     dfdbench: Command, demo_store: Dataset, tmp_path: Path
 ) -> None:
     ids = dfdbench("info demo --pairs test").out.split()
@@ -130,10 +121,8 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
 
 def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store: Dataset) -> None:
     place = str(demo_store.path)
-    words = (
-        "tune --method s-transform --param recipe=null --range smoothing=1,2.5 --limit 4 --dataset"
-    )
-    tuned = dfdbench.fine(words, place)
+    tune = "tune --method s-transform --param recipe=null --range smoothing=1,2.5 --limit 4"
+    tuned = dfdbench.fine(tune, "--dataset", place)
     assert "training captures" in tuned.out
     assert "smoothing" in tuned.out
     best = tuned.err.rpartition("--param smoothing=")[2].strip()

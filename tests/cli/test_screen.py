@@ -1,6 +1,3 @@
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ from dfdbench.cli.screen import give, print_table
 from dfdbench.errors import ResultError
 from dfdbench.tables.table import Format, Table
 from tests.cli.test_optics import BLUR
+from tests.process import python
 
 
 @pytest.mark.slow
@@ -21,15 +19,9 @@ from tests.cli.test_optics import BLUR
 def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     encoding: dict[str, str], tmp_path: Path
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "dfdbench", *BLUR, "--pixel", "4.8um"],
-        cwd=tmp_path,
-        env={**os.environ, **encoding},
-        capture_output=True,
-        encoding="ascii",
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    words = ("-m", "dfdbench", *BLUR.split(), "--pixel", "4.8um")
+    done = python(*words, cwd=tmp_path, **encoding)
+    assert (done.returncode, done.stdout.isascii()) == (0, True), done.stderr
     assert r"blur radius (\xb5m)" in done.stdout
 
 
@@ -76,9 +68,7 @@ def test_a_download_says_its_bytes_and_work_of_unknown_length_what_is_done(
     ]
 
 
-def test_a_table_of_somebody_elses_text_steers_no_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_table_of_others_text_steers_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     print_table(Table("title\x1b]0;x\x07", ("method",), (("mine\x1b[2J\r",),), "l", ("n\x9b",)))
     out = capsys.readouterr().out
     assert "mine\\x1b[2J\\r" in out

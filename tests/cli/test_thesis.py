@@ -29,9 +29,8 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
-        dfdbench.refused(
-            message, "thesis experiment patch-size", *store, QUICK[0], "--values", values
-        )
+        sizes = ["thesis experiment patch-size", *store, QUICK[0], "--values", values]
+        dfdbench.refused(message, *sizes)
     assert not Path("training").exists()
     dfdbench.refused("did you mean noise", "thesis experiment nose", *store)
 
@@ -51,9 +50,7 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
         ("135", "as 141-129,140-130"),
         ("135-129,135-150", "135,150 are not two steps of 127 to 143"),
     ):
-        dfdbench.refused(
-            told, "thesis experiment voltage-pairs --values", values, "--source", "site"
-        )
+        dfdbench.refused(told, f"thesis experiment voltage-pairs --values {values} --source site")
     assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was said
     done = dfdbench.fine(*command, "--source", "site", "--format", "csv")
     folder = Path("training/realworld-1-experiments/voltage-pairs-dfd-net")
@@ -66,22 +63,15 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     assert (again.status, again.out) == (0, done.out), again.err
 
 
-FEW = [
-    item
-    for choice in ("crop=16", "crops_per_step=1", "steps=2", "evaluate_pairs=1")
-    for item in ("--set", choice)
-]
-HERE = ["--device", "cpu", "--threads", "1"]
+FEW = ["--set=crop=16", "--set=crops_per_step=1", "--set=steps=2", "--set=evaluate_pairs=1"]
+HERE = ["--device=cpu", "--threads=1"]
 
 
 @pytest.mark.slow
-def test_reduced_networks_are_written_trained_and_compared(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
+def test_reduced_networks_are_trained_and_compared(dfdbench: Command, tiny_store: Dataset) -> None:
     weights, dataset = str(save_small(Path("mine.safetensors"))), str(tiny_store.path)
-    done = dfdbench.fine(
-        "thesis reduce --weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
-    )
+    reduce = f"thesis reduce --weights {weights} --dataset {dataset} --rounds H"
+    done = dfdbench.fine(reduce, *FEW, *HERE)
     assert "noise, mean" in done.out
     folder = Path("training/tiny-reduction/mine")
     assert str(folder) in done.err
@@ -98,12 +88,7 @@ def test_reduced_networks_are_written_trained_and_compared(
         f"{name}-seed{seed}" for name in ("original", "B-01-01") for seed in (0, 1)
     }
     assert (kept / "scores.png").exists()
-    dfdbench.fine(
-        "train dfd-net --config", str(folder / "B-01-01.toml"), "--dataset", dataset, *HERE
-    )
-
-
-pytest.importorskip("torch", reason="needs the extra nets")
+    dfdbench.fine(f"train dfd-net --config {folder / 'B-01-01.toml'} --dataset {dataset}", *HERE)
 
 
 SMALL = [
@@ -128,9 +113,7 @@ def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Dataset
     assert "selected on scenes held out of test" in done.out
     assert "| layer | filters | baseline |" in (FOLDER / "search.md").read_text()
     found = str(FOLDER / "best.toml")
-    dfdbench.fine(
-        "train dfd-net --dataset", str(tiny_store.path), "--config", found, "--threads", "1"
-    )
+    dfdbench.fine(f"train dfd-net --dataset {tiny_store.path} --config {found} --threads 1")
     assert dfdbench(*search).out == done.out
 
 
@@ -159,9 +142,7 @@ def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: 
     assert "600" in log.read_text()
 
 
-def test_a_search_that_found_nothing_ends_with_status_1(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
+def test_a_search_that_found_nothing_ends_with_1(dfdbench: Command, tiny_store: Dataset) -> None:
     search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     done = dfdbench(*search, "--iterations=0", "--set=learning_rate=1e30")
     assert "every training failed: nothing was found" in done.err

@@ -1,11 +1,9 @@
 """The command line starts quickly: what only looks imports none of the heavy libraries."""
 
-import subprocess
-import sys
-
 import pytest
 
 from dfdbench.cli import Verb
+from tests.process import python
 
 HEAVY = ("scipy", "numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
 
@@ -35,9 +33,8 @@ print("imported:", *(name for name in {HEAVY!r} if name in sys.modules))
     ids=" ".join,
 )
 def test_what_only_looks_imports_nothing_heavy(arguments: list[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
-    )
+    done = python("-c", PROGRAM, *arguments)
+    assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "imported:"
 
 

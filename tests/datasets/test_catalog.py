@@ -21,20 +21,16 @@ def test_brighter_is_nearer_in_every_set() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ask", "name", "hint"),
+    ("ask", "told"),
     [
-        (lambda: find_manifest("midlebury"), "midlebury", "did you mean middlebury"),
-        (lambda: find_manifest("middlebury").pairs("tset"), "tset", "did you mean test"),
-        (lambda: find_manifest("demo").pairs_of_scene("Atic"), "Atic", "did you mean Attic"),
+        (lambda: find_manifest("midlebury"), "midlebury(?s:.*)did you mean middlebury"),
+        (lambda: find_manifest("middlebury").pairs("tset"), "tset(?s:.*)did you mean test"),
+        (lambda: find_manifest("demo").pairs_of_scene("Atic"), "Atic(?s:.*)did you mean Attic"),
     ],
 )
-def test_unknown_names_show_the_near_misses(
-    ask: Callable[[], object], name: str, hint: str
-) -> None:
-    with pytest.raises(UnknownNameError) as caught:
+def test_unknown_names_show_near_misses(ask: Callable[[], object], told: str) -> None:
+    with pytest.raises(UnknownNameError, match=told):
         ask()
-    assert name in str(caught.value)
-    assert hint in str(caught.value)
 
 
 def test_a_manifest_is_found_by_each_of_its_names() -> None:
@@ -55,9 +51,7 @@ def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
         find_manifest("demo.toml")
 
 
-def test_each_version_of_a_set_has_a_place_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_version_has_its_own_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert default_store(find_manifest("demo"), tmp_path) == tmp_path / "stores/demo-1.zarr"
     monkeypatch.setenv("DFDBENCH_CACHE", "elsewhere")
     assert default_store(find_manifest("realworld")) == Path("elsewhere/stores/realworld-1.zarr")
@@ -65,16 +59,8 @@ def test_each_version_of_a_set_has_a_place_of_its_own(
 
 @pytest.mark.parametrize(
     ("name", "place"),
-    [
-        ("demo", False),
-        ("middlebury-third-1", False),
-        ("mine.toml", False),
-        ("sets/mine.toml", False),
-        ("mine.zarr", True),
-        ("./mine", True),
-        ("/sets/mine.zarr", True),
-        ("s3://bucket/mine.zarr", True),
-    ],
+    [(name, False) for name in ("demo", "middlebury-third-1", "mine.toml", "sets/mine.toml")]
+    + [(name, True) for name in ("mine.zarr", "./mine", "/sets/mine.zarr", "s3://bucket/a.zarr")],
 )
 def test_a_path_is_told_from_a_name(name: str, place: bool) -> None:
     assert is_place(name) is place
@@ -134,7 +120,6 @@ def test_a_manifest_of_one_s_own_has_tracks(tmp_path: Path) -> None:
     ("name", "said"),
     [
         ("demo@camra-2", "did you mean camera"),
-        ("demo@camera-9", "did you mean camera-"),
         ("demo@camera-9", "did you mean camera-3"),
         ("demo@", "unknown track: nothing follows the @"),
         ("dmo@camera-2", "did you mean demo"),

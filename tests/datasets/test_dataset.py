@@ -9,8 +9,6 @@ import zarr
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, StoreError
@@ -19,10 +17,8 @@ from dfdbench.errors import InputError, StoreError
 def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -> None:
     attributes = tiny_store.attributes
     assert attributes["manifest_sha256"] == tiny_manifest.sha256
-    assert attributes["recipe"] == {
-        "name": "published",
-        "parameters": RECIPES["published"].as_dict(),
-    }
+    published = {"name": "published", "parameters": RECIPES["published"].as_dict()}
+    assert attributes["recipe"] == published
     assert attributes["degradation"] == "clean"
     assert attributes["missing_pairs"] == []
     assert tiny_store.manifest == tiny_manifest
@@ -76,17 +72,6 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
         open_dataset("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
     assert "dfdbench build demo" in str(caught.value)
-
-
-def test_a_damaged_scene_is_written_again(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
-    before = tiny_store.fingerprint
-    chunk = next(path for path in (tiny_store.path / "Two/images/c").rglob("*") if path.is_file())
-    chunk.unlink()
-    report = build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tiny_store.path)
-    assert report.fingerprint == before
-    assert report.scenes_built == ("Two",)
 
 
 def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Dataset) -> None:

@@ -29,21 +29,21 @@ def test_memory_layout_and_byte_order_do_not_enter() -> None:
     assert array_digest("a", ("z", "y", "x"), np.asfortranarray(values)) == plain
 
 
-@pytest.mark.parametrize("change", ["value", "name", "dimension", "type", "shape"])
-def test_what_it_holds_does_enter(change: str) -> None:
-    values = np.arange(6, dtype="<i4").reshape(2, 3)
-    name, dimensions, other = "a", ("y", "x"), values.copy()
-    if change == "value":
-        other[1, 2] = 7
-    elif change == "name":
-        name = "b"
-    elif change == "dimension":
-        dimensions = ("x", "y")
-    elif change == "type":
-        other = values.astype("<i8")
-    else:
-        other = values.reshape(3, 2)
-    assert array_digest(name, dimensions, other) != array_digest("a", ("y", "x"), values)
+VALUES = np.arange(6, dtype="<i4").reshape(2, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "dimensions", "values"),
+    [
+        ("a", ("y", "x"), VALUES + (VALUES == 5)),
+        ("b", ("y", "x"), VALUES),
+        ("a", ("x", "y"), VALUES),
+        ("a", ("y", "x"), VALUES.astype("<i8")),
+        ("a", ("y", "x"), VALUES.reshape(3, 2)),
+    ],
+)
+def test_what_it_holds_does_enter(name: str, dimensions: tuple[str, str], values: Any) -> None:
+    assert array_digest(name, dimensions, values) != array_digest("a", ("y", "x"), VALUES)
 
 
 def test_coordinates_enter_a_scene() -> None:
@@ -118,7 +118,7 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) 
         ("Two/depth", {"codecs": []}),
     ],
 )
-def test_arrays_that_are_not_as_built_are_told(
+def test_arrays_not_as_built_are_told(
     tiny_store: Dataset, place: str, change: dict[str, Any]
 ) -> None:
     path = damaged(tiny_store, place, lambda content: content.update(change))
@@ -140,7 +140,7 @@ def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) ->
     ("name", "value"),
     [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
 )
-def test_a_scene_record_of_another_kind_is_told_by_name(
+def test_another_scene_record_is_told_by_name(
     tiny_store: Dataset, name: str, value: object
 ) -> None:
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))

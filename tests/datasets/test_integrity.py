@@ -1,5 +1,6 @@
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,24 +37,15 @@ def test_chunks_and_compression_do_not_matter(
     root.attrs.update(tiny_store.attributes)
     for name in tiny_store.scenes:
         scene = tiny_store.stored(name).load()
+        how: dict[str, Any] = {"compressors": [codec] if codec else []}
         encoding = {
-            str(key): {
-                "chunks": tuple(min(chunk, length) for length in variable.shape),
-                "compressors": [codec] if codec else [],
-            }
+            str(key): how | {"chunks": tuple(min(chunk, length) for length in variable.shape)}
             for key, variable in scene.data_vars.items()
         }
         for variable in scene.variables.values():
             variable.encoding.clear()
-        scene.to_zarr(
-            other,
-            group=name,
-            mode="w",
-            zarr_format=3,
-            encoding=encoding,
-            consolidated=False,
-            write_empty_chunks=True,
-        )
+        form: dict[str, Any] = {"zarr_format": 3, "consolidated": False, "mode": "w"}
+        scene.to_zarr(other, group=name, encoding=encoding, write_empty_chunks=True, **form)
     found = verify_store(Dataset(other))
     assert found.differences == ()
     assert found.sound
@@ -71,11 +63,8 @@ def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
     found = verify_store(Dataset(tiny_store.path))
     assert not found.sound
     assert found.recomputed == ""
-    assert [(d.scene, d.array) for d in found.differences] == [
-        ("One", "images"),
-        ("Two", "depth"),
-        ("Three", "depth"),
-    ]
+    places = [(item.scene, item.array) for item in found.differences]
+    assert places == [("One", "images"), ("Two", "depth"), ("Three", "depth")]
     assert "cannot be decoded" in found.differences[0].what
     assert found.differences[1:] == (
         StoreDifference("Two", "depth", "holds other values"),
@@ -94,9 +83,8 @@ def test_what_was_added_is_named(tiny_store: Dataset) -> None:
     scene = zarr.open_group(local(tiny_store), path="One", mode="r+")
     scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
     found = verify_store(Dataset(tiny_store.path))
-    assert [(d.array, d.what) for d in found.differences] == [
-        ("more", "was not there when it was built")
-    ]
+    (difference,) = found.differences
+    assert (difference.array, difference.what) == ("more", "was not there when it was built")
 
 
 def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Dataset) -> None:
@@ -121,7 +109,5 @@ def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_stor
         array[...] = np.asarray(array[...])[..., ::-1, :]
     with pytest.raises(StoreError, match="does not hold what was built") as caught:
         require_sound(Dataset(tiny_store.path))
-    assert [problem.where.rpartition(", ")[2] for problem in caught.value.problems] == [
-        "Two/depth",
-        "Two/images",
-    ]
+    places = [problem.where.rpartition(", ")[2] for problem in caught.value.problems]
+    assert places == ["Two/depth", "Two/images"]

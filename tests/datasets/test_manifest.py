@@ -106,13 +106,8 @@ def test_middlebury_in_default_lighting_has_the_thesis_scenes_and_splits() -> No
 def test_realworld_is_that_of_the_thesis() -> None:
     manifest = find_manifest("realworld")
     counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
-    assert counts == {
-        "train": 392,
-        "test": 56,
-        "train-pruned": 294,
-        "test-pruned": 42,
-        "all-pruned": 336,
-    }
+    pruned_counts = {"train-pruned": 294, "test-pruned": 42, "all-pruned": 336}
+    assert counts == {"train": 392, "test": 56} | pruned_counts
     pruned = manifest.scenes_of("train-pruned") + manifest.scenes_of("test-pruned")
     assert set(manifest.scenes_of("all-pruned")) == set(pruned)
     assert len(manifest.pairs()) == 448

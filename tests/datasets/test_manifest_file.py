@@ -118,9 +118,7 @@ def problems_of(text: str) -> str:
         (STACK_TOML, "{scene}/focus.csv", "{place}.csv", ["known by the name {place}"]),
     ],
 )
-def test_a_broken_manifest_says_what_and_where(
-    toml: str, old: str, new: str, parts: list[str]
-) -> None:
+def test_a_broken_manifest_says_where(toml: str, old: str, new: str, parts: list[str]) -> None:
     assert old in toml
     text = problems_of(toml.replace(old, new, 1))
     for part in ("mine-1.toml", *parts):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from upath import UPath
 
-from dfdbench.building.build import build_store
+from dfdbench.building.build import BuildReport, build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
@@ -17,12 +17,23 @@ from dfdbench.errors import StoreError
 from dfdbench.system.location import copy_folder, exists, folders_in
 from dfdbench.system.parallel import Threads
 
+Places = Callable[[str], UPath]
+Build = Callable[..., BuildReport]
 
-def test_the_same_store_wherever_it_lies(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(tiny_manifest, source, place("s.zarr"), pool=Threads(2))
+
+@pytest.fixture
+def build(tiny_manifest: Manifest, tiny_folder: Path) -> Build:
+    """Build the tiny set from its files as they are then."""
+
+    def build(place: UPath | Path | str, threads: int = 1) -> BuildReport:
+        source = open_source(tiny_manifest, tiny_folder)
+        return build_store(tiny_manifest, source, place, pool=Threads(threads))
+
+    return build
+
+
+def test_the_same_store_anywhere(place: Places, build: Build, tiny_store: Dataset) -> None:
+    report = build(place("s.zarr"), threads=2)
     assert report.fingerprint == tiny_store.fingerprint
     store = Dataset(str(place("s.zarr")))
     assert store.scenes == tiny_store.scenes
@@ -36,7 +47,7 @@ def test_the_same_store_wherever_it_lies(
     assert verify_store(store).sound
     assert not exists(place("s.zarr.partial"))
     assert not exists(place(".s.zarr.lock"))
-    again = build_store(tiny_manifest, source, place("s.zarr"))
+    again = build(place("s.zarr"))
     assert again.scenes_kept == tiny_store.scenes
     assert again.fingerprint == tiny_store.fingerprint
 
@@ -53,82 +64,71 @@ def test_two_builds_do_not_mix_on_disk(tmp_path: Path, tiny_manifest: Manifest) 
 
 
 def test_a_build_that_failed_goes_on(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
+    place: Places, build: Build, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     image = tiny_folder / "Three/Illum1/Exp0/view1.png"
     right = image.read_bytes()
     image.write_bytes(right[:-20])
     with pytest.raises(Exception, match="damaged"):
-        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), place("s.zarr"))
+        build(place("s.zarr"))
     assert not exists(place("s.zarr"))
     assert {"One", "Two"} <= set(folders_in(place("s.zarr.partial")))
     image.write_bytes(right)
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(tiny_manifest, source, place("s.zarr"))
+    report = build(place("s.zarr"))
     assert report.scenes_kept == ("One", "Two")
     assert report.fingerprint == tiny_store.fingerprint
 
 
-def test_a_move_cut_short_is_gone_on_with(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
+def test_a_move_cut_short_goes_on(place: Places, build: Build, tiny_store: Dataset) -> None:
     if place("s.zarr").protocol == "":
         pytest.skip("on disk a folder is renamed at once")
-    source = open_source(tiny_manifest, tiny_folder)
-    build_store(tiny_manifest, source, place("s.zarr"))
+    build(place("s.zarr"))
     # As a kill leaves it: the new store whole beside its place, a part of it there.
     copy_folder(place("s.zarr"), place("s.zarr.partial"))
     (place("s.zarr") / "zarr.json").unlink()
     (place("s.zarr") / "One/zarr.json").unlink()
     with pytest.raises(StoreError):
         Dataset(place("s.zarr"))
-    report = build_store(tiny_manifest, source, place("s.zarr"))
+    report = build(place("s.zarr"))
     assert report.scenes_built == ()
     assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
 
 
-def test_what_is_no_store_is_never_replaced(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path
-) -> None:
+def test_what_is_no_store_is_never_replaced(place: Places, build: Build) -> None:
     folder = place("photographs")
     if folder.protocol == "":
         Path(folder.path).mkdir()
     (folder / "only_copy.png").write_bytes(b"precious")
     with pytest.raises(StoreError, match="no dfdbench store"):
-        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), folder)
+        build(folder)
     assert (folder / "only_copy.png").read_bytes() == b"precious"
 
 
-def test_an_object_store_that_does_not_answer(
-    tiny_manifest: Manifest, tiny_folder: Path, object_store: str
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
+def test_an_object_store_that_does_not_answer(build: Build, object_store: str) -> None:
     with pytest.raises(StoreError, match="cannot write the store"):
-        build_store(tiny_manifest, source, "s3://no-such-bucket/s.zarr")
+        build("s3://no-such-bucket/s.zarr")
     with pytest.raises(StoreError, match="no such store"):
         Dataset(f"{object_store}/nothing.zarr")
 
 
 def test_a_build_that_lacks_pairs_of_the_store_is_refused(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
+    place: Places, build: Build, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
-    build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), place("s.zarr"))
+    build(place("s.zarr"))
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
-    source = open_source(tiny_manifest, tiny_folder)
     with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
-        build_store(tiny_manifest, source, place("s.zarr"))
+        build(place("s.zarr"))
     assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
-    build_store(tiny_manifest, source, place("less.zarr"))
+    build(place("less.zarr"))
 
 
 @pytest.mark.parametrize("content", [None, "", '{"zarr_format": 3, "node_type": "group"}'])
 def test_a_build_stopped_before_it_said_what_it_is_goes_on(
-    content: str | None, tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+    content: str | None, build: Build, tmp_path: Path
 ) -> None:
     partial = tmp_path / "s.zarr.partial"
     partial.mkdir()
     if content is not None:
         (partial / "zarr.json").write_text(content)
-    source = open_source(tiny_manifest, tiny_folder)
-    assert build_store(tiny_manifest, source, tmp_path / "s.zarr").scenes_built
+    assert build(tmp_path / "s.zarr").scenes_built
     assert not partial.exists()

@@ -86,9 +86,7 @@ def test_it_gives_the_numbers_of_the_command(
     assert hashes[0] == hashes[1]
 
 
-def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
-    tiny_store: Dataset,
-) -> None:
+def test_what_has_no_name_is_run_with_its_facts_and_parameters(tiny_store: Dataset) -> None:
     def local(infocus: Any, defocus: Any, gain: float) -> Any:
         return grey(infocus, defocus, gain)
 
@@ -113,9 +111,7 @@ def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
     assert thing.result.method.uses == []
 
 
-def test_a_changed_function_is_never_taken_for_the_one_before(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_changed_function_is_another_method(tiny_store: Dataset, tmp_path: Path) -> None:
     errors = [
         evaluate(
             lambda infocus, defocus, level=level: np.full(infocus.shape[:2], level),
@@ -127,9 +123,7 @@ def test_a_changed_function_is_never_taken_for_the_one_before(
     assert errors[0] != errors[1]
 
 
-def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_depth_maps_live_as_long_as_the_run_or_in_out(tiny_store: Dataset, tmp_path: Path) -> None:
     done: list[tuple[int, int]] = []
     run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
     assert done == [(1, 2), (2, 2)]
@@ -150,9 +144,7 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
         again.images("Desk")
 
 
-def test_it_scores_as_a_run_does_and_says_that_nothing_was_run(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_it_scores_as_a_run_does_and_says_not_run(tiny_store: Dataset, tmp_path: Path) -> None:
     ran = run_method(tiny_store, method(red), "test", tmp_path / "run").result
     for pair in tiny_store.pairs("test"):
         path = tmp_path / "made" / f"{pair.id}.npy"

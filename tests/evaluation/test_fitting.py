@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,24 +9,21 @@ import typer
 from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import WHOLE, Dataset, Region
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluation.fitting import FIT, camera_note, fit_method, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import run_method
+from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.method import Method
 from dfdbench.results.record import load_result
-from dfdbench.system.parallel import Processes
-from tests.conftest import TINY_TOML
+from dfdbench.system.parallel import Pool, Processes
+from tests.conftest import TINY_TOML, store_of
 
 MEAN = """
 import numpy as np
@@ -60,6 +58,22 @@ class Mean:
 def mean(tmp_path: Path) -> str:
     (tmp_path / "mean.py").write_text(MEAN)
     return f"{tmp_path / 'mean.py'}:Mean"
+
+
+Run = Callable[..., RunDone]
+
+
+@pytest.fixture
+def run(tiny_store: Dataset, mean: str, tmp_path: Path) -> Run:
+    """Run the mean on the tiny set, into a folder by name."""
+
+    def run(name: str = "out", split: str = "test", **how: Any) -> RunDone:
+        method = load_for(tiny_store, mean, {"keep": how.pop("keep", True)})
+        pool: Pool | None = how.pop("pool", None)
+        place = tmp_path / name
+        return run_method(tiny_store, method, split, place, RunOptions(**how), pool=pool)
+
+    return run
 
 
 def mean_of(store: Dataset, *scenes: str) -> float:
@@ -108,10 +122,10 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
 
 
 def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
-    tiny_store: Dataset, mean: str, tmp_path: Path
+    tiny_store: Dataset, run: Run, tmp_path: Path
 ) -> None:
     before = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
-    result = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out").result
+    result = run().result
     after = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
     for one, other in zip(before, after, strict=True):
         for name in ("images", "levels", "valid"):
@@ -124,9 +138,7 @@ def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
     assert result.pairs[0].prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
-def test_a_run_that_goes_on_is_not_fitted_again(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
+def test_a_resumed_run_is_not_fitted_again(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
     fits = []
     for options in (RunOptions(limit=2), RunOptions(), RunOptions(fresh=True), RunOptions(seed=1)):
         method = load_for(tiny_store, mean, {})
@@ -139,40 +151,29 @@ def test_a_run_that_goes_on_is_not_fitted_again(
 
 
 def test_a_fit_that_keeps_it_in_itself_is_called_again_and_stays_in_its_process(
-    tiny_store: Dataset, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, run: Run, tmp_path: Path
 ) -> None:
     for reused in (0, 7):
         method = load_for(tiny_store, mean, {"keep": False})
-        run = run_method(tiny_store, method, "test", tmp_path / "out")
-        assert (type(method.predict).fits, run.reused) == (1, reused)  # type: ignore[attr-defined]
+        done = run_method(tiny_store, method, "test", tmp_path / "out")
+        assert (type(method.predict).fits, done.reused) == (1, reused)  # type: ignore[attr-defined]
     assert not (tmp_path / "out" / FIT).exists()
     with pytest.raises(MethodError, match=r"other processes[\s\S]*leave out --workers"):
-        run_method(
-            tiny_store,
-            load_for(tiny_store, mean, {"keep": False}),
-            "test",
-            tmp_path / "two",
-            pool=Processes(2),
-        )
+        run("two", keep=False, pool=Processes(2))
     assert not (tmp_path / "two").exists()
 
 
 @pytest.mark.slow
-def test_workers_are_given_what_was_learned(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
-    alone, together = (
-        run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / name, pool=pool)
-        for name, pool in (("alone", None), ("together", Processes(2)))
-    )
-    assert together.result.complete
-    assert [pair.scores for pair in together.result.pairs] == [
-        pair.scores for pair in alone.result.pairs
-    ]
+def test_workers_are_given_what_was_learned(run: Run) -> None:
+    alone, together = run("alone").result, run("together", pool=Processes(2)).result
+    assert together.complete
+    assert [pair.scores for pair in together.pairs] == [pair.scores for pair in alone.pairs]
 
 
 def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
-    tiny_store: Dataset, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, run: Run, tmp_path: Path
 ) -> None:
-    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "runs/out")
+    run("runs/out")
     wrong = load_for(tiny_store, mean, {"wrong": True})
     for name in ("out", "new"):
         with pytest.raises(MethodError, match="RuntimeError: too dark"):
@@ -181,34 +182,25 @@ def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
     assert load_result(tmp_path / "runs/out").complete
 
 
-def test_what_was_learned_and_then_damaged_is_not_trusted(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
-    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
+def test_damaged_learning_is_not_trusted(run: Run, tmp_path: Path) -> None:
+    run()
     assert read_fit(tmp_path / "out").fitted_on == "tiny-1, split train"
     (tmp_path / "out" / FIT).write_bytes(b"PK\x03\x04 rot")
     with pytest.raises(ResultError, match=r"cannot be read[\s\S]*--fresh"):
-        run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
-    options = RunOptions(fresh=True)
-    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out", options)
+        run()
+    run(fresh=True)
 
 
 @pytest.mark.parametrize("split", ["all", "train"])
-def test_nothing_is_tested_on_what_it_was_fitted_on(
-    tiny_store: Dataset, mean: str, tmp_path: Path, split: str
-) -> None:
+def test_nothing_is_tested_on_what_it_was_fitted_on(run: Run, tmp_path: Path, split: str) -> None:
     with pytest.raises(MethodError, match=r"fitted on[\s\S]*One[\s\S]*test, K1, K2"):
-        run_method(tiny_store, load_for(tiny_store, mean, {}), split, tmp_path / "out")
+        run(split=split)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_set_without_training_pairs_says_what_to_do(
-    tiny_folder: Path, tmp_path: Path, mean: str
-) -> None:
+def test_a_set_without_training_says_so(tiny_folder: Path, tmp_path: Path, mean: str) -> None:
     text = TINY_TOML.replace('name = "train"', 'name = "learn"')
-    manifest = parse_manifest(text.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Dataset(tmp_path / "s.zarr")
+    store = store_of(text, tiny_folder, tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"no split train[\s\S]*--split NAME"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
     assert fit_method(store, load_for(store, mean, {}), "K2", 0) is not None
@@ -236,29 +228,19 @@ def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
     assert "goes on" not in said
 
 
-def test_what_one_run_learned_is_used_in_another(
-    tiny_store: Dataset, mean: str, tmp_path: Path
-) -> None:
-    run_method(tiny_store, load_for(tiny_store, mean, {}), "Two", tmp_path / "two")
-    options = RunOptions(fitted=tmp_path / "two")
-    done = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "b", options)
+def test_one_run_s_fit_is_used_in_another(tiny_store: Dataset, run: Run, tmp_path: Path) -> None:
+    run("two", "Two")
+    done = run("b", fitted=tmp_path / "two")
     assert done.result.method.fitted_on == "tiny-1, all but Two"
     depth = np.full(tiny_store.shape_of("Two"), mean_of(tiny_store, "One", "Three"), np.float32)
     first = done.result.pairs[0]
     assert first.scene == "Two"
     assert first.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
     # The same run with a fit of its own is another run.
-    own = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "b")
-    assert own.result.method.fitted_on == "tiny-1, split train"
+    assert run("b").result.method.fitted_on == "tiny-1, split train"
     (tmp_path / "none").mkdir()
     with pytest.raises(MethodError, match="kept nothing"):
-        run_method(
-            tiny_store,
-            load_for(tiny_store, mean, {}),
-            "test",
-            tmp_path / "c",
-            RunOptions(fitted=tmp_path / "none"),
-        )
+        run("c", fitted=tmp_path / "none")
 
 
 def test_another_camera_in_the_test_is_told() -> None:

@@ -75,9 +75,7 @@ def test_a_lens_that_is_none_is_told(changes: dict[str, Any], parts: list[str]) 
         assert part in str(raised.value)
 
 
-def test_a_manifests_rig_is_told_and_a_file_says_what_it_lacks(
-    tiny_manifest: Manifest, tmp_path: Path
-) -> None:
+def test_a_manifests_rig_is_told_a_file_fills_up(tiny_manifest: Manifest, tmp_path: Path) -> None:
     whole = of_manifest(tiny_manifest, Rig(**FACTS), SCALE)
     taken, recorded = given_by_lens(whole, {"recipe": "rig", "window": 9})
     assert taken == {"recipe": lens_law(LENS), "window": 9}
@@ -96,9 +94,7 @@ def test_a_manifests_rig_is_told_and_a_file_says_what_it_lacks(
         given_by_lens(tiny_manifest, {"recipe": "rig"})
 
 
-def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_constructor_gets_the_facts_that_are_known(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "class Mine:\n"
         "    def __init__(self, rig): self.rig = rig\n"
@@ -115,7 +111,7 @@ def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(
 
 
 @pytest.mark.parametrize("method", ["local", "graph-cuts"])
-def test_told_a_lens_a_method_finds_depth_on_both_sides_of_the_focus(
+def test_told_a_lens_a_method_finds_both_sides_of_the_focus(
     tiny_store: Dataset, method: str
 ) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)

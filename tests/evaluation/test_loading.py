@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -17,7 +15,7 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Constant
 from dfdbench.results.wording import knew_blur
 from dfdbench.system.parallel import Processes
-from tests.conftest import TINY_TOML
+from tests.conftest import TINY_TOML, store_of
 
 
 def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> None:
@@ -31,9 +29,7 @@ def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> No
 
 def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:
     text = TINY_TOML.replace('name = "train"', 'name = "learn"')
-    manifest = parse_manifest(text.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Dataset(tmp_path / "s.zarr")
+    store = store_of(text, tiny_folder, tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"(?s)no split train.*--param training_mean"):
         load_for(store, "constant", {})
     assert load_for(store, "constant", {"training_mean": 90}).uses == ()
@@ -81,19 +77,10 @@ def test_where_no_recipe_is_told_a_method_with_a_fit_gets_none(
         load_for(tiny_store, Asking, {})
 
 
-def test_a_user_may_withhold_the_recipe(tiny_store: Dataset) -> None:
-    found = load_for(tiny_store, Fitting, {"recipe": None})
-    assert found.predict.recipe is None  # type: ignore[attr-defined]
-    assert found.parameters == {"recipe": None}
-
-
 @pytest.mark.slow
-def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
-    tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_told_a_method_gets_a_track_s_law_and_says_so(tiny_folder: Path, tmp_path: Path) -> None:
     tracked = with_track(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"), "psf-3")
-    build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "psf.zarr")
-    store = Dataset(tmp_path / "psf.zarr")
+    store = store_of(tracked, tiny_folder, tmp_path / "psf.zarr")
     told = load_for(store, "local", {}, given_blur=True)
     assert told.learner is None
     assert told.uses == ("recipe",)

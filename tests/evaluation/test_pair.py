@@ -22,9 +22,7 @@ def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -
     assert result.pairs[0].numbers["energy"] > 0
 
 
-def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(
-    tiny_store: Dataset,
-) -> None:
+def test_a_method_is_warmed_up_once_and_scored_under_protocols_asked(tiny_store: Dataset) -> None:
     predict = Counting()
     evaluate = PairEvaluator(tiny_store, method(predict), 0, [PROTOCOLS["valid"]])
     records = [evaluate(pair) for pair in tiny_store.pairs("One")]
@@ -39,17 +37,6 @@ def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
-def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Dataset) -> None:
-    evaluate = PairEvaluator(tiny_store, method(Counting(fail_at=1)), 0)
-    first, second = tiny_store.pairs("One")[:2]
-    record, depth = evaluate(first)
-    assert depth is None
-    assert record.status == "failed"
-    assert (record.error or "").startswith("raised RuntimeError: out of memory (made_methods.py:")
-    assert (record.scores, record.prediction_sha256) == ({}, None)
-    assert evaluate(second)[0].status == "ok"
-
-
 def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
     def drawing(infocus: Any, defocus: Any) -> Any:
         return np.random.uniform(0, 255, infocus.shape[:2])
@@ -62,9 +49,7 @@ def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset)
     assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
 
 
-def test_another_process_gives_the_same_but_for_the_time(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})
@@ -82,9 +67,7 @@ def test_another_process_gives_the_same_but_for_the_time(
     assert there.model_copy(update=blank) == here.model_copy(update=blank)
 
 
-def test_another_process_with_another_method_is_refused(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_another_process_of_another_method_is_refused(tiny_store: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})

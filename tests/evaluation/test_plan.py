@@ -27,9 +27,7 @@ class Filtered:
 """
 
 
-def test_a_file_that_a_parameter_names_counts_by_its_content(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_file_of_a_parameter_counts_by_content(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(FILTERED)
     file = tmp_path / "level.txt"
     parameters = {"file": str(file), "also": [{"deep": str(file)}]}
@@ -101,9 +99,7 @@ def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Dataset) ->
 
 
 @pytest.mark.parametrize(("lost", "split"), [("Two", "test"), ("One", "test")])
-def test_a_scene_lost_since_the_build_is_refused(
-    tiny_store: Dataset, lost: str, split: str
-) -> None:
+def test_a_scene_lost_since_then_is_refused(tiny_store: Dataset, lost: str, split: str) -> None:
     shutil.rmtree(Path(str(tiny_store.path)) / lost)
     store = Dataset(tiny_store.path)
     with pytest.raises(StoreError, match="has lost scenes") as told:

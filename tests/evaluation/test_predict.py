@@ -67,9 +67,7 @@ def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) ->
     assert DepthPredictor("local", "published")(sharp, blurred).found == ""
 
 
-def test_what_a_law_says_of_the_view_is_undone_once(
-    pair: tuple[Image, Image, Image], tmp_path: Path
-) -> None:
+def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
     sharp, blurred, _ = pair
     larger = np.rint(np.clip(magnify(blurred.astype(float), [0.02] * 3), 0, 255)).astype(np.uint8)
     recipe = RECIPES["published"]
@@ -135,13 +133,8 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
 
 
 def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
-    for name in (
-        "a/infocus.png",
-        "a/defocus.JPG",
-        "b/c/infocus.png",
-        "b/c/defocus.png",
-        "infocus.png",
-    ):
+    pairs = ("a/infocus.png", "a/defocus.JPG", "b/c/infocus.png", "b/c/defocus.png")
+    for name in (*pairs, "infocus.png"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert list(captures_in(tmp_path)) == ["a", "b/c"]

@@ -71,9 +71,7 @@ def test_every_format_holds_the_same_levels(
     ],
     ids=["npy", "png16", "tiff"],
 )
-def test_metres_become_levels_by_the_manifests_scale(
-    tiny_store: Dataset, folder: Path, write: Write
-) -> None:
+def test_metres_become_levels_by_the_scale(tiny_store: Dataset, folder: Path, write: Write) -> None:
     store, scale = in_metres(tiny_store)
 
     def as_metres(stem: Path, levels: NDArray[Any]) -> None:
@@ -87,7 +85,7 @@ def test_metres_become_levels_by_the_manifests_scale(
         np.testing.assert_allclose(found.read(pair, levels.shape), levels, rtol=0, atol=0.4)
 
 
-def test_what_lies_beyond_the_scale_counts_as_its_end_and_is_counted(
+def test_what_lies_beyond_the_scale_is_its_end_and_counted(
     tiny_store: Dataset, folder: Path
 ) -> None:
     store, _ = in_metres(tiny_store)
@@ -98,9 +96,7 @@ def test_what_lies_beyond_the_scale_counts_as_its_end_and_is_counted(
     assert (found.read(pair, store.shape_of(pair.scene)) == 1).all()
 
 
-def test_all_that_is_wrong_is_told_together_and_nothing_else(
-    tiny_store: Dataset, folder: Path
-) -> None:
+def test_all_that_is_wrong_and_only_it_is_told(tiny_store: Dataset, folder: Path) -> None:
     write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     files = sorted(folder.rglob("*.npy"))
     assert len(files) == 7
@@ -171,9 +167,7 @@ def test_what_is_no_depth_map_is_told(
         (lambda stem, d: np.save(f"{stem}.npy", d[:3]), "holds shape (3, "),
     ],
 )
-def test_what_is_no_distance_is_told(
-    tiny_store: Dataset, folder: Path, write: Write, told: str
-) -> None:
+def test_what_is_no_distance(tiny_store: Dataset, folder: Path, write: Write, told: str) -> None:
     store, _ = in_metres(tiny_store)
     write_all(store, "test", folder, write)
     with pytest.raises(ResultError) as raised:
@@ -181,9 +175,7 @@ def test_what_is_no_distance_is_told(
     assert told in str(raised.value)
 
 
-def test_metres_without_a_scale_and_a_folder_that_is_none(
-    tiny_store: Dataset, folder: Path
-) -> None:
+def test_metres_without_a_scale_and_an_absent_folder(tiny_store: Dataset, folder: Path) -> None:
     with pytest.raises(ResultError) as raised:
         find_predictions(folder / "no", tiny_store, "test", "metres")
     assert "no folder of depth maps" in str(raised.value)

@@ -1,4 +1,3 @@
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -7,8 +6,6 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
@@ -21,13 +18,11 @@ from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.system.parallel import Cluster, Pool, Processes
-from tests.conftest import ON_SERVERS
+from tests.conftest import ON_SERVERS, store_of
 from tests.evaluation.made_methods import Counting, grey, method
 
 
-def test_a_run_predicts_once_and_scores_under_every_protocol(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_run_predicts_once_for_every_protocol(tiny_store: Dataset, tmp_path: Path) -> None:
     predict = Counting()
     run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
     # One more, to see whether the first answer comes again.
@@ -78,9 +73,7 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path
     assert second.result.complete
 
 
-def test_a_changed_method_starts_over_and_the_old_run_is_kept(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_changed_method_starts_over_beside_the_old(tiny_store: Dataset, tmp_path: Path) -> None:
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
     old = (tmp_path / "out" / RESULT).read_text()
     predict = Counting()
@@ -165,9 +158,7 @@ def test_each_pair_keeps_the_machine_that_it_was_run_on(
     assert load_result(tmp_path / "out") == result
 
 
-def test_answers_that_differ_from_call_to_call_are_told(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Path) -> None:
     random = np.random.default_rng(0)
 
     def drawing(infocus: Any, defocus: Any) -> Any:
@@ -182,9 +173,7 @@ def test_answers_that_differ_from_call_to_call_are_told(
     assert result.pairs[0].id in str(result.warnings)
 
 
-def test_a_limited_run_is_incomplete_and_can_be_completed(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_a_limited_run_can_be_completed(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
     assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
     assert run.result.averages is None
@@ -193,13 +182,10 @@ def test_a_limited_run_is_incomplete_and_can_be_completed(
     assert whole.result.averages is not None
 
 
-def test_pairs_that_the_store_lacks_are_missing(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
+def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
-    path = tmp_path / "s.zarr"
-    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), path)
-    run = run_method(Dataset(path), method(Counting()), "test", tmp_path / "out")
+    store = store_of(tiny_manifest, tiny_folder, tmp_path / "s.zarr")
+    run = run_method(store, method(Counting()), "test", tmp_path / "out")
     assert [pair.status for pair in run.result.pairs].count("missing") == 1
     assert run.result.averages is None
     lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
@@ -207,10 +193,9 @@ def test_pairs_that_the_store_lacks_are_missing(
     for scene in ("Two", "Three"):
         for png in (tiny_folder / scene).rglob("*.png"):
             png.unlink()
-    other = tmp_path / "o.zarr"
-    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), other)
+    other = store_of(tiny_manifest, tiny_folder, tmp_path / "o.zarr")
     with pytest.raises(StoreError, match="no pair of split test"):
-        run_method(Dataset(other), method(Counting()), "test", tmp_path / "o")
+        run_method(other, method(Counting()), "test", tmp_path / "o")
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -220,9 +205,7 @@ def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path:
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
-def test_kept_depth_maps_are_found_by_their_coordinates(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_kept_depth_maps_are_found_by_coordinates(tiny_store: Dataset, tmp_path: Path) -> None:
     run_method(tiny_store, method(grey), "Two", tmp_path / "out")
     kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
     images = tiny_store.read(tiny_store.pairs("Two")[1])
@@ -264,32 +247,6 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
-
-
-def test_what_a_method_does_to_the_process_ends_with_its_call(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    seen = []
-
-    def spoiling(infocus: Any, defocus: Any) -> Any:
-        seen.append((Path.cwd(), os.environ.get("MINE"), np.geterr()["invalid"]))
-        os.chdir("/")
-        os.environ["MINE"] = "1"
-        np.seterr(all="raise")
-        np.random.seed(99)
-        infocus[:] = 255
-        defocus[:] = 255
-        return np.full(infocus.shape[:2], 100)
-
-    state = np.random.get_state(legacy=False)
-    # A relative folder: it must not wander with the method.
-    result = run_method(tiny_store, method(spoiling), "test", Path("out")).result
-    assert result.complete
-    assert set(seen) == {(tmp_path, None, "warn")}
-    assert load_result(tmp_path / "out" / RESULT) == result
-    after = np.random.get_state(legacy=False)
-    assert np.array_equal(after["state"]["key"], state["state"]["key"])
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:

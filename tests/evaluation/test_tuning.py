@@ -42,7 +42,7 @@ def off(tmp_path: Path) -> str:
     return f"{path}:Off"
 
 
-def test_no_capture_is_scored_by_what_was_fitted_on_its_group(
+def test_no_capture_is_scored_by_its_own_group(
     demo_store: Dataset, off: str, tmp_path: Path
 ) -> None:
     log = tmp_path / "log"

@@ -21,7 +21,7 @@ def test_offending_ranges_are_marked(tiny_store: Dataset) -> None:
     assert middle.get_yscale() == "log"
 
 
-def test_masks_lie_over_the_errors_of_the_worst_pair_of_each_scene(
+def test_masks_lie_over_errors_of_each_scene_s_worst_pair(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")

@@ -40,17 +40,15 @@ def test_depth_maps_lie_over_one_image_on_one_scale(tmp_path: Path) -> None:
     image = np.full((20, 30, 3), 90, np.uint8)
     levels = np.linspace(50, 200, 600).reshape(20, 30).astype(np.uint8)
     valid = levels > 80
-    figure = camera.overlay_figure(
-        image, {"parallel": (levels, valid), "turned": (levels, valid)}, "k33"
-    )
+    maps = dict.fromkeys(("parallel", "turned"), (levels, valid))
+    figure = camera.overlay_figure(image, maps, "k33")
     panels = figure.axes[:2]
     assert [axis.get_title() for axis in panels] == ["parallel", "turned"]
     scales = {axis.images[1].get_clim() for axis in panels}
     assert scales == {(float(levels[valid].min()), 200.0)}
     for axis in panels:
-        below, above = (
-            np.ma.masked_invalid(np.asarray(image.get_array())) for image in axis.images
-        )
+        arrays = (np.asarray(image.get_array()) for image in axis.images)
+        below, above = map(np.ma.masked_invalid, arrays)
         assert np.array_equal(np.ma.getmaskarray(above), ~valid)
         # A dark image is drawn brighter, and what is known is outlined.
         assert below.max() == 1

@@ -20,22 +20,7 @@ from dfdbench.figures.runs import (
 from dfdbench.results.summary import summarise
 from tests.made_results import make_result
 
-VALUES = {
-    ("k00", 1, 1, 0): 0.4,
-    ("k00", 1, 1, 1): 0.2,
-    ("k01", 1, 1, 0): 0.1,
-    ("k04", 1, 1, 0): 0.6,
-    ("k05", 1, 1, 0): 0.3,
-}
-SCENES = [
-    Scene(name=name, source="here", geometry=geometry, texture=texture)
-    for name, geometry, texture in (
-        ("k00", "flat-far", 0),
-        ("k01", "oblique-near-left", 0),
-        ("k04", "flat-far", 1),
-        ("k05", "oblique-near-left", 1),
-    )
-]
+GEOMETRIES = "flat-far", "oblique-near-left"
 
 
 @pytest.mark.slow
@@ -49,8 +34,7 @@ def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     assert {path.suffix for path in also} == {".png", ".pdf"}
     assert also[1].read_bytes().startswith(b"%PDF")
     for path in paths:
-        image = cv2.imread(str(path))
-        assert image is not None
+        image = np.asarray(cv2.imread(str(path)))
         assert min(image.shape[:2]) > 300
         assert np.ptp(image) == 255
 
@@ -103,20 +87,21 @@ def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Dataset, tmp_path:
 
 
 def test_a_figure_for_each_table_with_the_tables_means() -> None:
-    figures = group_figures({"mine": make_result(VALUES)}, "thesis", SCENES)
+    scenes = [
+        Scene(name=f"k0{4 * texture + place}", source="here", geometry=geometry, texture=texture)
+        for texture in (0, 1)
+        for place, geometry in enumerate(GEOMETRIES)
+    ]
+    k00 = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2}
+    others = {("k01", 1, 1, 0): 0.1, ("k04", 1, 1, 0): 0.6, ("k05", 1, 1, 0): 0.3}
+    figures = group_figures({"mine": make_result(k00 | others)}, "thesis", scenes)
     assert list(figures) == ["exposure", "geometry", "texture"]
     axis = figures["geometry"].axes[0]
-    assert [label.get_text() for label in axis.get_yticklabels()] == [
-        "flat-far",
-        "oblique-near-left",
-    ]
+    assert tuple(label.get_text() for label in axis.get_yticklabels()) == GEOMETRIES
     means = [container[0].get_xdata()[0] for container in axis.containers]
     assert np.allclose(means, [0.4, 0.2])
-    assert [axis.get_xlabel().split()[0] for axis in figures["texture"].axes] == [
-        "NRMSE",
-        "NMAE",
-        "SSIM",
-    ]
+    shown = [axis.get_xlabel().split()[0] for axis in figures["texture"].axes]
+    assert shown == ["NRMSE", "NMAE", "SSIM"]
 
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:
@@ -132,10 +117,8 @@ def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset
 
 
 def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
-    for wrong, kind in (
-        (None, "NoneType"),
-        (open_dataset(str(tiny_store.path)).captures(), "Captures"),
-    ):
+    captures = open_dataset(str(tiny_store.path)).captures()
+    for wrong, kind in ((None, "NoneType"), (captures, "Captures")):
         with pytest.raises(TypeError, match=f"draws a capture.*, not {kind}"):
             show(wrong)  # type: ignore[arg-type]
 

@@ -5,8 +5,6 @@ An input follows from the seed, its class and its number: the same seed tries th
 however many of them there is time for.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import contextlib

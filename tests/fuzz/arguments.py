@@ -1,7 +1,5 @@
 """Command lines out of the command line's own tree of verbs: a new verb is tried unlisted."""
 
-from __future__ import annotations
-
 import enum
 import functools
 import typing
@@ -21,18 +19,9 @@ _STRANGE = (
     *("1:2", "8:512", "512:8", "1,2", "k00-k99999999", "0-1000000000", "1000000000-0", "1h", "0s"),
     *("99999h", "s3://", "s3://a/b", "file:///", "memory://x/y.zarr", "http://[", "nosuch://x"),
     *("http://nosuch.invalid/x", "~", "$HOME", "%s", "*", "a=b", "=", "a=", "a=[", "mine.py:"),
-    *(
-        ":predict",
-        "nosuch:thing",
-        "mine.py:nan",
-        "../up",
-        "/dev/null",
-        "out.png",
-        "mine",
-        "mine.py",
-    ),
-    *("site", "board", "lens.csv", "quick.toml", "all", "train", "One", "K1", "thesis", "valid"),
-    *("run", "tiny.zarr"),
+    *(":predict", "nosuch:thing", "mine.py:nan", "../up", "/dev/null", "out.png", "mine"),
+    *("mine.py", "site", "board", "lens.csv", "quick.toml", "all", "train", "One", "K1", "thesis"),
+    *("valid", "run", "tiny.zarr"),
 )
 # By an option's name; what is not here takes a sound value of its type.
 _SOUND = {
@@ -41,50 +30,23 @@ _SOUND = {
     "test_dataset": ("tiny.zarr",),
     "method": ("constant", "local", "mine.py:predict", "mine.py:raises", "mine.py:Fitted"),
     "result": ("run", "run/result.json", "fitted"),
-    "results": ("run", "other", "board/results/demo-1-test/mine.json"),
-    "first": ("run",),
-    "second": ("other",),
-    "source": ("site", "mine"),
-    "folder": ("board", "mine"),
-    "predictions": ("maps",),
-    "split": ("train", "test", "all", "K1", "Two"),
-    "fold": ("K1", "One"),
-    "train": ("train",),
-    "test": ("test",),
-    "protocol": ("thesis", "valid"),
-    "config": ("quick.toml",),
+    "results": ("run", "other", "board/results/demo-1-test/mine.json"), "first": ("run",),
+    "second": ("other",), "source": ("site", "mine"), "folder": ("board", "mine"),
+    "predictions": ("maps",), "split": ("train", "test", "all", "K1", "Two"),
+    "fold": ("K1", "One"), "train": ("train",), "test": ("test",),
+    "protocol": ("thesis", "valid"), "config": ("quick.toml",),
     "weights": ("weights.safetensors", "demo"),
     "param": ("window=5", "level=3", "recipe=told.toml", "recipe=law.toml"),
-    "changes": ("noise=1", "steps=2", "crop=12"),
-    "bounds": ("width=8:128",),
-    "max_time": ("1s",),
-    "lens": ("lens.csv",),
-    "rows": ("training",),
-    "scene": ("all", "k01"),
-    "scenes": ("k00",),
-    "steps": ("129,141",),
-    "exposures": ("40",),
-    "pair": ("141,129",),
-    "focal_length": ("9.6mm",),
-    "focus": ("0.5m",),
-    "pixel": ("4.8um",),
-    "baseline": ("0.1m",),
-    "range": (("1.5", "2.2"),),
-    "metric": ("nrmse",),
-    "names": ("stores", "downloads", "demo"),
-    "out": ("out", "out.png"),
-    "png": ("png",),
-    "figure": ("figure.png",),
-    "cache": ("cache",),
-    "mirror": ("http://nosuch.invalid/x",),
-    "device": ("cpu", "auto"),
-    "pairs": ("test", "1"),
-    "turn": ("0,0,0",),
-    "values": ("1", "1,2"),
-    "store": ("out.zarr", "tiny.zarr"),
-    "unit": ("levels",),
-    "trust": ("mine:predict",),
-}
+    "changes": ("noise=1", "steps=2", "crop=12"), "bounds": ("width=8:128",), "max_time": ("1s",),
+    "lens": ("lens.csv",), "rows": ("training",), "scene": ("all", "k01"), "scenes": ("k00",),
+    "steps": ("129,141",), "exposures": ("40",), "pair": ("141,129",), "focal_length": ("9.6mm",),
+    "focus": ("0.5m",), "pixel": ("4.8um",), "baseline": ("0.1m",), "range": (("1.5", "2.2"),),
+    "metric": ("nrmse",), "names": ("stores", "downloads", "demo"), "out": ("out", "out.png"),
+    "png": ("png",), "figure": ("figure.png",), "cache": ("cache",),
+    "mirror": ("http://nosuch.invalid/x",), "device": ("cpu", "auto"), "pairs": ("test", "1"),
+    "turn": ("0,0,0",), "values": ("1", "1,2"), "store": ("out.zarr", "tiny.zarr"),
+    "unit": ("levels",), "trust": ("mine:predict",),
+}  # fmt: skip
 # Never from the pool: they would start processes, or ask a cluster that is not there.
 _ALONE = {"workers": ("1", "0", "-1", "x", ""), "scheduler": ("", "nonsense", "nosuch://x", "tcp:")}
 # The last of an option that is given twice holds: work that takes long by design is kept short.

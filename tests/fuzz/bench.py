@@ -1,7 +1,5 @@
 """What is spoiled: small sound files of every kind, each made when it is first asked for."""
 
-from __future__ import annotations
-
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -141,7 +139,6 @@ def _maps(bench: Bench, path: Path) -> None:
 
 
 def _board(bench: Bench, path: Path) -> None:
-
     shutil.copytree(_REPOSITORY / "leaderboard/published", path / "published")
     for name, score in (("mine", 0.1), ("other", 0.2)):
         add(path, name, score)

@@ -1,7 +1,5 @@
 """Watch an input: what it writes, which hosts it asks, what it takes of memory and time."""
 
-from __future__ import annotations
-
 import errno
 import faulthandler
 import os
@@ -20,20 +18,13 @@ CPU_SECONDS = 10
 LIBRARIES = ("MPLCONFIGDIR", "TORCHINDUCTOR_CACHE_DIR")
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _ASK = {"socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "socket.sendto"}
-_PATHS = {
-    "os.mkdir": (0,),
-    "os.rename": (0, 1),
-    "os.remove": (0,),
-    "os.rmdir": (0,),
-    "os.link": (1,),
-    "os.symlink": (1,),
-    "os.truncate": (0,),
-    "os.chmod": (0,),
-    "os.chown": (0,),
-    "os.utime": (0,),
-    "shutil.rmtree": (0,),
-    "shutil.move": (1,),
+_FIRST = "os.mkdir os.remove os.rmdir os.truncate os.chmod os.chown os.utime shutil.rmtree"
+_SECOND = "os.link os.symlink shutil.move"
+_PATHS: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(_FIRST.split(), (0,)),
+    **dict.fromkeys(_SECOND.split(), (1,)),
 }
+_PATHS["os.rename"] = (0, 1)
 
 
 class Guard:

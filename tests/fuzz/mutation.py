@@ -1,7 +1,5 @@
 """Change files as bad luck and bad will do: bytes, lines, cells, and parts of what a file says."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What reads a file that no cheap command line comes to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

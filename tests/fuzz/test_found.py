@@ -1,7 +1,5 @@
 """Inputs that went wrong once, tried again; and the watch that finds such, watched."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

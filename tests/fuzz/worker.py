@@ -1,7 +1,5 @@
 """Try inputs one by one in a process of its own, which a hang or a want of memory may end."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

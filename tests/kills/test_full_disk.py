@@ -3,8 +3,6 @@
 The disk is a small tmpfs, which only root may make: elsewhere these tests are skipped.
 """
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path

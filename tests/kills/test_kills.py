@@ -3,8 +3,6 @@
 Six kills a verb, `make kills COUNT=100` more.
 """
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import os

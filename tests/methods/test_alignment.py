@@ -35,9 +35,7 @@ def test_blur_does_not_hide_how_an_image_was_moved(sigma: float) -> None:
 
 @pytest.mark.parametrize("shape", [(40, 60, 3), (12, 9, 3), (1, 1, 1)])
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_images_that_tell_nothing_are_left_where_they_are(
-    shape: tuple[int, ...], level: int
-) -> None:
+def test_images_that_tell_nothing_stay_where_they_are(shape: tuple[int, ...], level: int) -> None:
     flat = np.full(shape, level, np.uint8)
     assert find_alignment(flat, flat) == Alignment(0.0, 0.0, 1.0)
 

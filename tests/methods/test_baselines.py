@@ -70,14 +70,3 @@ def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() 
     assert (prior(image, image) == 200).all()
     with pytest.raises(MethodError, match="nothing to fit"):
         prior.fit([MadePair(image, image, near, np.zeros_like(known))])
-
-
-@pytest.mark.parametrize("window", [0, 4, -3, 2.5])
-def test_a_wrong_window_is_named(window: int) -> None:
-    with pytest.raises(MethodError, match="window"):
-        Local(window=window)
-
-
-def test_a_wrong_level_is_named() -> None:
-    with pytest.raises(MethodError, match="training_mean"):
-        Constant(300)

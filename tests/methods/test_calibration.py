@@ -11,12 +11,11 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibration import KERNEL_SIZE, Way, calibrate, parts_of
+from dfdbench.methods.calibration import KERNEL_SIZE, calibrate, parts_of
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load, load_method
-from dfdbench.methods.width_curve import LADDER
 from tests.methods.made_planes import pair_of, plane, texture
 
 DEPTHS = np.arange(LEVELS)
@@ -110,15 +109,6 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     # In the middle of the range: the rarest grey levels are those that noise took there.
     assert noisy.noise[8] == pytest.approx(4, rel=0.15)
     assert noisy.registered
-
-
-@pytest.mark.slow
-def test_it_is_kept_and_taken_back_whole() -> None:
-    found = found_of(BlurLaw(tuple(RISING.tolist()), 2.0))
-    again = Calibration.of(found.as_learned())
-    assert again.law == found.law
-    for name in ("measured", "pixels", "residual"):
-        assert np.array_equal(getattr(again, name), getattr(found, name), equal_nan=True)
 
 
 @pytest.mark.slow
@@ -217,15 +207,6 @@ def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
     assert looked_at == sorted(looked_at)
     assert (looked_at[0], looked_at[-1]) == (0, 39)
     assert {part.infocus.shape for part in parts} == {(40, 320, 1)}
-
-
-def test_the_width_that_blurred_a_plane_leaves_least() -> None:
-    made = plane(100, 3, 96, 96)
-    (part,) = parts_of([made])
-    sample = part.sample(Way())
-    left = [float(np.square(trial - sample.aim).mean()) for trial in sample.trials(Way())]
-    # As published: 0.32 + 0.01125 pixels a level, farther is blurred more.
-    assert abs(LADDER[int(np.argmin(left))] - (0.32 + 0.01125 * 155)) < 0.12
 
 
 def test_a_level_seen_on_bare_surfaces_alone_does_not_count() -> None:

@@ -11,10 +11,6 @@ from dfdbench.methods.registry import load_method
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
 
-def raising(*_: object) -> None:
-    raise RuntimeError("boom")
-
-
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
@@ -31,6 +27,8 @@ def raising(*_: object) -> None:
         (np.zeros((4, 6), bool), "bool"),
         ([[1, 2], [3]], "no array"),
         (np.ma.masked_less(np.arange(24).reshape(4, 6), 3), "3 masked pixels"),
+        ((np.zeros((4, 6)), {"energy": 1.0}), "attribute `numbers`"),
+        ((np.zeros((4, 6)), 3), ""),
     ],
 )
 def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
@@ -74,24 +72,6 @@ def test_more_numbers_than_a_table_has_room_for_are_refused() -> None:
     assert prediction.depth is None
 
 
-def test_numbers_beside_the_depth_are_refused_with_what_to_do() -> None:
-    prediction = call(lambda *_: (np.zeros((4, 6)), {"energy": 1.0}), IMAGE, IMAGE)
-    assert prediction.depth is None
-    assert "attribute `numbers`" in prediction.error
-    assert call(lambda *_: (np.zeros((4, 6)), 3), IMAGE, IMAGE).depth is None
-
-
-def leaving(*_: object) -> None:
-    raise SystemExit(0)
-
-
-def test_a_method_that_raises_or_leaves_is_caught() -> None:
-    line = raising.__code__.co_firstlineno + 1
-    place = f"test_calling.py:{line} in raising"
-    assert call(raising, IMAGE, IMAGE).error == f"raised RuntimeError: boom ({place})"
-    assert call(leaving, IMAGE, IMAGE).error.startswith("raised SystemExit: 0 (")
-
-
 def test_a_library_that_raises_is_told_by_the_line_that_called_it() -> None:
     def inner(image: Any) -> Any:
         return np.linalg.inv(image[..., 0])
@@ -111,15 +91,6 @@ def test_every_real_type_will_do(dtype: type) -> None:
     assert prediction.depth.tolist() == [[200.0] * 6] * 4
 
 
-def test_what_a_method_prints_is_kept_apart(capsys: pytest.CaptureFixture[str]) -> None:
-    def talking(infocus: Any, defocus: Any) -> Any:
-        print("layer 1")
-        return infocus[..., 0]
-
-    assert call(talking, IMAGE, IMAGE).printed == "layer 1\n"
-    assert capsys.readouterr().out == ""
-
-
 def test_a_method_cannot_spoil_the_images() -> None:
     def writing(infocus: Any, defocus: Any) -> Any:
         infocus[:] = 9
@@ -130,7 +101,9 @@ def test_a_method_cannot_spoil_the_images() -> None:
     assert image.max() == 0
 
 
-def test_what_a_method_says_can_be_written_to_a_file() -> None:
+def test_what_a_method_says_is_kept_apart_and_can_be_written_to_a_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     def odd(infocus: Any, defocus: Any) -> Any:
         print("level \udc80")
         raise ValueError("depth \ud800")
@@ -138,16 +111,15 @@ def test_what_a_method_says_can_be_written_to_a_file() -> None:
     prediction = call(odd, IMAGE, IMAGE)
     assert prediction.error.startswith("raised ValueError: depth \\ud800 (")
     assert prediction.printed == "level \\udc80\n"
-
-
-class Strange(BaseException):
-    pass
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(
     ("raised", "told"),
     [
-        (Strange("out of band"), "raised Strange: out of band"),
+        (RuntimeError("boom"), "raised RuntimeError: boom (test_calling.py:LINE in predict)"),
+        (SystemExit(0), "raised SystemExit: 0 ("),
+        (BaseException("out of band"), "raised BaseException: out of band"),
         (GeneratorExit(), "raised GeneratorExit"),
     ],
 )
@@ -155,7 +127,8 @@ def test_whatever_is_raised_costs_the_pair_alone(raised: BaseException, told: st
     def predict(infocus: Any, defocus: Any) -> Any:
         raise raised
 
-    assert call(predict, IMAGE, IMAGE).error.startswith(told)
+    line = str(predict.__code__.co_firstlineno + 1)
+    assert call(predict, IMAGE, IMAGE).error.startswith(told.replace("LINE", line))
 
 
 def test_ctrl_c_in_a_method_stops_the_run() -> None:
@@ -187,9 +160,6 @@ class Net(torch.nn.Module):
         return self.norm(torch.from_numpy(both.astype(np.float32)))[0, 0].clamp(0, 255) * factor
 
 net = Net()
-
-def with_gradient(infocus, defocus):
-    return torch.full(infocus.shape[:2], 7.0, requires_grad=True)
 """
 
 
@@ -215,17 +185,9 @@ def test_a_fit_that_trains_leaves_no_trace(network: Path) -> None:
     method = load_method(f"{network}:Net", {}, {})
     assert method.trained_on == "nothing"
     method.fit([])
-    image = np.zeros((9, 12, 3), np.uint8)
-    assert call(method.predict, image, image).depth is not None
+    assert call(method.predict, IMAGE, IMAGE).depth is not None
     assert isinstance(method.predict, TorchMethod)
     assert method.predict.modes == [(False, False, False)]
-
-
-def test_a_tensor_with_a_gradient_is_taken(network: Path) -> None:
-    image = np.zeros((9, 12, 3), np.uint8)
-    depth = call(load_method(f"{network}:with_gradient", {}, {}).predict, image, image).depth
-    assert depth is not None
-    assert depth.tolist() == [[7.0] * 12] * 9
 
 
 def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
@@ -234,7 +196,6 @@ def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
         sys.stdout.close()
         return np.zeros(infocus.shape[:2])
 
-    image = np.zeros((4, 5, 3), np.uint8)
-    found = call(predict, image, image)
+    found = call(predict, IMAGE, IMAGE)
     assert (found.error, found.printed) == ("", "before\n")
     print("standard output is open")

@@ -98,9 +98,7 @@ class Net(torch.nn.Module):
         ("Net", "a torch module: run with eval() and no_grad()", False, ""),
     ],
 )
-def test_answers_that_differ_are_refused(
-    tmp_path: Path, name: str, trial: str, failed: bool, told: str
-) -> None:
+def test_differing_answers(tmp_path: Path, name: str, trial: str, failed: bool, told: str) -> None:
     (tmp_path / "mine.py").write_text(MANY)
     load = partial(load_method, f"{tmp_path / 'mine.py'}:{name}", {}, {})
     trials = {each.name: each for each in check_method(load(), load=load)}

@@ -18,13 +18,6 @@ def fitted() -> FavaroSoatto:
     return method
 
 
-@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
-def test_a_plane_is_found(level: int) -> None:
-    pair = plane(level, seed=50)
-    found = inside(fitted()(pair.infocus, pair.defocus))
-    assert np.abs(found - level).mean() < 5
-
-
 def test_a_law_and_a_shape_that_nobody_told_are_learned() -> None:
     # A blur that grows with nearness, and a defocus image darker and lighter than the other.
     recipe = BlurRecipe(0.4, 0.01, invert=False)
@@ -68,17 +61,13 @@ def test_depths_that_were_never_seen_are_never_answered() -> None:
     assert 100 <= found.min() <= found.max() <= 120
 
 
+@pytest.mark.parametrize("size", [1, 5])
+def test_the_blurred_patch_is_the_smaller(size: int) -> None:
+    with pytest.raises(MethodError, match="blurred_patch"):
+        FavaroSoatto(sharp_patch=5, blurred_patch=size)
+
+
 def test_operators_of_other_patches_are_refused() -> None:
     learned = FavaroSoatto(sharp_patch=9, groups=4).fit([slope(0)])
     with pytest.raises(MethodError, match="other patches"):
         FavaroSoatto(groups=4).restore(learned)
-
-
-def test_wrong_parameters_are_all_named() -> None:
-    with pytest.raises(MethodError) as caught:
-        FavaroSoatto(sharp_patch=4, blurred_patch=0, groups=1, window=2)
-    named = [problem.where for problem in caught.value.problems]
-    assert named == ["sharp_patch", "blurred_patch", "groups", "window"]
-    for size in (1, 5):
-        with pytest.raises(MethodError, match="blurred_patch"):
-            FavaroSoatto(sharp_patch=5, blurred_patch=size)

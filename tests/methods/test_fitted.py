@@ -1,7 +1,5 @@
 """What is asked of every method that is told the blur or fitted to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.check import MadePair
@@ -34,6 +32,39 @@ def ready(name: str) -> Predict:
     method = load_method(name, {}, {})
     teach(method, [slope(seed) for seed in range(2)])
     return method.predict
+
+
+@pytest.mark.parametrize(
+    ("name", "error"), [("guided", 1.5), ("sgm", 1), ("rational-filters", 8), ("favaro-soatto", 5)]
+)
+@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
+def test_a_plane_is_found(name: str, error: float, level: int) -> None:
+    pair = plane(level, seed=50)
+    assert np.abs(inside(ready(name)(pair.infocus, pair.defocus)) - level).mean() < error
+
+
+# The larger the blur, the less it is a matter of the Laplacian alone.
+@pytest.mark.parametrize(("level", "error"), [(20, 16), (60, 8), (120, 2), (200, 2), (250, 6)])
+def test_the_s_transform_finds_a_plane(level: int, error: float) -> None:
+    test_a_plane_is_found("s-transform", error, level)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("constant", {"training_mean": 300}),
+        ("local", {"window": 2.5}),
+        ("guided", {"window": 6, "flatness": -1, "limit": 0}),
+        ("sgm", {"small_step": 0, "large_step": 1e9, "limit": 0}),
+        ("s-transform", {"smoothing": 0, "window": 4}),
+        ("rational-filters", {"window": -3}),
+        ("favaro-soatto", {"sharp_patch": 4, "blurred_patch": 0, "groups": 1, "window": 2}),
+    ],
+)
+def test_wrong_parameters_are_all_named(name: str, wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError) as caught:
+        load(name, **wrong)
+    assert [problem.where for problem in caught.value.problems] == list(wrong)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -183,14 +214,6 @@ def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
         assert method.levels == told.levels
 
 
-def test_who_is_neither_told_nor_fitted_says_so() -> None:
-    method = Local(None)
-    assert method.fit is not None
-    assert method.levels == LEVELS
-    with pytest.raises(MethodError, match="the method knows no blur yet"):
-        _ = method.blur
-
-
 @pytest.mark.slow
 def test_what_a_fit_returned_is_taken_back_by_another() -> None:
     first, second = Local(None), Local(None)
@@ -208,9 +231,7 @@ def test_what_a_fit_returned_is_taken_back_by_another() -> None:
 @pytest.mark.parametrize(
     ("made", "levels_more"), [(Guided, 1.5), (SemiGlobal, 1.5), (RationalFilters, 3)]
 )
-def test_fitted_a_method_does_about_as_well_as_told(
-    made: Callable[..., Any], levels_more: float
-) -> None:
+def test_fitted_a_method_does_as_well_as_told(made: Callable[..., Any], levels_more: float) -> None:
     told, fitted = made(RECIPES["published"]), made()
     assert fitted.fit is not None
     fitted.restore(learned_law())

@@ -66,9 +66,7 @@ def test_depth_is_the_inverse_of_the_recipe(pair: tuple[Image, Image, Image]) ->
     assert np.array_equal(raised, np.minimum(plain + 1, 255))
 
 
-def test_fewer_labels_stand_for_the_middle_of_their_levels(
-    pair: tuple[Image, Image, Image],
-) -> None:
+def test_fewer_labels_stand_for_their_middle_levels(pair: tuple[Image, Image, Image]) -> None:
     found = GraphCuts(labels=32)(*pair[:2])
     assert np.isin(found, 255 - np.arange(4, 256, 8)).all()
     assert np.abs(found - pair[2]).max() <= 8

@@ -21,8 +21,7 @@ from dfdbench.methods.law_cost import (
     law_misfits,
     level_costs,
 )
-from dfdbench.methods.measured_law import Calibration
-from tests.methods.made_planes import learned_law, plane
+from tests.methods.made_planes import plane
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)
 
@@ -162,22 +161,3 @@ def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
     # Rounding leaves half a nat a channel, in the mean.
     right = costs[14:-14, 14:-14, 255 - 120] / UNIT
     assert 0 < right.mean() < 1.5
-
-
-def test_a_law_counts_by_depth_and_weighs_by_its_noise() -> None:
-    pair = plane(120)
-    sigmas = tuple(float(sigma) for sigma in PUBLISHED.sigmas[::-1])
-    quiet, noisy = (
-        level_costs([BlurLaw(sigmas, noise=(noise,))], pair.infocus, [pair.defocus], 50)
-        for noise in (0.0, 5.0)
-    )
-    assert abs(int(quiet.sum((0, 1)).argmin()) - 120) <= 1
-    assert noisy.sum() < quiet.sum() / 4
-
-
-@pytest.mark.slow
-def test_a_fitted_law_finds_what_a_told_recipe_finds() -> None:
-    law = Calibration.of(learned_law()).law
-    pair = plane(120, seed=8)
-    costs = level_costs([law], pair.infocus, [pair.defocus], 50)
-    assert abs(int(costs.sum((0, 1)).argmin()) - 120) <= 3

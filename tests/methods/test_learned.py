@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from dfdbench.methods.networks.weights import build_network, load_weights, save_
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
+from tests.process import python
 
 
 @pytest.mark.slow
@@ -84,14 +83,9 @@ def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
     assert smooth.std() < plain.std()
     # Of an image smaller than the window, its edge is repeated.
     assert levels(median_window=61).shape == plain.shape
-    for wrong in (0, 4, 257, 2.5, True):
-        with pytest.raises(MethodError, match="median_window"):
-            levels(median_window=wrong)
 
 
-def test_the_mean_over_orientations_does_not_depend_on_how_the_pair_is_turned(
-    weights: Path,
-) -> None:
+def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weights: Path) -> None:
     random = np.random.default_rng(5)
     pair = random.integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)
     one, mean = (
@@ -114,13 +108,11 @@ def test_the_mean_over_orientations_does_not_depend_on_how_the_pair_is_turned(
 
 
 def test_wrong_numbers_are_named_together(weights: Path) -> None:
-    for wrong in (0, 2, 8.0, True, "8"):
+    for wrong, window in ((0, 0), (2, 4), (8.0, 257), (True, True), ("8", 2.5)):
         with pytest.raises(MethodError) as caught:
-            load("dfd-net", weights=str(weights), orientations=wrong, median_window=2)
-        assert [problem.where for problem in caught.value.problems] == [
-            "median_window",
-            "orientations",
-        ]
+            load("dfd-net", weights=str(weights), orientations=wrong, median_window=window)
+        named = [problem.where for problem in caught.value.problems]
+        assert named == ["median_window", "orientations"]
 
 
 def test_falling_back_to_tiles_is_said(
@@ -150,9 +142,7 @@ def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
         "main()\n"
     )
     for arguments in (["check-method", "dfd-net"], ["train", "dfd-net", "--dataset", "demo"]):
-        done = subprocess.run(
-            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path
-        )
+        done = python("-c", code, *arguments, cwd=tmp_path)
         assert done.returncode == 2, done.stderr
         assert "torch is not installed" in done.stderr
         assert "pip install 'dfdbench[nets]'" in done.stderr

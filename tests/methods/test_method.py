@@ -133,9 +133,7 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         (SystemExit(3), "cannot be fitted.*fit.*SystemExit: 3"),
     ],
 )
-def test_a_fit_that_raises_or_returns_what_cannot_be_kept_says_why(
-    returned: Any, told: str
-) -> None:
+def test_a_fit_that_raises_or_returns_nonsense_says_why(returned: Any, told: str) -> None:
     with pytest.raises(MethodError, match=told):
         teach(method(Learning(returned)), [PAIR])
 

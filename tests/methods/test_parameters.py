@@ -79,7 +79,7 @@ def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:
 
 
 @pytest.mark.parametrize("bound", ["_MOST_FILES", "_MOST_BYTES"])
-def test_a_folder_that_is_too_large_is_refused(
+def test_a_folder_too_large_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: str
 ) -> None:
     (tmp_path / "deep").mkdir()

@@ -6,16 +6,9 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.rational_filters import RationalFilters, design
-from tests.methods.made_planes import inside, pair_of, plane, texture
+from tests.methods.made_planes import pair_of, plane, texture
 
 PUBLISHED = RECIPES["published"]
-
-
-@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
-def test_a_plane_is_found(level: int) -> None:
-    pair = plane(level)
-    found = inside(RationalFilters(PUBLISHED)(pair.infocus, pair.defocus))
-    assert np.abs(found - level).mean() < 8
 
 
 @pytest.mark.parametrize("frequency", [0.3, 0.7, 1.2])
@@ -53,9 +46,7 @@ def test_it_follows_a_law_that_turns() -> None:
     assert abs(float(np.median(found)) - 200) < 10
 
 
-def test_a_wrong_window_and_a_blur_without_depth_are_refused() -> None:
-    with pytest.raises(MethodError, match="window"):
-        RationalFilters(PUBLISHED, window=4)
+def test_a_blur_without_depth_is_refused() -> None:
     pair = plane(3)
     with pytest.raises(MethodError, match="same at every depth"):
         RationalFilters(BlurLaw((1.0, 1.0)))(pair.infocus, pair.defocus)

@@ -55,9 +55,7 @@ def test_an_unknown_name_shows_the_near_miss() -> None:
         load("locl")
 
 
-def test_packages_register_through_entry_points(
-    module: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_packages_register_entry_points(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     offered = [
         EntryPoint("mine", "mine:predict", "dfdbench.methods"),
         EntryPoint("local", "mine:predict", "dfdbench.methods"),

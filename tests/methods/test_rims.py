@@ -1,7 +1,5 @@
 """Where surfaces end on a stack whose near surface covers what lies behind it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -11,14 +11,6 @@ from tests.methods.made_planes import inside, pair_of, plane, slope, texture
 PUBLISHED = RECIPES["published"]
 
 
-# The larger the blur, the less it is a matter of the Laplacian alone.
-@pytest.mark.parametrize(("level", "tolerance"), [(20, 16), (60, 8), (120, 2), (200, 2), (250, 6)])
-def test_a_plane_is_found(level: int, tolerance: float) -> None:
-    pair = plane(level)
-    found = inside(STransform(PUBLISHED)(pair.infocus, pair.defocus))
-    assert np.abs(found - level).mean() < tolerance
-
-
 def test_its_variance_is_that_of_the_blur() -> None:
     # Coarse texture: near enough to a cubic polynomial for the paper's theorem.
     waves = 120 + 60 * np.sin(np.arange(90) / 9)[:, np.newaxis] * np.cos(np.arange(90) / 8)
@@ -74,9 +66,3 @@ def test_without_texture_it_stays_at_the_middle() -> None:
     flat = np.full((20, 30, 3), 90, np.uint8)
     found = STransform(PUBLISHED)(flat, flat)
     assert 100 < found.min() <= found.max() < found.min() + 0.001 < 160
-
-
-def test_wrong_parameters_are_all_named() -> None:
-    with pytest.raises(MethodError) as caught:
-        STransform(PUBLISHED, smoothing=0, window=4)
-    assert [problem.where for problem in caught.value.problems] == ["smoothing", "window"]

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -9,16 +7,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods.sgm import MOST, SemiGlobal, path_costs
-from tests.methods.made_planes import inside, pair_of, plane, texture
+from tests.methods.made_planes import pair_of, texture
 
 PUBLISHED = RECIPES["published"]
-
-
-@pytest.mark.parametrize("level", [5, 60, 120, 200, 250])
-def test_a_plane_is_found(level: int) -> None:
-    pair = plane(level)
-    found = inside(SemiGlobal(PUBLISHED)(pair.infocus, pair.defocus))
-    assert np.abs(found - level).mean() < 1
 
 
 def test_it_fills_what_has_no_texture_from_around() -> None:
@@ -29,11 +20,7 @@ def test_it_fills_what_has_no_texture_from_around() -> None:
     assert np.abs(found[24:36, 34:46] - 90).max() < 5
 
 
-def test_wrong_parameters_are_all_named() -> None:
-    with pytest.raises(MethodError) as caught:
-        SemiGlobal(PUBLISHED, small_step=0, large_step=1e9, limit=0)
-    named = [problem.where for problem in caught.value.problems]
-    assert named == ["small_step", "large_step", "limit"]
+def test_a_small_step_above_the_large_one_is_refused() -> None:
     # The one that was set may be either: the other is the default then.
     for small, large in ((20.0, 15.0), (0.5, 0.25)):
         with pytest.raises(MethodError, match=r"small_step .* is above large_step"):
@@ -64,9 +51,7 @@ def by_definition(
 
 @pytest.mark.parametrize("directions", [4, 8])
 @pytest.mark.parametrize("shape", [(1, 1, 2), (1, 7, 5), (6, 1, 4), (5, 8, 9)])
-def test_path_costs_are_those_of_the_definition(
-    shape: tuple[int, int, int], directions: int
-) -> None:
+def test_path_costs_are_as_the_definition(shape: tuple[int, int, int], directions: int) -> None:
     costs = np.random.default_rng(0).integers(0, 60, shape).astype(np.uint16)
     expected = by_definition(costs, 5, 17, directions)
     assert np.array_equal(path_costs(costs, 5, 17, directions), expected)

@@ -119,14 +119,6 @@ def test_names_wrong_parameters() -> None:
         ShapeFromFocus(window=20)
 
 
-def test_texture_has_more_focus_than_its_blur() -> None:
-    image = texture(0)
-    blurred = np.rint(blurred_to(image, np.ones(image.shape[:2]), 0, 1.5)).astype(np.uint8)
-    for measure in MEASURES:
-        sharp, soft = focus_cells(image, measure), focus_cells(blurred, measure)
-        assert (sharp > soft).mean() > 0.99
-
-
 def test_bands_of_rows_leave_no_seam() -> None:
     image = np.vstack([texture(number) for number in range(4)])[:158]
     for measure, (function, power) in MEASURES.items():

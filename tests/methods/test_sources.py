@@ -1,5 +1,3 @@
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +9,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
 from dfdbench.methods.sources import ABSENT, changes
+from tests.process import python
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 MINE = """
@@ -152,16 +151,6 @@ def test_a_built_in_method_is_what_computes_it() -> None:
 def test_another_process_finds_the_same(own: Path) -> None:
     # There, everything is opened for the first time.
     name = f"{own / 'mine.py'}:predict"
-    found = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "import sys; from dfdbench.methods.registry import load_method; "
-            f"print(*load_method({name!r}, {{}}, {{}}).used)",
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=dict(os.environ),
-    )
+    load = "from dfdbench.methods.registry import load_method as load"
+    found = python("-c", f"{load}; print(*load({name!r}, {{}}, {{}}).used)")
     assert found.stdout.split() == list(load_method(name, {}, {}).used)

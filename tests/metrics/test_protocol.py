@@ -128,9 +128,8 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     depth, valid = np.full((20, 20), 90, np.uint8), np.ones((20, 20), bool)
     test = np.full((20, 20), 91, np.float32)
     assert math.isnan(score(PROTOCOLS["thesis"], depth, valid, test, 16)["nrmse"])
-    assert score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)["nrmse"] == pytest.approx(
-        1 / 255
-    )
+    networks = score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)
+    assert networks["nrmse"] == pytest.approx(1 / 255)
 
 
 def test_an_unknown_protocol_shows_the_near_miss() -> None:
@@ -148,9 +147,7 @@ def test_an_unknown_protocol_shows_the_near_miss() -> None:
         ("network-of-16", (8, 360), (48, 400)),
     ],
 )
-def test_each_crop_of_a_middlebury_image(
-    crop: Crop, rows: tuple[int, int], columns: tuple[int, int]
-) -> None:
+def test_crops_of_middlebury(crop: Crop, rows: tuple[int, int], columns: tuple[int, int]) -> None:
     assert window_of(crop, (370, 463), 352) == (slice(*rows), slice(*columns))
 
 

@@ -42,9 +42,8 @@ def test_the_cosine_measure_counts_coefficients(image: np.ndarray) -> None:
 
 def test_colour_is_measured_by_its_luma() -> None:
     grey = blurred(1.0)
-    assert sharpness.dct_sharpness(
-        np.repeat(grey[..., None], 3, axis=2)
-    ) == sharpness.dct_sharpness(grey)
+    colour = np.repeat(grey[..., None], 3, axis=2)
+    assert sharpness.dct_sharpness(colour) == sharpness.dct_sharpness(grey)
 
 
 def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:

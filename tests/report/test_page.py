@@ -81,19 +81,22 @@ def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path
 class Tags(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.found: Found = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
 
 
+Found = list[tuple[str, dict[str, str | None]]]
+
+
 @pytest.fixture(scope="module")
-def tags(html_page: Path) -> list[tuple[str, dict[str, str | None]]]:
+def tags(html_page: Path) -> Found:
     return Tags(html_page.read_text("utf-8")).found
 
 
-def test_nothing_is_fetched(tags: list[tuple[str, dict[str, str | None]]]) -> None:
+def test_nothing_is_fetched(tags: Found) -> None:
     for tag, attributes in tags:
         for name in ("src", "href", "xlink:href", "action", "srcset"):
             value = attributes.get(name) or "#"
@@ -102,18 +105,14 @@ def test_nothing_is_fetched(tags: list[tuple[str, dict[str, str | None]]]) -> No
     assert "default-src 'none'" in str(policies)
 
 
-def test_a_name_is_text_never_markup(
-    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
-) -> None:
+def test_a_name_is_no_markup(html_page: Path, tags: Found) -> None:
     assert HOSTILE not in html_page.read_text("utf-8")
     assert not [t for t, a in tags if "onerror" in a]
     chosen = [a["value"] for t, a in tags if t == "option" and a.get("value")]
     assert HOSTILE in chosen
 
 
-def test_each_pair_has_its_pictures_and_each_picture_stands_once(
-    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
-) -> None:
+def test_each_pair_has_its_pictures_each_once(html_page: Path, tags: Found) -> None:
     pairs = [a for t, a in tags if t == "article"]
     assert len(pairs) == 36
     places = json.loads(pairs[0]["data-places"] or "")
@@ -145,15 +144,10 @@ def decoded(address: str) -> NDArray[np.uint8]:
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(page.depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
-        16, 4
-    ] == pytest.approx(191, abs=8)
-    assert (
-        decoded(page.depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
-            16, 16
-        ]
-        > 235
-    ).all()
+    shown = decoded(page.depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))
+    assert shown[16, 4] == pytest.approx(191, abs=8)
+    error = {"cmap": "PuOr", "vmin": -50, "vmax": 50}
+    assert (decoded(page.depth_picture(np.zeros((32, 32)), error))[16, 16] > 235).all()
 
 
 def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
@@ -175,9 +169,7 @@ def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> 
 
 
 @pytest.mark.slow
-def test_it_says_the_same_with_pictures_beside_it(
-    saved_runs: list[SavedRun], tmp_path: Path
-) -> None:
+def test_it_says_the_same_beside_pictures(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     text = page.write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
     pictures = re.findall(r"^!\[.*\]\((.*?)\)$", text, re.M)
     # An illumination each, the times, accuracy against them, and each method's worst pairs.

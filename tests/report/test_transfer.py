@@ -35,7 +35,7 @@ def dark_store(tiny_folder: Path, tmp_path: Path) -> Dataset:
     return dfdbench.build(str(manifest), tiny_folder, store=tmp_path / "dark.zarr")
 
 
-def test_a_fit_costs_more_on_the_other_set(
+def test_a_fit_costs_on_other_sets(
     tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
 ) -> None:
     (tmp_path / "mean.py").write_text(MEAN)
@@ -53,9 +53,7 @@ def test_a_fit_costs_more_on_the_other_set(
     assert again.results == found.results
 
 
-def test_what_cannot_be_transferred_says_why(
-    tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
-) -> None:
+def test_refusals_say_why(tiny_store: Dataset, dark_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "mean.py").write_text(MEAN)
     with pytest.raises(InputError, match="each named once; got 2"):
         dfdbench.run_transfer("local", [tiny_store, tiny_store])

@@ -49,10 +49,8 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
 @pytest.mark.parametrize(
     ("scenes", "verdict"),
     [
-        ("a", "too few scenes to tell"),
-        ("abc", "too few scenes to tell"),
-        ("abcdefghi", "too few scenes to tell"),
-        ("abcdefghij", "real"),
+        *((scenes, "too few scenes to tell") for scenes in ("a", "abc", SCENES[:9])),
+        (SCENES, "real"),
     ],
 )
 def test_below_ten_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
@@ -163,11 +161,7 @@ def test_what_is_drawn_is_of_different_scenes_and_views() -> None:
     # Scene a changes most, and its view 1 more than its view 5.
     after = make_result({p: 0.9 - 0.1 * "abc".index(p[0]) - 0.01 * p[1] for p in places})
     found = changes_to_show(before, after, "thesis", 4)
-    assert [(c.first.scene, c.first.coordinates["view"]) for c in found] == [
-        ("a", 1),
-        ("a", 5),
-        ("b", 1),
-        ("c", 1),
-    ]
+    views = [(change.first.scene, change.first.coordinates["view"]) for change in found]
+    assert views == [("a", 1), ("a", 5), ("b", 1), ("c", 1)]
     assert len(changes_to_show(before, after, "thesis", 99)) == len(places)
     assert changes_to_show(before, before, "thesis", 4) == ()

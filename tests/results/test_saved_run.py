@@ -16,9 +16,8 @@ def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="`dfdbench run` makes one"):
         open_saved_run(tmp_path)
     for name in ("a", "b"):
-        save_result(
-            make_result({("a", 1, 1, 0): 0.1}), tmp_path / f"demo-1-test/{name}/result.json"
-        )
+        place = tmp_path / f"demo-1-test/{name}/result.json"
+        save_result(make_result({("a", 1, 1, 0): 0.1}), place)
     assert open_saved_run(tmp_path / "demo-1-test/a").label == "mine"
     for folder in (tmp_path, tmp_path / "demo-1-test"):
         with pytest.raises(ResultError, match=r"name the runs: .*demo-1-test/a, .*demo-1-test/b"):
@@ -29,9 +28,8 @@ def test_a_run_on_a_path_finds_its_store_again(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run_method(
-        Dataset(Path("tiny.zarr")), load_for(tiny_store, "constant", {}), "test", Path("out")
-    )
+    constant = load_for(tiny_store, "constant", {})
+    run_method(Dataset(Path("tiny.zarr")), constant, "test", Path("out"))
     monkeypatch.chdir("/")
     found = open_saved_run(tmp_path / "out")
     assert found.store is not None
@@ -70,8 +68,6 @@ def run(path: str, result: Result) -> SavedRun:
         (["old.json", "new.json"], ["mine (old)", "mine (new)"]),
     ],
 )
-def test_runs_of_one_label_are_told_apart_by_their_places(
-    paths: list[str], labels: list[str]
-) -> None:
+def test_runs_of_one_label_are_told_apart_by_places(paths: list[str], labels: list[str]) -> None:
     same = make_demo_result(lambda _: 0.1)
     assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels

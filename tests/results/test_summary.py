@@ -57,28 +57,22 @@ def broken(result_pairs: list[PairResult], number: int, status: str) -> list[Pai
     return pairs
 
 
+def means_of(result: Result) -> dict[object, float | None]:
+    groups = summarise(result, "thesis").groups
+    return {(group.block, group.row): group.metrics["nrmse"].mean for group in groups}
+
+
 def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
     failed = result.model_copy(update={"pairs": broken(result.pairs, 0, "failed")})
-    by_place = {
-        (g.block, g.row): g.metrics["nrmse"].mean for g in summarise(failed, "thesis").groups
-    }
-    assert by_place == {
-        (0, 1): None,
-        (0, None): None,
-        (1, 1): 0.3,
-        (1, None): 0.3,
-        (None, None): None,
-    }
+    cells = {(0, 1): None, (0, None): None, (1, 1): 0.3, (1, None): 0.3, (None, None): None}
+    assert means_of(failed) == cells
 
 
 def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
     partial = result.model_copy(update={"pairs": broken(result.pairs, 0, "missing")})
-    by_place = {
-        (g.block, g.row): g.metrics["nrmse"].mean for g in summarise(partial, "thesis").groups
-    }
-    assert by_place == {(0, 1): 0.1, (0, None): None, (None, None): None}
+    assert means_of(partial) == {(0, 1): 0.1, (0, None): None, (None, None): None}
 
 
 def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Result:

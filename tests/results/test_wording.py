@@ -7,10 +7,8 @@ from tests.made_results import make_demo_result
 
 
 def test_a_label_has_the_name_and_the_parameters() -> None:
-    assert (
-        method_label(make_demo_result(lambda p: 0, parameters={"a": 1, "b": "x"}).method)
-        == "mine (a=1, b=x)"
-    )
+    result = make_demo_result(lambda pair: 0, parameters={"a": 1, "b": "x"})
+    assert method_label(result.method) == "mine (a=1, b=x)"
 
 
 @pytest.mark.parametrize(
@@ -25,10 +23,7 @@ def test_a_label_has_the_name_and_the_parameters() -> None:
         ({"uses": ["training_mean"], "trained_on": "demo-1, split train"}, "mean depth"),
         ({"trained_on": "demo-1, split train"}, "trained on demo-1"),
         # The recipe's name alone, which networks ask for to warn, is not the recipe.
-        (
-            {"uses": ["recipe_name"], "trained_on": "my own photographs"},
-            "trained on my own photographs",
-        ),
+        ({"uses": ["recipe_name"], "trained_on": "my own"}, "trained on my own"),
         ({"uses": ["recipe"], "trained_on": "demo-1, split train"}, "the blur, trained on demo-1"),
     ],
 )

@@ -167,9 +167,5 @@ def test_where_a_line_of_the_texture_is_clearer_the_side_is_among_the_candidates
 
 
 def test_a_plain_image_has_no_sides() -> None:
-    assert find_sides(np.full((360, 400, 3), 80, np.uint8), expected(0.0), MIDDLE) == [
-        [],
-        [],
-        [],
-        [],
-    ]
+    plain = np.full((360, 400, 3), 80, np.uint8)
+    assert find_sides(plain, expected(0.0), MIDDLE) == [[]] * 4

@@ -105,7 +105,7 @@ def capture() -> Recording:
     return found.model_copy(update={"frame_size": (364, 368), "crop_size": 315})
 
 
-def test_captures_are_the_same_on_every_run_and_a_stopped_one_goes_on(
+def test_captures_are_the_same_again_and_a_stopped_one_goes_on(
     capture: Recording, tmp_path: Path
 ) -> None:
     first, second = tmp_path / "a", tmp_path / "b"

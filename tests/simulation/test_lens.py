@@ -57,7 +57,7 @@ def diameter(light: Floats) -> float:
     ("distance", "focus", "f_number"),
     [(3.0, 1.0, 2.0), (0.7, 1.2, 2.0), (6.0, 0.8, 1.8), (1.0, 3.0, 1.4), (2.5, 0.6, 4.0)],
 )
-def test_a_dot_is_as_wide_as_the_thin_lens_equation_says(
+def test_a_dot_is_as_wide_as_thin_lenses_say(
     distance: float, focus: float, f_number: float
 ) -> None:
     taken = camera(focus, f_number)

@@ -75,9 +75,7 @@ def test_a_seed_gives_these_images_everywhere() -> None:
     assert (GENERATOR, digest.hexdigest()[:16]) == (1, "7a3d68ea6bfebf4a")
 
 
-def test_a_stack_is_in_register_and_sharpest_where_it_is_focused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_stack_is_in_register_and_sharpest_in_focus(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = replace(draw_camera(3), full_well=0.0, read_noise=0.0, jpeg=0, ring=None)
     plain = replace(plain, shape=(120, 160))
     plain = replace(plain, lens=replace(plain.lens, pixel_size=4 * plain.lens.pixel_size))

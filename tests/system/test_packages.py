@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -13,11 +11,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_version_is_that_of_the_project_and_of_the_face() -> None:
-    assert (
-        tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
-        == PACKAGE_VERSION
-    )
-    assert dfdbench.__version__ == PACKAGE_VERSION
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert dfdbench.__version__ == PACKAGE_VERSION == project["version"]
 
 
 def test_an_absent_library_of_an_extra_names_it() -> None:

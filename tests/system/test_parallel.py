@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -16,25 +14,21 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS
+from tests.process import python
 
 
 @pytest.fixture(
     params=[
-        "one thread",
-        "three threads",
-        pytest.param("processes", marks=pytest.mark.slow),
+        *(Threads(1), Threads(3)),
+        pytest.param(Processes(2), marks=pytest.mark.slow),
         pytest.param("cluster", marks=ON_SERVERS),
     ]
 )
 def pool(request: pytest.FixtureRequest) -> Pool:
     if request.param == "cluster":
         return Cluster(request.getfixturevalue("cluster"))
-    pools: dict[str, Pool] = {
-        "one thread": Threads(1),
-        "three threads": Threads(3),
-        "processes": Processes(2),
-    }
-    return pools[request.param]
+    pool: Pool = request.param
+    return pool
 
 
 def square_slowly(item: int) -> int:
@@ -77,9 +71,8 @@ def test_errors_come_through(pool: Pool) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None:
-    others: Pool = (
-        Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
-    )
+    on_cluster = kind == "cluster"
+    others: Pool = Cluster(request.getfixturevalue("cluster")) if on_cluster else Processes(2)
     found = set(others.map(process_of, range(4)))
     assert len(found) == 2
     assert os.getpid() not in found
@@ -189,12 +182,7 @@ def test_a_store_with_several_damaged_scenes_is_one_error(tiny_store: Dataset) -
     (path / first / "zarr.json").write_text("{")
     for scene in others:
         (path / scene / "zarr.json").unlink()
-    done = subprocess.run(
-        [sys.executable, "-c", _TWENTY_TIMES, str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", _TWENTY_TIMES, str(path))
     assert done.returncode == 0
     assert "cannot read the store" in done.stderr
     assert "Traceback" not in done.stderr

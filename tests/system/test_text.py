@@ -1,7 +1,5 @@
 """JSON of others: what it says, or a ValueError."""
 
-from __future__ import annotations
-
 import pytest
 
 from dfdbench.system.text import differences, parse_json, parse_toml

@@ -1,11 +1,11 @@
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 
 from dfdbench.blur.tracks import OF_PATCHES
+from dfdbench.cli.options import values_of
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import find_weights, load_weights
@@ -84,75 +84,45 @@ def test_what_a_particle_describes_is_a_choice() -> None:
 @pytest.mark.parametrize(
     ("method", "weights", "name", "changes", "first"),
     [
-        ("dfd-net", "demo", "demo-fine", {}, "demo-1, split train, 30,000 steps"),
+        ("dfd-net", "demo", "demo-fine", "", "demo-1, split train, 30,000 steps"),
         (
-            "u-net",
-            "demo",
-            "demo-u-net",
-            {"label_width": 3, "learning_rate": 4e-4, "steps": 33000},
+            *("u-net", "demo", "demo-u-net", "label_width=3 learning_rate=4e-4 steps=33000"),
             "demo-1, split train, 40,000 steps",
         ),
         (
-            "dfd-net",
-            "middlebury",
-            "demo-fine",
-            {
-                "label_width": 2,
-                "readout": "median",
-                "crop": 128,
-                "crops_per_step": 1,
-                "steps": 36000,
-                "evaluate_every": 18000,
-            },
+            *("dfd-net", "middlebury", "demo-fine"),
+            "label_width=2 readout=median crop=128 crops_per_step=1 steps=36000 "
+            "evaluate_every=18000",
             "middlebury-default-1, split train, 24,000 steps",
         ),
         (
-            "dfd-net",
-            "dfd-indoor",
-            "demo-fine",
-            {
-                "redraw_depth": False,
-                "tilt": 0,
-                "crop": 128,
-                "crops_per_step": 1,
-                "label_width": 5,
-                "learning_rate": 5e-4,
-                "unknown": "ignore",
-                "readout": "median",
-                "steps": 9000,
-                "evaluate_every": 3000,
-            },
+            *("dfd-net", "dfd-indoor", "demo-fine"),
+            "redraw_depth=false tilt=0 crop=128 crops_per_step=1 label_width=5 learning_rate=5e-4 "
+            "unknown=ignore readout=median steps=9000 evaluate_every=3000",
             "dfd-indoor-1, split train, 9,000 steps",
         ),
         (
-            "dfd-net",
-            "robust",
-            "robust",
             # What the first filters would have been: the weights that it began from have them.
-            {"initial_filters": "differences"},
+            *("dfd-net", "robust", "robust", "initial_filters=differences"),
             "demo-1, split train, 45,000 steps",
         ),
     ],
 )
 def test_shipped_weights_were_trained_as_the_docs_say(
-    method: str, weights: str, name: str, changes: dict[str, Any], first: str
+    method: str, weights: str, name: str, changes: str, first: str
 ) -> None:
     card = load_weights(find_weights(method, weights), method)[1]
     # All were trained on a processor with bf16, which `auto` takes there.
-    documented = read_configuration(name, {**changes, "precision": "bf16"})
+    chosen = values_of(changes.split(), "--set")
+    documented = read_configuration(name, {**chosen, "precision": "bf16"})
     assert TrainingConfiguration.model_validate(card.configuration) == documented
     assert card.started_from.startswith(first)
 
 
 def test_robust_goes_on_from_demo_fine_on_every_track() -> None:
     fine, robust = read_configuration("demo-fine"), read_configuration("robust")
-    changes = {
-        "tracks": tuple(OF_PATCHES),
-        "steps": 14000,
-        "evaluate_every": 3500,
-        "readout": "median",
-    }
-    assert robust == fine.model_copy(update=changes)
+    changes = {"steps": 14000, "evaluate_every": 3500, "readout": "median"}
+    assert robust == fine.model_copy(update={"tracks": tuple(OF_PATCHES), **changes})
     with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
         read_configuration("robust", {"tracks": ["nois"]})
 

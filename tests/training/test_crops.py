@@ -17,6 +17,11 @@ from dfdbench.training.configuration import Expansion
 SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
 
+def of_one(infocus: np.ndarray, defocus: np.ndarray, depth: np.ndarray) -> crops.TrainingImages:
+    pixels = np.concatenate([infocus, defocus], axis=2).transpose(2, 0, 1).copy()
+    return crops.TrainingImages([torch.from_numpy(pixels)], [torch.from_numpy(depth).short()])
+
+
 @pytest.fixture
 def images(tiny_store: Dataset) -> crops.TrainingImages:
     return crops.TrainingImages.read(tiny_store, tiny_store.pairs("test"), ignore_unknown=False)
@@ -40,9 +45,7 @@ def test_unknown_pixels_may_be_left_out(tiny_store: Dataset) -> None:
     assert (found[depth.valid] == depth.levels[depth.valid]).all()
 
 
-def test_channel_means_are_those_of_all_pixels(
-    tiny_store: Dataset, images: crops.TrainingImages
-) -> None:
+def test_channel_means_are_of_all_pixels(tiny_store: Dataset, images: crops.TrainingImages) -> None:
     pixels = [
         np.concatenate([pair.infocus, pair.defocus], axis=2).reshape(-1, 6)
         for pair in map(tiny_store.read, tiny_store.pairs("test"))
@@ -50,9 +53,7 @@ def test_channel_means_are_those_of_all_pixels(
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
 
 
-def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(
-    images: crops.TrainingImages,
-) -> None:
+def test_a_patch_comes_in_eight_orientations_depth_alike(images: crops.TrainingImages) -> None:
     pixels, levels = crops.Cropper(images, 16, 2, "eight", 0.0, 5).draw(3)
     assert pixels.shape == (16, 6, 16, 16)
     assert levels.shape == (16, 16, 16)
@@ -75,9 +76,8 @@ def found_at(
         places = (image[0].unfold(0, 16, 1).unfold(1, 16, 1) == patch[0]).all(-1).all(-1)
         for top, left in torch.nonzero(places).tolist():
             here = slice(top, top + 16), slice(left, left + 16)
-            if torch.equal(image[:, here[0], here[1]], patch) and torch.equal(
-                levels[here].long(), level
-            ):
+            alike = torch.equal(image[:, here[0], here[1]], patch)
+            if alike and torch.equal(levels[here].long(), level):
                 return True
     return False
 
@@ -144,26 +144,20 @@ def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
     random = np.random.default_rng(5)
     infocus = random.integers(0, 256, (40, 40, 3)).astype(np.uint8)
     depth = np.full((40, 40), 100, np.uint8)
-    both = np.concatenate([infocus, synthesize(infocus, depth, SMALL_BLUR)], axis=2)
-    whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
-    images = crops.TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
+    images = of_one(infocus, synthesize(infocus, depth, SMALL_BLUR), depth)
     redraw = crops.Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
     pixels, levels = crops.Cropper(images, 16, 6, "one", 0.0, 1, redraw).draw(0)
     for patch, level in zip(pixels, levels, strict=True):
-        assert found_at(whole.float(), patch, images.levels[0], level)
+        assert found_at(images.pixels[0].float(), patch, images.levels[0], level)
 
 
 def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tensor, torch.Tensor]:
     random = np.random.default_rng(5)
     infocus = random.integers(40, 200, (64, 64, 3)).astype(np.uint8)
     depth = np.full((64, 64), 100, np.uint8)
-    both = np.concatenate([infocus, infocus], axis=2)
-    whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
-    images = crops.TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
-    redraw, tracks = (
-        crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0),
-        crops.RandomTracks(SMALL_BLUR, names),
-    )
+    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
+    tracks = crops.RandomTracks(SMALL_BLUR, names)
+    images = of_one(infocus, infocus, depth)
     return crops.Cropper(images, 16, 40, "one", 0.0, seed, redraw, tracks).draw(step)
 
 
@@ -233,9 +227,7 @@ STEPS = 5
 def numbered_images() -> crops.TrainingImages:
     """Images whose first channel is the image's number, levels that number their pixels."""
     shapes = [(14, 17), (15, 16), (13, 13)]
-    pixels = [
-        torch.full((6, *shape), number, dtype=torch.uint8) for number, shape in enumerate(shapes)
-    ]
+    pixels = [torch.full((6, *shape), n, dtype=torch.uint8) for n, shape in enumerate(shapes)]
     levels = [torch.arange(rows * columns).reshape(rows, columns) for rows, columns in shapes]
     return crops.TrainingImages(pixels, [level.short() for level in levels])
 
@@ -262,11 +254,9 @@ def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansi
 
 
 def test_with_other_depths_the_patch_counts_and_not_what_its_blur_depends_on() -> None:
-    images = crops.TrainingImages(
-        [torch.randint(0, 256, (6, 20, 24), dtype=torch.uint8)],
-        [torch.full((20, 24), 90, dtype=torch.int16)],
-    )
-    redraw = crops.Redraw(BlurRecipe(0.3, 0.005, kernel_size=7), 60, 160, 0.5, 0)
+    image = np.random.default_rng(6).integers(0, 256, (20, 24, 3)).astype(np.uint8)
+    images = of_one(image, image, np.full((20, 24), 90))
+    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
     cropper = crops.Cropper(images, 6, 40, "one", 0.0, 2, redraw)
     drawn = crops.selections_of(cropper, ("a",), STEPS)
     infocus = images.pixels[0][:3].float()

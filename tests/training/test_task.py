@@ -45,9 +45,7 @@ def task(store: Dataset, **changes: Any) -> Task:
     return task_of("dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes))
 
 
-def test_another_seed_choice_or_start_is_another_training(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_another_seed_or_start_is_another_training(tiny_store: Dataset, tmp_path: Path) -> None:
     first = task(tiny_store)
     assert first.identity == task(tiny_store).identity
     start = save_small(tmp_path / "start.safetensors")
@@ -82,9 +80,7 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
         ({"tracks": ["noise"]}, "--set redraw_depth=true"),
     ],
 )
-def test_choices_that_do_not_fit_are_told(
-    tiny_store: Dataset, changes: dict[str, Any], said: str
-) -> None:
+def test_unfit_choices_are_told(tiny_store: Dataset, changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         require_trainable(task(tiny_store, **changes))
 

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
@@ -21,24 +18,16 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import Log, TrainingFolder, train
-from tests.conftest import write_png
+from tests.conftest import store_of, write_png
 from tests.methods.networks.test_architectures import SMALL
 
-QUICK = {
-    "filters": list(SMALL),
-    "crop": 16,
-    "crops_per_step": 1,
-    "steps": 12,
-    "evaluate_every": 5,
-    "evaluate_pairs": 1,
-    "learning_rate": 1e-3,
-}
+QUICK = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "learning_rate": 1e-3}
+QUICK |= {"steps": 12, "evaluate_every": 5, "evaluate_pairs": 1}
 
 
 def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
-    return task_of(
-        "dfd-net", store, TrainingConfiguration.model_validate(QUICK | changes), seed=seed
-    )
+    choices = TrainingConfiguration.model_validate(QUICK | changes)
+    return task_of("dfd-net", store, choices, seed=seed)
 
 
 def losses(folder: Path) -> list[str]:
@@ -55,9 +44,8 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
     assert set(card.scores) == {"nrmse", "nmae", "ssim"}
     assert set(card.further_scores) == {"thesis-networks-2"}
     assert set(card.further_scores["thesis-networks-2"]) == set(card.scores)
-    assert (
-        "under the protocol `thesis-networks-2`" in outcome.weights.with_suffix(".md").read_text()
-    )
+    page = outcome.weights.with_suffix(".md").read_text()
+    assert "under the protocol `thesis-networks-2`" in page
     assert card.fingerprint == tiny_store.fingerprint
     assert card.architecture["channel_means"] == pytest.approx(
         network.state_dict()["pixels.means"].flatten().tolist()
@@ -198,33 +186,19 @@ def noise_scenes(folder: Path) -> None:
                 depth[top : top + 24, left : left + 32] = random.choice([60, 130, 200])
             write_png(folder / scene / f"disp{view}.png", depth)
             for exposure in (0, 1):
-                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", noise(random))
-
-
-def noise(random: np.random.Generator) -> NDArray[np.uint8]:
-    return random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
+                noise = random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
+                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", noise)
 
 
 @pytest.mark.slow
-def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
-    tiny_manifest: Manifest, tmp_path: Path
-) -> None:
+def test_a_tiny_dfd_net_beats_constant_on_a_cpu(tiny_manifest: Manifest, tmp_path: Path) -> None:
     noise_scenes(tmp_path / "site")
-    path = tmp_path / "tiny.zarr"
-    build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
-    store = Dataset(path)
+    store = store_of(tiny_manifest, tmp_path / "site", tmp_path / "tiny.zarr")
     choices = TrainingConfiguration(
-        narrow=8,
-        crops_per_step=6,
-        expansion="one",
-        learning_rate=1e-3,
-        weight_decay=0,
-        initial_filters="differences",
-        label_width=5,
-        schedule="cosine",
-        steps=200,
+        narrow=8, crops_per_step=6, expansion="one", learning_rate=1e-3, weight_decay=0,
+        initial_filters="differences", label_width=5, schedule="cosine", steps=200,
         evaluate_every=10_000,
-    )
+    )  # fmt: skip
     outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", device="cpu")
     learned = load_for(store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
     constant = load_for(store, "constant", {})

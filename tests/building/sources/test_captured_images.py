@@ -16,10 +16,15 @@ NAMES = ("sharp.png", "blurred.png", "depth.png")
 DEPTH: Depth = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml").depth
 
 
+def files(**fields: object) -> CapturedFiles:
+    return CapturedFiles.model_validate(
+        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
+    )
+
+
 def made(folder: Path, **fields: object) -> CapturedImages:
-    files = {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
     *photographs, depth = [((folder / name).read_bytes(), name) for name in NAMES]
-    return captured_images(photographs, depth, CapturedFiles.model_validate(files), DEPTH)
+    return captured_images(photographs, depth, files(**fields), DEPTH)
 
 
 @pytest.fixture
@@ -104,12 +109,6 @@ SCALE = DepthScale(near=0.5, far=5.0)
 INVERSE = Depth(axes=[], unknown=0, grows_with="nearness", unit="", scale=SCALE)
 
 
-def files(**fields: object) -> CapturedFiles:
-    return CapturedFiles.model_validate(
-        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
-    )
-
-
 def test_metres_become_levels_and_what_is_missing_or_beyond_is_unknown() -> None:
     values = np.array([[500, 1000, 5000, 0, 65535, 499, 5001]], np.uint16)
     levels = depth_of(values, files(depth_missing=[0, 65535]), INVERSE, "d.png")
@@ -169,8 +168,3 @@ def test_files_may_hold_levels() -> None:
     for wrong in (256.0, 1.5, -1.0):
         with pytest.raises(SourceError, match="no depth levels"):
             depth_of(np.array([[wrong, 3]]), files(depth_unit=None), plain, "d.png")
-
-
-def test_a_map_without_depth_is_refused() -> None:
-    with pytest.raises(SourceError, match=r"none of 2 depths .*above 0"):
-        depth_of(np.array([[0, np.nan]]), files(), INVERSE, "d.png")

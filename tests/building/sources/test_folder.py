@@ -40,8 +40,7 @@ def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
     text = text.replace("blurred.png", "f{aperture}.png").replace("pairs = 2", "pairs = 4")
     manifest = manifest_of(text.replace("pair_count = 4", "pair_count = 8"))
     for scene in manifest.scene_names:
-        image = cv2.imread(str(folder / scene / "blurred.png"))
-        assert image is not None
+        image = np.asarray(cv2.imread(str(folder / scene / "blurred.png")))
         for number in (2, 4):
             cv2.imwrite(str(folder / scene / f"f{number}.png"), image + np.uint8(number))
     images = open_source(manifest, folder).read("desk")
@@ -84,12 +83,9 @@ def test_a_flat_field_has_a_list_a_colour(count: int) -> None:
     assert wanted in str(raised.value)
 
 
-def test_broken_scenes_are_named_together_and_the_others_built(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_broken_scenes_are_named_and_the_others_built(folder: Path, tmp_path: Path) -> None:
     (folder / "desk/blurred.png").unlink()
-    depth = cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED)
-    assert depth is not None
+    depth = np.asarray(cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED))
     cv2.imwrite(str(folder / "door/depth.png"), depth // 10)
     shutil.copy(folder / "shelf/blurred.png", folder / "lamp/blurred.png")
     manifest = manifest_of(ALIGNED)

@@ -13,6 +13,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
+from tests.conftest import store_of
 from tests.made_folder import depth_in_millimetres, photograph
 from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
 
@@ -89,9 +90,7 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
         ([], "the table of the images is empty (WHERE)"),
     ],
 )
-def test_a_table_that_does_not_fit_its_images_is_told(
-    folder: Path, rows: list[str], said: str
-) -> None:
+def test_a_table_that_fits_no_images_is_told(folder: Path, rows: list[str], said: str) -> None:
     table(folder, *rows)
     text = problems_of(manifest_of(), folder)
     place = said.replace("WHERE", str(folder / "desk/focus.csv")).replace("FOLDER", str(folder))
@@ -119,9 +118,7 @@ def test_a_column_that_is_not_there_and_a_pair_beyond_the_end(folder: Path) -> N
     assert "pair_images are [0, 4], and there are 4 images" in problems_of(manifest, folder)
 
 
-def test_what_is_wrong_with_scenes_is_told_together_and_the_others_built(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_what_is_wrong_with_scenes_is_told_and_others_built(folder: Path, tmp_path: Path) -> None:
     table(folder, "1,1", "2,1", "3,4", scene="desk")
     write_image(folder / "door/f_002.png", photograph(9, (40, 50)))
     np.save(folder / "lamp/depth.npy", np.full(depth_in_millimetres().shape, np.nan))
@@ -179,8 +176,7 @@ def test_each_image_of_a_stack_is_laid_on_the_first_one(folder: Path) -> None:
 
 def test_a_set_without_depth_is_built_and_says_so(folder: Path, tmp_path: Path) -> None:
     manifest = manifest_of('depth = "{scene}/depth.npy"\n')
-    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    store = Dataset(tmp_path / "mine.zarr")
+    store = store_of(manifest, folder, tmp_path / "mine.zarr")
     assert not store.manifest.has_truth
     assert not store.captures()[0].valid.any()
 
@@ -194,9 +190,7 @@ def test_json_holds_records_or_lists() -> None:
 
 
 def _read(path: Path) -> NDArray[Any]:
-    image = cv2.imread(str(path))
-    assert image is not None
-    return image
+    return np.asarray(cv2.imread(str(path)))
 
 
 def test_a_mistake_in_a_table_of_all_scenes_is_told_once(folder: Path, tmp_path: Path) -> None:

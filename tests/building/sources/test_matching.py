@@ -12,19 +12,23 @@ from dfdbench.errors import InputError
 from tests.made_folder import photograph
 
 
-def turned(image: np.ndarray, degrees: float, right: float, down: float) -> np.ndarray:
+def moved(
+    image: np.ndarray, right: float = 0, down: float = 0, degrees: float = 0, scale: float = 1
+) -> np.ndarray:
     """Move an image by OpenCV, which turns anticlockwise for a positive angle."""
     centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
-    matrix = cv2.getRotationMatrix2D(centre, -degrees, 1)
+    matrix = cv2.getRotationMatrix2D(centre, -degrees, scale)
     matrix[:, 2] += np.array([right, down])
-    return cv2.warpAffine(image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC)
+    return cv2.warpAffine(
+        image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
 
 
 def test_a_turned_and_moved_image_is_brought_back() -> None:
     fixed = photograph(0, (160, 200))
-    defocused = cv2.GaussianBlur(turned(fixed, 0.8, 5.3, -3.6), (0, 0), 1.5)
-    moved = (0.7 * defocused + 20).astype(np.uint8)
-    found = matching.find_placement(fixed, moved, "euclidean")
+    defocused = cv2.GaussianBlur(moved(fixed, 5.3, -3.6, 0.8), (0, 0), 1.5)
+    darker = (0.7 * defocused + 20).astype(np.uint8)
+    found = matching.find_placement(fixed, darker, "euclidean")
     assert found.degrees == pytest.approx(-0.8, abs=0.05)
     assert found.right == pytest.approx(-5.3, abs=0.1)
     assert found.down == pytest.approx(3.6, abs=0.1)
@@ -35,19 +39,11 @@ def test_a_turned_and_moved_image_is_brought_back() -> None:
     assert np.abs(defocused - aim)[inner].mean() > 10
 
 
-def magnified(image: np.ndarray, scale: float, degrees: float = 0.0) -> np.ndarray:
-    centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
-    matrix = cv2.getRotationMatrix2D(centre, -degrees, scale)
-    return cv2.warpAffine(
-        image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
-
-
 @pytest.mark.parametrize(("scale", "degrees"), [(1.0, 0.0), (1.006, 0.0), (0.99, 0.4)])
 def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -> None:
     fixed = photograph(0, (370, 427))
-    moved = magnified(cv2.GaussianBlur(fixed, (0, 0), 1.5), scale, degrees)
-    found = matching.find_movement(fixed, moved)
+    blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
+    found = matching.find_movement(fixed, moved(blurred, degrees=degrees, scale=scale))
     aim = matching.Movement(0, 0, degrees, scale)
     assert found.scale == pytest.approx(scale, abs=3e-4)
     assert found.degrees == pytest.approx(degrees, abs=0.02)
@@ -57,9 +53,9 @@ def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -
 def test_a_similarity_undoes_magnification() -> None:
     fixed = photograph(0, (370, 427))
     blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
-    found = matching.find_placement(fixed, magnified(blurred, 1.012), "similarity")
+    found = matching.find_placement(fixed, moved(blurred, scale=1.012), "similarity")
     assert found.magnification == pytest.approx(1.012, abs=3e-4)
-    back, covered = matching.place(magnified(blurred, 1.012).astype(float), found)
+    back, covered = matching.place(moved(blurred, scale=1.012).astype(float), found)
     assert 0.97 < covered.mean() < 1
     inner = ndimage.binary_erosion(covered, iterations=8)
     assert np.abs(back - blurred)[inner].mean() < 1
@@ -81,8 +77,8 @@ def test_fall_off_of_light_is_no_movement() -> None:
 
 def test_a_whole_pixel_moves_no_value() -> None:
     image = photograph(1).astype(float)
-    moved, covered = matching.place(image, matching.Placement(2.0, -1.0, 0.0, 1.0))
-    np.testing.assert_allclose(moved[:-1, 2:], image[1:, :-2], atol=1e-9)
+    placed, covered = matching.place(image, matching.Placement(2.0, -1.0, 0.0, 1.0))
+    np.testing.assert_allclose(placed[:-1, 2:], image[1:, :-2], atol=1e-9)
     assert not covered[:, :2].any()
     assert not covered[-1].any()
     assert covered[:-1, 2:].all()
@@ -110,38 +106,21 @@ def test_the_gain_leaves_out_what_is_white() -> None:
 SHAPE = (300, 400)
 
 
-def matched(
-    right: float = 0, down: float = 0, degrees: float = 0, scale: float = 1, gain: float = 1
-) -> Matching:
+def matched(gain: float = 1, **how: float) -> Matching:
     """Measure three pairs of which one image is blurred, and moved about its centre."""
     pairs = []
     for seed in range(3):
         sharp = photograph(seed, SHAPE)
-        blurred = moved(cv2.GaussianBlur(sharp, (0, 0), 1.2), right, down, degrees, scale)
+        blurred = moved(cv2.GaussianBlur(sharp, (0, 0), 1.2), **how)
         pairs.append((f"scene {seed}", sharp, np.rint(gain * blurred).astype(np.uint8)))
     return matching_of(pairs)
 
 
-def moved(image: np.ndarray, right: float, down: float, degrees: float, scale: float) -> np.ndarray:
-    centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
-    matrix = cv2.getRotationMatrix2D(centre, -degrees, scale)
-    matrix[:, 2] += np.array([right, down])
-    return cv2.warpAffine(
-        image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
-
-
-def test_nothing_is_proposed_if_nothing_moved() -> None:
+def test_what_is_proposed_is_what_was_measured() -> None:
     found = matched()
     assert (found.align, found.match_gain, found.open) == ("none", False, ())
-
-
-def test_a_shift_asks_for_a_translation_and_a_turn_for_more() -> None:
     assert matched(right=1.3, down=-0.7).align == "translation"
     assert matched(degrees=0.3).align == "euclidean"
-
-
-def test_gain_is_matched() -> None:
     found = matched(gain=0.9)
     assert (found.align, found.match_gain) == ("none", True)
     assert found.found[-1] == "photographs differ in brightness by up to 11.1 %"

@@ -25,9 +25,7 @@ from tests.conftest import TINY_DEFAULT_TOML, TINY_TOML, write_png
 from tests.site import Site, served
 
 
-def test_images_are_read_as_rgb_and_zero_depth_is_unknown(
-    tiny_manifest: Manifest, tiny_folder: Path
-) -> None:
+def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     red = np.zeros((24, 30, 3), np.uint8)
     red[..., 2] = 255  # OpenCV writes blue first
     write_png(tiny_folder / "One/Illum1/Exp0/view1.png", red)
@@ -71,28 +69,11 @@ def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path
     assert "middlebury-default" not in help_text
 
 
-def test_a_depth_map_of_another_size_is_named(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    write_png(tiny_folder / "One/disp5.png", np.arange(24 * 31).reshape(24, 31).astype(np.uint8))
-    with pytest.raises(SourceError, match="differs from the other view's") as caught:
-        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-    assert "disp5.png" in str(caught.value)
-
-
 def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
         MiddleburyScenes(tiny_manifest, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
         MiddleburyScenes(tiny_manifest, tmp_path / "none")
-
-
-@pytest.mark.parametrize("above", ["", "ThirdSize", "here/ThirdSize"])
-def test_the_folder_may_be_the_scenes_or_one_above(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, above: str
-) -> None:
-    root = tmp_path / "root"
-    (root / above).parent.mkdir(parents=True, exist_ok=True)
-    tiny_folder.rename(root / above)
-    assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
 
 
 def archive(path: Path, members: dict[str, bytes]) -> Path:
@@ -124,9 +105,7 @@ def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> No
 
 @pytest.mark.parametrize("above", ["", "ThirdSize", "scenes2005/ThirdSize"])
 @pytest.mark.parametrize("below", ["", "zip-2views"])
-def test_scenes_are_found_in_the_sites_layout_and_below_it(
-    tmp_path: Path, above: str, below: str
-) -> None:
+def test_scenes_are_found_in_the_sites_layout(tmp_path: Path, above: str, below: str) -> None:
     assert find_scene("One", "scenes2005", tmp_path) is None
     packed = archive(tmp_path / above / below / "One-2views.zip", {"One/view1.png": b"x"})
     found = find_scene("One", "scenes2005", tmp_path)
@@ -186,31 +165,7 @@ def test_everything_comes_and_later_builds_ask_nobody(
     assert len(site.requests) == asked
 
 
-def test_all_that_mends_itself(
-    manifest: Manifest, site: Site, reference: str, tmp_path: Path
-) -> None:
-    faults = {
-        "One/disp1.png": ["500", "500"],
-        "One/Illum1/Exp0/view1.png": ["truncate"],
-        "Two/Illum1/Exp1/view5.png": ["wrong"],
-        "Two/disp5.png": ["stall"],
-        "Three/Illum1/Exp0/view1.png": ["redirect"],
-        "Three/Illum1/Exp0/view5.png": ["truncate", "503", "stall"],
-    }
-    for name, listed in faults.items():
-        site.faults[f"/{BELOW}/{name}"] = list(listed)
-    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
-    assert done.new == FILES
-    assert fingerprint(manifest, done, tmp_path) == reference
-    for name, listed in faults.items():
-        assert site.asked_for(f"/{BELOW}/{name}") == len(listed) + 1
-    aside = [path for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
-    assert [path.name.split(".")[0] for path in aside] == ["view5"]
-
-
-def test_missing_and_damaged_are_told_in_one_report(
-    manifest: Manifest, site: Site, tmp_path: Path
-) -> None:
+def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
     site.faults[f"/{BELOW}/Two/disp1.png"] = ["wrong"] * 9
     site.faults[f"/{BELOW}/Two/Illum1/Exp0/view5.png"] = ["500"] * 99
@@ -228,7 +183,7 @@ def test_missing_and_damaged_are_told_in_one_report(
     assert download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
 
 
-def test_an_image_of_another_size_than_its_depth_map_is_refused(
+def test_an_image_of_another_size_is_refused(
     manifest: Manifest, site: Site, tmp_path: Path
 ) -> None:
     other = site.folder / BELOW / "Two/Illum1/Exp0/view1.png"
@@ -254,9 +209,7 @@ def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path
         download_middlebury(manifest, tmp_path / "in", patience=QUICK)
 
 
-def test_an_incomplete_download_locks_nothing(
-    manifest: Manifest, site: Site, tmp_path: Path
-) -> None:
+def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
     done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     assert done.missing == ("One/Illum1/Exp0/view1.png",)
@@ -274,9 +227,7 @@ def test_a_mirror_stands_for_the_site(
     assert fingerprint(manifest, done, tmp_path) == reference
 
 
-def test_a_mirror_without_the_files_is_named(
-    manifest: Manifest, site: Site, tmp_path: Path
-) -> None:
+def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     wrong = f"{site.address}/nothing"
     done = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
     assert done.new == FILES

@@ -26,9 +26,7 @@ def test_split_reaches_the_published_energy(aloe: Callable[[int], Energy], expos
 
 @pytest.mark.slow
 @pytest.mark.parametrize("exposure", [1, 2])
-def test_every_quality_keeps_to_the_published_energy(
-    aloe: Callable[[int], Energy], exposure: int
-) -> None:
+def test_every_quality_keeps_to_the_energy(aloe: Callable[[int], Energy], exposure: int) -> None:
     energy = aloe(exposure)
     solution = split(energy)
     assert solution.energy < split(energy, "fast").energy < KNOWN[exposure] * 1.006

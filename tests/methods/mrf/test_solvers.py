@@ -75,7 +75,7 @@ def test_many_labels_and_single_pixels(rng: np.random.Generator, solver: str) ->
 
 @pytest.mark.parametrize("kind", ["absolute", "quadratic"])
 @pytest.mark.parametrize("labels", [5, 16, 23])
-def test_split_is_near_expansion_for_convex_tables(
+def test_split_is_near_expansion_if_convex(
     rng: np.random.Generator, kind: str, labels: int
 ) -> None:
     # Costs as in a photograph: each pixel has a valley somewhere near a smooth surface.
@@ -134,9 +134,7 @@ def test_results_do_not_depend_on_threads(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts", "published"])
-def test_expansion_ends_where_no_label_lowers_the_energy(
-    rng: np.random.Generator, kind: str
-) -> None:
+def test_expansion_ends_where_no_label_lowers_it(rng: np.random.Generator, kind: str) -> None:
     energy = random_energy(rng, 10, 12, 8, kind, weighted=True)
     labels = expansion(energy).labels.astype(np.int32)
     for label in range(8):
@@ -236,7 +234,7 @@ def test_sums_beyond_32_bits_are_an_error() -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])
-def test_every_size_of_blocks_lowers_the_energy(
+def test_every_block_size_lowers_the_energy(
     rng: np.random.Generator, shape: tuple[int, int]
 ) -> None:
     energy = random_energy(rng, *shape, 20, "absolute", weighted=True)

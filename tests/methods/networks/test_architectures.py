@@ -3,15 +3,16 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-import pytest
 import torch
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.methods.networks.architectures import (
+    DfDNet,
+    UNet,
+    fold_batch_norm,
+    start_from_differences,
+)
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
-
-pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.methods.networks.architectures import fold_batch_norm, start_from_differences
 
 # Fig. 5.5, input to output: the thesis's layer number, channels in and out, filter size.
 PUBLISHED = [
@@ -46,15 +47,7 @@ def test_dfd_net_has_the_published_number_of_parameters() -> None:
     biases = sum(after for layer, _, after, _ in PUBLISHED if layer not in normalized)
     scales = 2 * sum(after for layer, _, after, _ in PUBLISHED if layer in [*normalized, 5])
     activations = len(normalized) + 1
-    total = sum(parameter.numel() for parameter in network.parameters())
-    assert total == weights + biases + scales + activations == 10_761_353
-
-
-@pytest.mark.parametrize("name", FILTERS)
-def test_every_row_of_table_d2_is_a_network(name: str) -> None:
-    assert len(FILTERS[name]) == 18
-    network = DfDNet(FILTERS[name])
-    assert tuple(module.out_channels for module in convolutions(network)) == FILTERS[name]
+    assert parameters(network) == weights + biases + scales + activations == 10_761_353
 
 
 @pytest.mark.parametrize("size", range(1, 7))
@@ -87,7 +80,9 @@ def parameters(network: torch.nn.Module) -> int:
 def test_every_named_network_has_its_parameters(name: str) -> None:
     first = "sigmoid" if name == "pso" else "prelu"
     with torch.device("meta"):
-        assert parameters(DfDNet(FILTERS[name], first_activation=first)) == PARAMETERS[name]
+        network = DfDNet(FILTERS[name], first_activation=first)
+    assert tuple(module.out_channels for module in convolutions(network)) == FILTERS[name]
+    assert parameters(network) == PARAMETERS[name]
 
 
 def test_each_choice_of_a_particle_changes_what_it_should() -> None:
@@ -143,7 +138,7 @@ def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
     found = convolutions(UNet())
     assert (found[0].in_channels, found[-1].out_channels) == (6, 256)
     assert len(found) == 5 * 2 + 4 + 4 * 2 + 1
-    assert sum(parameter.numel() for parameter in UNet().parameters()) == 31_050_048
+    assert parameters(UNet()) == 31_050_048
     with pytest.raises(InputError, match="the last four even"):
         UNet(filters=(4, 8, 16, 32, 63))
 

@@ -3,23 +3,21 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-import pytest
-
-from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import DfDNet
-from dfdbench.methods.networks.choices import SITES, SIZED, checked_kernels
-from tests.methods.networks.test_architectures import SMALL
-
-pytest.importorskip("torch", reason="needs the extra nets")
-import pytest
-
-from dfdbench.methods.networks.choices import FILTERS, LAYERS, narrowed
-
-pytest.importorskip("torch", reason="needs the extra nets")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.methods.networks.choices import reach_of
+from dfdbench.errors import InputError
+from dfdbench.methods.networks.architectures import DfDNet
+from dfdbench.methods.networks.choices import (
+    FILTERS,
+    LAYERS,
+    SITES,
+    SIZED,
+    checked_kernels,
+    narrowed,
+    reach_of,
+)
+from tests.methods.networks.test_architectures import SMALL
 
 
 def test_sizes_are_those_of_the_thesis_s_layers() -> None:

@@ -102,21 +102,8 @@ def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -
 EVERY = (126, 127, 128, 129)
 #: By the thesis's layers, input to output; larger above than below, upright and lying.
 WIDE: list[int | list[int]] = [
-    9,
-    7,
-    [9, 5],
-    5,
-    [3, 9],
-    [1, 7],
-    9,
-    3,
-    5,
-    [7, 1],
-    [1, 9],
-    9,
-    [5, 7],
-    3,
-]
+    9, 7, [9, 5], 5, [3, 9], [1, 7], 9, 3, 5, [7, 1], [1, 9], 9, [5, 7], 3
+]  # fmt: skip
 
 
 @pytest.mark.slow

@@ -4,8 +4,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.methods.networks.architectures import PUBLISHED_MEANS, DfDNet
-
-SMALL = (4, 3, 4, 6, 5, 6, 8, 7, 8, 6, 6, 5, 6, 4, 4, 3, 4, 256)
+from tests.methods.networks.test_architectures import SMALL
 
 
 def test_means_are_taken_off_and_255_is_nearly_1() -> None:

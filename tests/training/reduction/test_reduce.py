@@ -15,9 +15,7 @@ from tests.methods.made_weights import card, save_small
 from tests.methods.networks.test_architectures import SMALL
 
 
-def test_weights_become_configurations_of_narrower_networks(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: Path) -> None:
     choices = TrainingConfiguration(narrow=8, crop=16, steps=3)
     found = reduce.reduce_weights(save_small(tmp_path / "w.safetensors"), tiny_store, choices)
     assert list(found.rows)[:2] == [reduce.BASELINE, "B-01-01"]
@@ -27,12 +25,8 @@ def test_weights_become_configurations_of_narrower_networks(
     folder.mkdir()
     (folder / "F-01-01.toml").write_text("old")
     found.write(folder)
-    assert {path.name for path in folder.iterdir()} == set(found.files) | {
-        "counts.md",
-        "counts.csv",
-        "rows.md",
-        "rows.csv",
-    }
+    tables = {"counts.md", "counts.csv", "rows.md", "rows.csv"}
+    assert {path.name for path in folder.iterdir()} == set(found.files) | tables
     for name, widths in found.rows.items():
         read = read_configuration(str(folder / f"{name}.toml"))
         assert read == choices.model_copy(update={"filters": list(widths), "narrow": 1})
@@ -42,7 +36,7 @@ def test_weights_become_configurations_of_narrower_networks(
     assert "counted on tiny-1, split test" in (folder / "B-01-01.toml").read_text()
 
 
-def test_layers_stay_what_they_are_and_rounding_adds_rows(
+def test_layers_stay_as_they_are_and_rounding_adds_rows(
     tiny_store: Dataset, tmp_path: Path
 ) -> None:
     architecture = {"filters": list(SMALL), "sampling_size": 3, "first_activation": "sigmoid"}
@@ -59,9 +53,7 @@ def test_layers_stay_what_they_are_and_rounding_adds_rows(
         assert 'first_activation = "sigmoid"\n' in text
 
 
-def test_weights_of_another_network_and_unknown_levels_are_refused(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_other_networks_and_unknown_levels_are_refused(tiny_store: Dataset, tmp_path: Path) -> None:
     unet = {"filters": [2, 4, 8, 16, 32]}
     path = tmp_path / "u.safetensors"
     save_weights(path, build_network("u-net", unet), card(method="u-net", architecture=unet))
@@ -107,12 +99,8 @@ def test_a_level_leaves_all_other_layers_as_they_are() -> None:
         rows = reduce.iterative_rows(table_d_1(), level, base)
         assert len(rows) == (9 if level == 1 else 6)
         for widths in rows.values():
-            changed = {
-                layer
-                for layer, one, other in zip(LAYERS, widths, base, strict=True)
-                if one != other
-            }
-            assert changed == set(layers)
+            both = zip(LAYERS, widths, base, strict=True)
+            assert {layer for layer, one, other in both if one != other} == set(layers)
     assert reduce.iterative_rows(table_d_1(), 1, base)["F1-02-03"][14:17] == (70, 19, 70)
     with pytest.raises(InputError, match="only 1, 2 and 3"):
         reduce.iterative_rows(table_d_1(), 4, base)
@@ -126,9 +114,7 @@ def test_h_is_printed_exactly_and_l_goes_down_everywhere() -> None:
     # As printed, only these four of the layers that are no multiple go down.
     printed = dict(zip(LAYERS, FILTERS["F-02-02L"], strict=True))
     ours = dict(zip(LAYERS, low, strict=True))
-    assert [ours[layer] for layer in (48, 40, 27, 8)] == [
-        printed[layer] for layer in (48, 40, 27, 8)
-    ]
+    assert all(ours[layer] == printed[layer] for layer in (48, 40, 27, 8))
     assert reduce.rounded({"x": (5, 256)}, "L") == {"xL": (8, 256)}
 
 

@@ -47,9 +47,7 @@ def test_every_named_network_is_a_particle_s(name: str) -> None:
     first = "sigmoid" if name == "pso" else "prelu"
     particle = particle_at(position_of(FILTERS[name], first_activation=first))
     found = TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
-    named = TrainingConfiguration(
-        filters=name, first_activation="sigmoid" if name == "pso" else "prelu"
-    )
+    named = TrainingConfiguration.model_validate({"filters": name, "first_activation": first})
     assert found == named.architecture("dfd-net")
     assert particle.crop == 32
 
@@ -89,9 +87,8 @@ def test_all_of_the_box_is_networks_and_back(seed: int, variant: str) -> None:
 
 
 def test_bounds_make_the_box_smaller() -> None:
-    box = box_of(
-        bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"}), VARIANTS["thesis"]
-    )
+    bounds = bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"})
+    box = box_of(bounds, VARIANTS["thesis"])
     ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(COMPONENTS)}
     assert ends["width_8"] == (16, 64)
     assert ends["rows_8"] == ends["columns_48"] == (1, 2)
@@ -180,14 +177,8 @@ def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
     own: list[bool] = []
     start = begun(box, 6, seed)
     program = AuthorsProgram(start.positions, start.velocities, seed)
-    swarms = search(
-        lambda swarm: values[swarm.iteration],
-        box,
-        6,
-        14,
-        seed,
-        against_previous=variant.against_previous,
-    )
+    rule = variant.against_previous
+    swarms = search(lambda s: values[s.iteration], box, 6, 14, seed, against_previous=rule)
     for swarm in swarms:
         if swarm.iteration:
             program.move()
@@ -267,9 +258,7 @@ def mixed(whole: bool) -> Box:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(1, 5))
-def test_it_stays_in_its_box_and_the_best_never_gets_worse(
-    seed: int, whole: bool, particles: int
-) -> None:
+def test_it_stays_in_its_box_and_never_gets_worse(seed: int, whole: bool, particles: int) -> None:
     box, random = mixed(whole), np.random.default_rng(seed)
 
     def judge(swarm: Swarm) -> Numbers:

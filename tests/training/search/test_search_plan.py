@@ -41,33 +41,13 @@ def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Datas
     assert few.configuration_of(particle).crops_per_step == 1
 
 
-def test_a_position_means_a_network(tiny_store: Dataset) -> None:
-    position = position_of(FILTERS["pso"], first_activation="sigmoid")
-    found = small_plan(tiny_store).configuration_of(particle_at(position))
-    expected = TrainingConfiguration(filters="pso", first_activation="sigmoid", narrow=64)
-    assert found.architecture("dfd-net") == expected.architecture("dfd-net")
-
-
 def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
-    plans = [
-        small_plan(tiny_store, configuration, **choices)
-        for configuration, choices in [
-            ({}, {}),
-            ({"noise": 1.0}, {}),
-            *(
-                ({}, choice)
-                for choice in (
-                    {"gamma": 0.5},
-                    {"variant": "author"},
-                    {"particles": 3},
-                    {"pairs": 2},
-                    {"seed": 1},
-                    {"bounds": Bounds(crop=(12, 12))},
-                    {"split": "train", "as_thesis": True},
-                )
-            ),
-        ]
+    choices: list[dict[str, Any]] = [
+        *({}, {"gamma": 0.5}, {"variant": "author"}, {"particles": 3}, {"pairs": 2}, {"seed": 1}),
+        *({"bounds": Bounds(crop=(12, 12))}, {"split": "train", "as_thesis": True}),
     ]
+    plans = [small_plan(tiny_store, **choice) for choice in choices]
+    plans.append(small_plan(tiny_store, {"noise": 1.0}))
     assert len({str(plan.identity) for plan in plans}) == len(plans)
 
 

@@ -157,9 +157,7 @@ def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> No
     assert table.notes[0] == "found in iteration 4, particle 2: objective 0.5000"
 
 
-def test_the_best_is_a_configuration_that_trains_the_same_network(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_the_best_is_a_configuration_of_its_network(tiny_store: Dataset, tmp_path: Path) -> None:
     plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
     path = tmp_path / "best.toml"
     path.write_text(swarm_search.best_as_toml(plan, swarm_s()))
