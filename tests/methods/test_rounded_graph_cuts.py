@@ -66,6 +66,7 @@ def test_no_level_is_proposed_that_training_did_not_show() -> None:
         **{name: np.asarray(value) for name, value in BlurLaw(tuple(turned)).as_dict().items()},
         "measured": widths,
         "residual": np.zeros(LEVELS),
+        "uneven": 0.0,
     }
     found = {}
     for first in (0, 80):
