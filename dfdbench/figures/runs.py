@@ -1,6 +1,7 @@
 """Figures of a run: pairs, scores by scene and by group, depths, times."""
 
 import io
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,9 @@ def panel_figure(
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
             for name, metric in metrics_of(protocol).items()
         )
-        axes[4].set_xlabel("  ".join(scores), fontsize=8)
+        # Lines break between scores, not within one.
+        whole = "  ".join(score.replace(" ", _NO_BREAK) for score in scores)
+        axes[4].set_xlabel(textwrap.fill(whole, _CAPTION), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
 
@@ -324,6 +327,9 @@ def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, na
         name = "_"  # one entry of the legend a run
 
 
+# Characters below a panel.
+_CAPTION = 40
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 HEADS = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
 
 
