@@ -22,7 +22,7 @@ from dfdbench.building.sources.image_files import (
 from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 # Frames are counted f01, f02; apertures are not.
 _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
@@ -288,7 +288,7 @@ def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = F
     )
     facts.open.append(
         f"whether near {facts.near:g} m and far {facts.far:g} m are right: they hold "
-        f"{100 - 2 * _SHARE:g} % of the depths of {len(some)} scenes"
+        f"{100 - 2 * _SHARE:g} % of the depths of {counted(len(some), 'scene')}"
     )
 
 

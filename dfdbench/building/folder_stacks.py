@@ -19,7 +19,7 @@ from dfdbench.building.folder_layout import (
 from dfdbench.building.sources.image_table import read_table
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, places_in
 from dfdbench.errors import SourceError
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 #: Photographs that differ by a number alone are a stack from so many on.
 _FEWEST = 3
@@ -220,7 +220,9 @@ def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
         facts.open.append(f"whether these stacks are values of an axis: {named_more}")
     left = [g.pattern for g in layout.groups if g not in (*facts.roles.values(), *more)]
     if left:
-        facts.open.append(f"{len(left)} kinds of files belong to no stack: {listed(left, _NAMED)}")
+        facts.open.append(
+            f"{counted(len(left), 'kind')} of files belong to no stack: {listed(left, _NAMED)}"
+        )
     return facts
 
 

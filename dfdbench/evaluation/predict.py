@@ -23,6 +23,7 @@ from dfdbench.building.sources.image_files import read_photograph
 from dfdbench.building.sources.matching import matching_of
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
@@ -37,6 +38,7 @@ from dfdbench.methods.process_state import seeded
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
+from dfdbench.results.run_folder import read_store_place
 from dfdbench.system.files import write_whole
 
 if TYPE_CHECKING:
@@ -111,9 +113,11 @@ class DepthPredictor:
             result = load_result(fitted / RESULT)
             method = method or result.method.name
             given = {**result.method.parameters, **given}
-            self._scale = _scale_of(result)
+            self._scale = _scale_of(result, fitted)
             if "recipe" in result.method.uses:
                 given["recipe"] = result.dataset.recipe["parameters"]
+        elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
+            raise InputError("no such run", where=str(camera), fix="name the folder of a run")
         elif camera is not None:
             given["recipe"], self._scale = _blur(camera)
         if method is None:
@@ -427,9 +431,17 @@ def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
     return fields, None
 
 
-def _scale_of(result: Result) -> DepthScale | None:
+def _scale_of(result: Result, folder: Path) -> DepthScale | None:
     try:
-        return find_manifest(result.dataset.name).depth.scale
+        return open_dataset(read_store_place(folder) or result.dataset.name).manifest.depth.scale
+    except DfdbenchError:
+        return _scale_of_name(result.dataset.name)
+
+
+def _scale_of_name(name: str) -> DepthScale | None:
+    # The store may lie on another machine.
+    try:
+        return find_manifest(name).depth.scale
     except DfdbenchError:
         return None
 

@@ -21,7 +21,7 @@ from dfdbench.evaluation.pair import (
     blank_record,
 )
 from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run, protocols_on
-from dfdbench.methods.calling import UNIT_LEVELS, difference
+from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
@@ -414,6 +414,8 @@ def _warnings(
         )
     if evaluated and _warned(evaluated, UNIT_LEVELS) == len(evaluated):
         warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
+    if far := _warned(evaluated, MILLIMETRES):
+        warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
     together = sum(not pair.timed_alone for pair in evaluated)
     if together:
         pairs_together = counted(together, "pair")

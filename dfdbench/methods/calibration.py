@@ -32,7 +32,7 @@ from dfdbench.methods.fitted import part_of
 from dfdbench.methods.law_cost import blur
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
-from dfdbench.methods.stacks import is_pair, sharp_and_blurred
+from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
 from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
 
@@ -273,26 +273,10 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     return _calibrate(captures, _of_stack)
 
 
-def _require_alike(captures: Sequence[TrainingPair]) -> None:
-    """Refuse captures of different cameras: one law would be fitted to many."""
-    known: dict[str, Array] = {}
-    for place in _places(len(captures)):
-        stack = captures[place].stack
-        facts = {} if is_pair(stack) else {"focus_depth": "focused alike"}
-        facts["f_number"] = "taken at one aperture"
-        for fact, how in facts.items():
-            there = np.asarray(stack[fact].values[stack["role"] != "infocus"])
-            alike = known.setdefault(fact, there)
-            if there.shape != alike.shape or not np.allclose(there, alike, 1e-3, equal_nan=True):
-                what = f"the training captures are not {how}, {alike} and {there}"
-                fix = "fit to captures of one kind: a manifest with one value of that axis"
-                raise MethodError(what, where=fact, fix=fix)
-
-
 def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:
     if not len(captures):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
-    _require_alike(captures)
+    require_alike(captures)
     changes = _changes(captures, read)
     parts = _parts(captures, read, changes)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]

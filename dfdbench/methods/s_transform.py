@@ -21,7 +21,7 @@ from dfdbench.methods.fitted import (
     odd_window,
     require_window_fits,
 )
-from dfdbench.methods.method import Learned
+from dfdbench.methods.method import Learned, TrainingPair
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no
@@ -104,7 +104,14 @@ class STransform:
         """Learns the table of variance and depth; None if a recipe gives it."""
         if self._recipe is not None:
             return None
-        return lambda pairs: depth_table(self.variance, pairs, _NAME)
+
+        def learn(pairs: Sequence[TrainingPair]) -> Learned:
+            from dfdbench.methods.stacks import require_alike
+
+            require_alike(pairs)
+            return depth_table(self.variance, pairs, _NAME)
+
+        return learn
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
+from dfdbench.methods.fitted import evenly_spread
 from dfdbench.methods.shape_from_focus import ShapeFromFocus
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from dfdbench.methods.method import TrainingPair
 
 Image = NDArray[np.uint8]
+# Captures of which it is asked whether they are alike.
+_LOOKED_AT = 16
 
 
 def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
@@ -85,3 +88,19 @@ def farther_is_higher(captures: Sequence[TrainingPair]) -> bool:
 def is_pair(stack: DataArray) -> bool:
     """Return whether there is one in-focus and one defocus image."""
     return sorted(stack["role"].values.tolist()) == ["defocus", "infocus"]
+
+
+def require_alike(captures: Sequence[TrainingPair]) -> None:
+    """Refuse captures of different cameras: one law would be fitted to many."""
+    known: dict[str, NDArray[np.float64]] = {}
+    for place in evenly_spread(len(captures), _LOOKED_AT):
+        stack = captures[place].stack
+        facts = {} if is_pair(stack) else {"focus_depth": "focused alike"}
+        facts["f_number"] = "taken at one aperture"
+        for fact, how in facts.items():
+            there = np.asarray(stack[fact].values[stack["role"] != "infocus"])
+            alike = known.setdefault(fact, there)
+            if there.shape != alike.shape or not np.allclose(there, alike, 1e-3, equal_nan=True):
+                what = f"the training captures are not {how}, {alike} and {there}"
+                fix = "fit to captures of one kind: a manifest with one value of that axis"
+                raise MethodError(what, where=fact, fix=fix)

@@ -40,9 +40,11 @@ _FARTHEST = 0.06
 # has to go with the radius, else it is a shadow.
 _FIELDS = (12, 16)
 _BY_RADIUS = 0.5
-# Light that differs by more besides may be one: without it eight training sets and tracks of ours
-# have at most 0.021; a third of the image 10 % darker makes 0.04.
+# Light that differs by more besides may be one: a third of the image 10 % darker makes 0.04.
 _SHADOW = 0.03
+# A median's standard deviation over the median distance from it, for one value of a normal
+# distribution.
+_OF_MEDIANS = 1.858
 # Knots of the fall-off's curve: a stop before the lens cuts the corners alone, as no low polynomial
 # does.
 KNOTS = 9
@@ -250,6 +252,9 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         return ViewChange()
     typical = np.nanmedian(ratios, axis=0)
     channels = np.moveaxis(typical, -1, 0)
+    # Blur moves light between fields: by so much medians of that many captures differ by chance.
+    spread = np.nanmedian(np.abs(np.array(ratios) - typical), axis=0)
+    chance = np.square(_OF_MEDIANS * spread).sum() / len(captures)
     terms = np.mean([_knots_by_field(pair.infocus.shape) for pair in captures], axis=0)
     # Hardly anything lies at the last knot: the curve goes on there as it went before.
     bends = _STIFF * np.diff(np.eye(KNOTS), 2, axis=0)
@@ -266,9 +271,9 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
     fitted = [curve / curve[0] for curve in fitted]
     ends = np.array([curve[-1] for curve in fitted])
     if by_radius < _BY_RADIUS or np.abs(ends - 1).max() < _LEVEL or ends.min() < _DARK:
-        return ViewChange(uneven=float(np.sqrt(all_of_it / channels.size)))
+        return ViewChange(uneven=float(np.sqrt(max(all_of_it - chance, 0) / channels.size)))
     falloff = tuple(tuple(curve.tolist()) for curve in fitted)
-    return ViewChange(falloff=falloff, uneven=float(np.sqrt(left / channels.size)))
+    return ViewChange(falloff=falloff, uneven=float(np.sqrt(max(left - chance, 0) / channels.size)))
 
 
 def _knots_by_field(shape: Sequence[int]) -> Array:

@@ -9,10 +9,14 @@ from typer.testing import CliRunner
 
 from dfdbench.api import run as evaluate
 from dfdbench.blur.law import BlurLaw
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.evaluate import score_predictions
+from dfdbench.evaluation.predict import DepthPredictor
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.results.frame import frame_of
@@ -24,6 +28,7 @@ from dfdbench.results.summary import summarise
 from tests.evaluation.made_methods import grey as red
 from tests.evaluation.made_methods import method
 from tests.evaluation.made_predictions import in_metres, write_all
+from tests.made_stack_folder import STACK_TOML, make_stacks
 
 
 def grey(infocus: Any, defocus: Any, gain: float = 1.0) -> Any:
@@ -188,3 +193,25 @@ def test_what_looks_like_another_unit_is_said(tiny_store: Dataset, tmp_path: Pat
     assert done.result.method.scored == "metres"
     (told,) = [text for text in done.result.warnings if "beyond" in text]
     assert told.endswith("of all pixels lie beyond 0.5 to 2 m and count as the end")
+
+
+@pytest.fixture
+def in_metres_store(tmp_path: Path) -> Path:
+    manifest = parse_manifest(STACK_TOML.encode(), "mine-1.toml")
+    place = tmp_path / "one.zarr"
+    build_store(manifest, open_source(manifest, make_stacks(tmp_path / "mine")), place)
+    return place
+
+
+def test_millimetres_for_metres_are_scored_and_told(in_metres_store: Path, tmp_path: Path) -> None:
+    def far(stack: Any) -> Any:
+        return np.full(stack.shape[1:3], 9000.0)
+
+    far.unit = "metres"  # type: ignore[attr-defined]
+    done = evaluate(far, str(in_metres_store), out=tmp_path / "run")
+    assert any("are these metres?" in note for note in done.notes)
+
+
+def test_a_fit_on_a_set_of_one_s_own_knows_its_scale(in_metres_store: Path, tmp_path: Path) -> None:
+    evaluate("s-transform", str(in_metres_store), out=tmp_path / "run")
+    assert "0.5 m" in DepthPredictor(None, tmp_path / "run").meaning

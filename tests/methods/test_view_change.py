@@ -2,6 +2,7 @@
 
 import re
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -99,6 +100,16 @@ def test_a_shadow_is_no_fall_off() -> None:
     assert found.has_shadow
     assert "a shadow?" in found.words()
     assert not find_change([pair(number) for number in range(4)]).has_shadow
+
+
+def test_light_that_varies_from_capture_to_capture_is_no_shadow() -> None:
+    random = np.random.default_rng(0)
+    varied = []
+    for number in range(4):
+        fields = cv2.resize(random.normal(1, 0.08, (12, 16)), SHAPE[::-1], interpolation=0)
+        light = decode(pair(number).defocus.astype(float)) * fields[..., None]
+        varied.append(pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8)))
+    assert not find_change(varied).has_shadow
 
 
 def test_two_captures_and_one_without_texture_say_nothing() -> None:
