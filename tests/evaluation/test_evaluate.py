@@ -209,7 +209,7 @@ def test_millimetres_for_metres_are_scored_and_told(in_metres_store: Path, tmp_p
 
     far.unit = "metres"  # type: ignore[attr-defined]
     done = evaluate(far, str(in_metres_store), out=tmp_path / "run")
-    assert any("are these metres?" in note for note in done.notes)
+    assert any("are these metres?" in text for text in done.result.warnings)
 
 
 def test_a_fit_on_a_set_of_one_s_own_knows_its_scale(in_metres_store: Path, tmp_path: Path) -> None:
