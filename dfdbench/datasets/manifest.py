@@ -95,9 +95,14 @@ class Depth(StrictRecord):
     def of_unit(
         self, depth: NDArray[np.float32], unit: Literal["levels", "metres"]
     ) -> NDArray[np.float32]:
-        """Return depth in levels or metres in this kind; `scale` says how, where they differ."""
-        if unit == self.kind or self.scale is None:
+        """Return depth in levels or metres in this kind; `scale` says how, where they differ.
+
+        Metres beyond the scale's ends become the end.
+        """
+        if self.scale is None or unit == self.kind == "levels":
             return depth
+        if unit == self.kind:
+            return np.clip(depth, self.scale.near, self.scale.far)
         turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
         return turn(depth).astype(np.float32)
 

@@ -19,7 +19,7 @@ from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
-from dfdbench.methods.calling import MILLIMETRES, MUCH_FARTHER, UNIT_LEVELS, call, in_unit_range
+from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
@@ -209,7 +209,8 @@ def record_of(
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
     if about.kind == "levels" and in_unit_range(prediction.depth):
         warnings.append(UNIT_LEVELS)
-    if about.kind == "metres" and np.median(prediction.depth) > MUCH_FARTHER * np.nanmax(truth):
+    far = np.float32(about.ends[1])
+    if about.kind == "metres" and about.scale and np.median(prediction.depth) >= far:
         warnings.append(MILLIMETRES)
     crop = store.manifest.network_crop
     scores = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import re
@@ -432,18 +433,13 @@ def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
 
 
 def _scale_of(result: Result, folder: Path) -> DepthScale | None:
-    try:
-        return open_dataset(read_store_place(folder) or result.dataset.name).manifest.depth.scale
-    except DfdbenchError:
-        return _scale_of_name(result.dataset.name)
-
-
-def _scale_of_name(name: str) -> DepthScale | None:
-    # The store may lie on another machine.
-    try:
+    # The store may lie on another machine, and a set of one's own has no manifest here.
+    name = result.dataset.name
+    with contextlib.suppress(DfdbenchError):
         return find_manifest(name).depth.scale
-    except DfdbenchError:
-        return None
+    with contextlib.suppress(DfdbenchError):
+        return open_dataset(read_store_place(folder) or name).manifest.depth.scale
+    return None
 
 
 def _size(image: Image) -> str:

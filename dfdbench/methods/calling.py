@@ -80,9 +80,8 @@ _ROUNDING = 1e-3
 
 #: What is said of depth maps in which 1 seems to stand for the nearest.
 UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
-#: What is said of depth maps in which 1000 seems to stand for a metre, and from how many times on.
-MILLIMETRES = "a hundred times as far as the truth, or farther: are these metres?"
-MUCH_FARTHER = 100
+#: What is said of depth maps in which 1000 seems to stand for a metre.
+MILLIMETRES = "most of it at the set's far end or beyond, where it ends: are these metres?"
 
 
 def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from dfdbench.methods.method import TrainingPair
 
 Image = NDArray[np.uint8]
-# Captures of which it is asked whether they are alike.
-_LOOKED_AT = 16
+# Captures of which it is asked whether they are alike: the first, which go through the values of
+# axes, and as many evenly among all, which alone might always meet the same value.
+_LOOKED_AT = 8
 
 
 def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
@@ -93,7 +94,8 @@ def is_pair(stack: DataArray) -> bool:
 def require_alike(captures: Sequence[TrainingPair]) -> None:
     """Refuse captures of different cameras: one law would be fitted to many."""
     known: dict[str, NDArray[np.float64]] = {}
-    for place in evenly_spread(len(captures), _LOOKED_AT):
+    count = len(captures)
+    for place in {*range(min(count, _LOOKED_AT)), *evenly_spread(count, _LOOKED_AT)}:
         stack = captures[place].stack
         facts = {} if is_pair(stack) else {"focus_depth": "focused alike"}
         facts["f_number"] = "taken at one aperture"

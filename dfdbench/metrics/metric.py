@@ -276,16 +276,17 @@ class Metric:
         return f"{self.title} ({'higher' if self.larger_is_better else 'lower'} is better)"
 
 
-# Far above any distance that a camera sees, and any answer; sums of such numbers stay finite.
-_FAR = 1e9
+# Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
 _METRICS = {
     metric.name: metric
     for metric in (
-        Metric("nrmse", False, nrmse, 0, _FAR),
-        Metric("nmae", False, nmae, 0, _FAR),
+        Metric("nrmse", False, nrmse, 0, 255),
+        Metric("nmae", False, nmae, 0, 255),
         Metric("ssim", True, ssim, -1, 1, data_range=255.0),
     )
 }
+# Far above any distance that a camera sees; sums of such numbers stay finite.
+_FAR = 1e9
 _IN_METRES = {
     metric.name: metric
     for metric in (

@@ -11,6 +11,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import ResultError
@@ -180,8 +181,8 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
             raise ValueError(f"{array}")
         depth = np.asarray(array[index])
         kept = not np.isnan(depth).all()
-        if kept and not ((depth >= 0) & (depth < np.inf)).all():
-            raise ValueError("depth that is negative or infinite")
+        if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
+            raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         maps = f"depth maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them"
         what, fix = f"not a run's {maps}: {error!s:.200}", "run the method again with --fresh"

@@ -139,6 +139,10 @@ def test_training_captures_have_to_be_of_one_aperture() -> None:
         capture.stack = capture.stack.assign_coords(f_number=("image", [16.0] + [number] * 4))
     with pytest.raises(MethodError, match="not taken at one aperture"):
         calibrate_images(captures)
+    # Every fifth is of another aperture, which captures evenly among all would miss.
+    by_scene = [captures[number % 5 == 3] for number in range(80)]
+    with pytest.raises(MethodError, match="not taken at one aperture"):
+        calibrate_images(by_scene)
 
 
 def test_favaro_and_soatto_take_any_number_of_images() -> None:
