@@ -54,8 +54,10 @@ def with_a_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def labels_of(figure: Figure | None) -> str:
+    """The labels as they are read, wherever a caption is wrapped."""
     assert figure is not None
-    return " ".join(f"{axis.get_xlabel()} {axis.get_ylabel()}" for axis in figure.axes)
+    labels = (f"{axis.get_xlabel()} {axis.get_ylabel()}" for axis in figure.axes)
+    return " ".join(" ".join(labels).split())
 
 
 def figures_of(
