@@ -169,7 +169,7 @@ class Blurred:
     spread: NDArray[np.float64]
 
     def of_level(self, level: int) -> NDArray[np.float32]:
-        """Return the image blurred at one of the levels asked for, (y, x, channel), as nodes are."""
+        """Return the image blurred at one of the levels asked for, (y, x, channel)."""
         # As one matrix: of an array of four axes numpy takes each pixel by itself.
         taken = self.nodes.reshape(-1, len(self.factors)) @ self.factors[:, level].copy()
         return np.asarray(taken.reshape(self.aim.shape), np.float32)
