@@ -169,10 +169,11 @@ class Blurred:
     spread: NDArray[np.float64]
 
     def of_level(self, level: int) -> NDArray[np.float32]:
-        """Return the image blurred at one of the levels asked for, (y, x, channel)."""
-        # As one matrix: of an array of four axes numpy takes each pixel by itself.
-        taken = self.nodes.reshape(-1, len(self.factors)) @ self.factors[:, level].copy()
-        return np.asarray(taken.reshape(self.aim.shape), np.float32)
+        """Return the in-focus image as it would look at one level: (y, x, channel).
+
+        In the unit of the nodes; `level` is a place among the levels that were asked for.
+        """
+        return np.asarray(self.nodes @ self.factors[:, level], np.float32)
 
 
 def blurred_by(
