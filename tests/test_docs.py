@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.methods.calling import check_depth
+from dfdbench.methods.calling import check_answer
 from dfdbench.methods.registry import built_in_methods
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -120,7 +120,7 @@ def test_the_adapter_for_a_published_stack_network_runs(
             "focus_distance": ("image", [np.nan, 2.0, 1.0]),
         },
     )
-    found = check_depth(method(stack), (33, 50), "metres")
+    found = check_answer(method(stack), (33, 50), "metres")
     assert found[0] is not None
     assert (found[0][:, 25:] == 2.0).all()
     assert torch.is_grad_enabled()

@@ -16,10 +16,9 @@ from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.errors import ResultError
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.run_folder import read_prediction, require_pairs_of
+from dfdbench.results.run_folder import answer_digest, read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, counted, percent
@@ -191,12 +190,16 @@ def kept_predictions(
     for pair in evaluated:
         depth, valid = store.read_levels(pair.pair)
         prediction = read_prediction(folder, pair.pair, depth.shape)
+        sigma = read_prediction(folder, pair.pair, depth.shape, "sigma")
         if prediction is None:
             problems.append(("no prediction was kept", pair.id))
-        elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
+        elif answer_digest(prediction, sigma) != pair.prediction_sha256:
             problems.append(("the prediction is not the result's", pair.id))
         else:
-            yield pair, depth, valid, store.manifest.depth.exact_levels(prediction)
+            # Errors are of what was answered.
+            answered = ~np.isnan(prediction)
+            levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
+            yield pair, depth, valid & answered, levels
     if problems or not evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
         what += f" ({len(problems)} of {len(evaluated)} pairs)"

@@ -43,8 +43,8 @@ class RowRun(Record):
 
     Lists have a place for each of the row's pairs, null if it was not evaluated. `method` and
     `environment` hold what differs from the row's. If the run went on elsewhere, `machine` says for
-    each pair where: 0 for `environment`, then `other_environments`. `scores` are by protocol and
-    metric.
+    each pair where: 0 for `environment`, then `other_environments`. `answered` is the share of each
+    pair's pixels that have an answer, empty where all have. `scores` are by protocol and metric.
     """
 
     label: Annotated[str, Field(json_schema_extra={"enum": list(_LABELS)})]
@@ -59,6 +59,7 @@ class RowRun(Record):
     timed_alone: bool = True
     seconds: list[record.Seconds | None]
     prediction_sha256: list[record.Sha256 | None]
+    answered: list[record.Share] = Field(default_factory=list)
     scores: dict[Name, dict[Name, list[record.Finite | None]]]
     numbers: dict[str, list[record.Number | None]] = Field(default_factory=dict)
     warnings: list[str] = Field(default_factory=list)
@@ -89,6 +90,7 @@ class RowRun(Record):
                 timed_alone=self.timed_alone,
                 machine=self.machine[at] if self.machine else 0,
                 prediction_sha256=self.prediction_sha256[at],
+                answered=self.answered[at] if self.answered else 1.0,
                 scores={
                     label: {name: column[at] for name, column in columns.items()}
                     for label, columns in self.scores.items()
@@ -139,7 +141,11 @@ class Row(Record):
         taken: set[tuple[str, str]] = set()
         for run in self.runs:
             done = [status == "ok" for status in run.status]
-            whole = (("status", run.status), ("machine", run.machine or run.status))
+            whole = (
+                ("status", run.status),
+                ("machine", run.machine or run.status),
+                ("answered", run.answered or run.status),
+            )
             for name, column in (*whole, *run.columns()):
                 if len(column) != len(self.pairs):
                     raise ValueError(
@@ -283,6 +289,7 @@ def _run_of(result: record.Result, first: record.Result) -> RowRun:
         timed_alone=all(pair.timed_alone for pair in pairs),
         seconds=[pair.seconds for pair in pairs],
         prediction_sha256=[pair.prediction_sha256 for pair in pairs],
+        answered=[pair.answered for pair in pairs] if any(p.answered < 1 for p in pairs) else [],
         scores=scores,
         numbers={name: [pair.numbers.get(name) for pair in pairs] for name in numbers},
         warnings=result.warnings,

@@ -17,10 +17,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table, counted
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dfdbench.evaluation.predict import DepthPredictor
+    from dfdbench.evaluation.predict import DepthPredictor, Estimate
 
 
 def predict(
@@ -34,8 +31,8 @@ def predict(
     out: Annotated[
         Path,
         Option(
-            help="A depth map, .npy or .png (16 bit: level times 256, or mm). Of a folder: a "
-            "folder, or a .zip as ZEDD's test server takes it."
+            help="A depth map, .npy, .png (16 bit: level times 256, or mm), or .npz, which holds "
+            "sigma too. Of a folder: a folder, or a .zip as ZEDD's test server takes it."
         ),
     ],
     method: Annotated[
@@ -94,15 +91,22 @@ def predict(
 def _predict_pair(
     predictor: DepthPredictor, images: list[Path], out: Path, figure: Path | None
 ) -> None:
+    import numpy as np
+
     from dfdbench.evaluation.predict import read_image, write_depth
 
     sharp, blurred = map(read_image, images)
     with progress("estimating depth", "nothing was written"):
         estimate = predictor(sharp, blurred)
-    write_depth(out, estimate.depth, predictor.unit)
+    write_depth(out, estimate.depth, predictor.unit, estimate.sigma)
     if estimate.found:
         say(f"matched      {estimate.found}")
     say(f"time         {estimate.seconds:.1f} s")
+    if estimate.sigma is not None:
+        where = "beside the depth" if out.suffix == ".npz" else f"not in {out.name}: --out NAME.npz"
+        say(f"sigma        {float(np.nanmedian(estimate.sigma)):.3g}, the median pixel's; {where}")
+    if gaps := np.count_nonzero(np.isnan(estimate.depth)):
+        say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
     print(f"depth        {out}: {predictor.meaning}")
     if figure:
         from dfdbench.cli.screen import save_figure
@@ -116,23 +120,28 @@ def _predict_folder(
 ) -> None:
     from dfdbench.evaluation.predict import read_image, read_stack, write_depth, write_submission
 
-    zipped = out.suffix == ".zip"
+    zipped, sure = out.suffix == ".zip", 0
 
-    def estimates() -> Iterator[tuple[str, NDArray[np.float32]]]:
+    def estimates() -> Iterator[tuple[str, Estimate]]:
         for number, (name, paths) in enumerate(captures.items(), 1):
             if len(paths) == 1:
                 estimate = predictor.of_stack(read_stack(*paths))
             else:
                 estimate = predictor(*map(read_image, paths))
-            yield name, predictor.metres(estimate.depth) if zipped else estimate.depth
+            yield name, estimate
             step(number, len(captures))
 
     with progress("estimating depth", "the same command begins anew") as step:
         if zipped:
-            write_submission(out, estimates())
+            depths = ((name, predictor.metres(found.depth)) for name, found in estimates())
+            write_submission(out, depths)
         else:
-            for name, depth in estimates():
-                write_depth(out / f"{name}.npy", depth)
+            for name, found in estimates():
+                ending = "npy" if found.sigma is None else "npz"
+                sure += found.sigma is not None
+                write_depth(out / f"{name}.{ending}", found.depth, sigma=found.sigma)
+    if sure:
+        say(f"sigma        beside the depth of {counted(sure, 'map')}, in .npz files")
     meaning = "distances in metres" if zipped else predictor.meaning
     print(f"depth        {out}: {counted(len(captures), 'map')} of {meaning}")
 

@@ -279,6 +279,7 @@ def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit
         if not all(result.complete for result in done.results.values()):
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
+        _say_sureness(done.result, done.protocol)
         say_overall(done.result, done.protocol)
     if done.failed and not done.result.method.scored:
         raise typer.Exit(1)
@@ -298,8 +299,24 @@ def say_overall(result: Result, protocol: str) -> None:
         done = f"{data.evaluated} of {counted(data.expected, 'pair')}"
         say(f"overall      no score: {done} were evaluated{why}  ({under})")
         return
+    if gaps := sum(pair.lacks_answers(protocol) for pair in result.pairs):
+        why = f"{counted(gaps, 'pair')} without an answer for every pixel"
+        say(f"overall      no score: {why}  ({under}; --protocol sure)")
+        return
     scores = "  ".join(f"{find_metric(n).title} {score_text(v)}" for n, v in averages.items())
     say(f"overall      {scores}  ({under}, {counted(data.expected, 'pair')})")
+
+
+def _say_sureness(result: Result, protocol: str) -> None:
+    """Say how sure the method is and whether rightly, if it says so and that is not said last."""
+    from dfdbench.metrics.metric import find_metric
+    from dfdbench.metrics.protocol import SURE
+    from dfdbench.results.wording import score_text
+
+    averages = (result.averages or {}).get(SURE)
+    if averages and protocol != SURE:
+        scores = (f"{find_metric(n).title} {score_text(v)}" for n, v in averages.items())
+        say(f"sure         {'  '.join(scores)}")
 
 
 def _say_score(label: str, result: Result, protocol: str) -> None:

@@ -106,6 +106,25 @@ class Depth(StrictRecord):
         turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
         return turn(depth).astype(np.float32)
 
+    def answer_of_unit(
+        self,
+        depth: NDArray[np.float32],
+        sigma: NDArray[np.float32] | None,
+        unit: Literal["levels", "metres"],
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return depth as `of_unit` does, and its standard deviation by the slope of the scale.
+
+        The slope is that over a thousandth of the range; beyond the scale's ends, of the end.
+        """
+        found = self.of_unit(depth, unit)
+        if sigma is None or unit == self.kind or self.scale is None:
+            return found, sigma
+        first, last = (0.0, 255.0) if unit == "levels" else (self.scale.near, self.scale.far)
+        step = np.float32((last - first) / 1000)
+        middle = np.clip(depth, first + step, last - step)
+        rise = self.of_unit(middle + step, unit) - self.of_unit(middle - step, unit)
+        return found, np.asarray(sigma * np.abs(rise) / (2 * step), np.float32)
+
     def exact_levels(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return depth of this kind, without NaN, as levels that are not rounded."""
         if self.kind == "levels" or self.scale is None:

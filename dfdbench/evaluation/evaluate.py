@@ -181,10 +181,11 @@ def score_predictions(
         records: dict[str, PairResult] = {}
         for number, pair in enumerate(found.files, 1):
             images = store.read(pair)
-            depth = found.read(pair, store.shape_of(pair.scene))
-            record = record_of(store, images, Prediction(depth, 0.0), protocols_on(store))
+            depth, sigma = found.read(pair, store.shape_of(pair.scene))
+            answer = Prediction(depth, 0.0, sigma=sigma)
+            record = record_of(store, images, answer, protocols_on(store))
             records[pair.id] = record.model_copy(update={"seconds": None})
-            keep_prediction(folder, store.manifest, pair, depth)
+            keep_prediction(folder, store.manifest, pair, depth, sigma)
             if on_pair:
                 on_pair(number, len(found.files))
         pairs = [

@@ -9,11 +9,9 @@ from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
@@ -23,10 +21,11 @@ from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, in_unit_ran
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
-from dfdbench.metrics.protocol import Protocol, score
+from dfdbench.metrics.protocol import RELEASED, SURE, Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
+from dfdbench.results.run_folder import answer_digest
 from dfdbench.system.location import is_local
 
 #: How a pair's warning begins where the method printed, where its depth goes the wrong way, and
@@ -35,15 +34,15 @@ PRINTED = "printed"
 TURNED = "depth falls where the truth rises"
 DIFFERS = "a second call on the same pair"
 
-#: What became of a pair, and its depth map where there is one.
-Evaluated = tuple[PairResult, NDArray[np.float32] | None]
+#: What became of a pair, and the answer, in the data set's unit.
+Evaluated = tuple[PairResult, Prediction]
 
 
 class EvaluatedElsewhere(NamedTuple):
     """What became of a pair in another process: what that had used until then, and where it is."""
 
     record: PairResult
-    depth: NDArray[np.float32] | None
+    answer: Prediction
     used: Hashes
     environment: Environment
 
@@ -91,8 +90,9 @@ class PairEvaluator:
         if prediction.depth is not None:
             # What is beyond the set's ends becomes the end.
             about, answered = self._store.manifest.depth, self._method.answers_in(unit)
-            prediction = replace(prediction, depth=about.of_unit(prediction.depth, answered))
-        return record_of(self._store, images, prediction, self._protocols), prediction.depth
+            depth, sigma = about.answer_of_unit(prediction.depth, prediction.sigma, answered)
+            prediction = replace(prediction, depth=depth, sigma=sigma)
+        return record_of(self._store, images, prediction, self._protocols), prediction
 
 
 @dataclass(frozen=True)
@@ -142,9 +142,9 @@ class RemoteEvaluator:
             If this process has other versions, or another version of the method.
         """
         method, evaluate = _evaluator_here(self)
-        record, depth = evaluate(pair)
+        record, answer = evaluate(pair)
         record = record.model_copy(update={"timed_alone": False})
-        return EvaluatedElsewhere(record, depth, method.used, _environment_here())
+        return EvaluatedElsewhere(record, answer, method.used, _environment_here())
 
 
 @lru_cache(maxsize=1)
@@ -193,7 +193,7 @@ def record_of(
     prediction : Prediction
         Depth levels, or why there are none.
     protocols : iterable of Protocol
-        Under which to score.
+        Under which to score; `SURE` besides where pixels have a sigma or no answer.
     """
     warnings = []
     if prediction.printed:
@@ -203,27 +203,32 @@ def record_of(
     if prediction.depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
     about = store.manifest.depth
-    truth = images.truth
-    likeness = correlation(truth[images.valid], prediction.depth[images.valid])
+    truth, answered = images.truth, ~np.isnan(prediction.depth)
+    known = images.valid & answered
+    likeness = correlation(truth[known], prediction.depth[known])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
     if about.kind == "levels" and in_unit_range(prediction.depth):
         warnings.append(UNIT_LEVELS)
     far = np.float32(about.ends[1])
-    if about.kind == "metres" and about.scale and np.median(prediction.depth) >= far:
+    if about.kind == "metres" and about.scale and np.nanmedian(prediction.depth) >= far:
         warnings.append(MILLIMETRES)
-    crop = store.manifest.network_crop
+    crop, sigma = store.manifest.network_crop, prediction.sigma
+    chosen = {protocol.label: protocol for protocol in protocols}
+    if sigma is not None or not answered.all():
+        chosen[SURE] = RELEASED[SURE]
     scores = {
-        protocol.label: score(
-            protocol, truth, images.valid, prediction.depth, crop, about.scale, about.kind
+        label: score(
+            protocol, truth, images.valid, prediction.depth, crop, about.scale, about.kind, sigma
         )
-        for protocol in protocols
+        for label, protocol in chosen.items()
     }
     return blank.model_copy(
         update={
             "status": "ok",
             "seconds": prediction.seconds,
-            "prediction_sha256": array_digest("depth", ("y", "x"), prediction.depth),
+            "prediction_sha256": answer_digest(prediction.depth, sigma),
+            "answered": float(answered.mean()),
             "scores": {name: pair_scores(scored) for name, scored in scores.items()},
             "numbers": prediction.numbers,
             "warnings": warnings,

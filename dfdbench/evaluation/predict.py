@@ -58,16 +58,21 @@ class Estimate:
     Parameters
     ----------
     depth : ndarray of float32, shape (y, x)
-        Depth levels, 0 (far) to 255 (near), or metres, on the in-focus image's pixels.
+        Depth levels, 0 (far) to 255 (near), or metres, on the in-focus image's pixels; NaN where
+        the method has no answer.
     seconds : float
         How long the method took.
     found : str
         How the photographs were laid on each other, in words; empty if they were in register.
+    sigma : ndarray of float32, shape (y, x), or None
+        The standard deviation that the method gives each pixel, in the unit of the depth; None
+        where it gives none.
     """
 
     depth: NDArray[np.float32]
     seconds: float
     found: str = ""
+    sigma: NDArray[np.float32] | None = None
 
 
 class DepthPredictor:
@@ -196,7 +201,7 @@ class DepthPredictor:
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
             raise MethodError(f"no depth map: {answer.error}", where=self.method.entry)
-        return Estimate(answer.depth, answer.seconds, found)
+        return Estimate(answer.depth, answer.seconds, found, answer.sigma)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
         """Estimate depth from an in-focus and a defocus image, RGB, uint8 of shape (y, x, 3).
@@ -255,7 +260,8 @@ def predict(
     Returns
     -------
     ndarray of float32, shape (y, x)
-        Depth levels, 0 (far) to 255 (near), or metres where the method answers in those.
+        Depth levels, 0 (far) to 255 (near), or metres where the method answers in those; NaN where
+        it has no answer. How sure it is `DepthPredictor` gives besides, as ``Estimate.sigma``.
 
     Raises
     ------
@@ -296,23 +302,38 @@ def read_image(path: Path) -> Image:
         raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
 
-def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -> None:
+def write_depth(
+    path: Path,
+    depth: NDArray[np.float32],
+    unit: Unit = "levels",
+    sigma: NDArray[np.float32] | None = None,
+) -> None:
     """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
+
+    Only ``.npz`` has room for sigma too, the standard deviation of each pixel: arrays ``depth`` and
+    ``sigma``, as ``dfdbench score`` reads them.
 
     Raises
     ------
     InputError
-        If the file's name ends otherwise, or it cannot be written.
+        If the file's name ends otherwise, it cannot be written, or it is a PNG file and pixels have
+        no answer.
     """
     file = io.BytesIO()
     if path.suffix == ".npy":
         np.save(file, depth)
+    elif path.suffix == ".npz":
+        arrays: dict[str, Any] = {"depth": depth} | ({} if sigma is None else {"sigma": sigma})
+        np.savez_compressed(file, **arrays)
     elif path.suffix == ".png":
+        if gaps := np.count_nonzero(np.isnan(depth)):
+            what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
+            raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
         PIL.Image.fromarray(
             np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
         ).save(file, "png")
     else:
-        raise InputError("a depth map is written as .npy or .png", where=str(path))
+        raise InputError("a depth map is written as .npy, .npz or .png", where=str(path))
     _write_content(path, file.getvalue(), "depth map")
 
 

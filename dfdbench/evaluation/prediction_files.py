@@ -12,7 +12,7 @@ from PIL import Image
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Depth, Pair
 from dfdbench.errors import Problem, ResultError, reason_of
-from dfdbench.methods.calling import check_depth
+from dfdbench.methods.calling import check_answer
 from dfdbench.metrics.protocol import Unit
 from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
 from dfdbench.tables.table import listed
@@ -54,11 +54,13 @@ class PredictionFiles:
     beyond: float = 0.0
     highest: float = 255.0
 
-    def read(self, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return a pair's depth map in the data set's unit, shape (y, x)."""
-        depth, _, wrong = _depth(self.files[pair], shape, self.unit, self.about)
+    def read(
+        self, pair: Pair, shape: tuple[int, int]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x)."""
+        depth, sigma, _, wrong = _answer(self.files[pair], shape, self.unit, self.about)
         assert depth is not None, wrong  # it was read before
-        return depth
+        return depth, sigma
 
 
 def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
@@ -77,7 +79,8 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
         Which pairs.
     unit : {"levels", "metres"}
         What they hold. Arrays (npy, npz) and TIFF files of floats hold the unit itself; 8-bit
-        images levels; 16-bit images levels times 256 or millimetres.
+        images levels; 16-bit images levels times 256 or millimetres. Of an npz file its array
+        ``depth`` is taken, and ``sigma``, the standard deviation of each pixel, if it has one.
 
     Raises
     ------
@@ -94,10 +97,10 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     wrong: list[Problem] = []
     for pair in (pair for pair in wanted if pair in files):
         shape = store.shape_of(pair.scene)
-        depth, outside, text = _depth(files[pair], shape, unit, about)
+        depth, _, outside, text = _answer(files[pair], shape, unit, about)
         pixels, beyond = pixels + shape[0] * shape[1], beyond + outside
         if depth is not None:
-            highest = max(highest, float(depth.max()))
+            highest = max(highest, float(np.nanmax(depth)))
         else:
             expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
             wrong.append(Problem(text, where=str(files[pair]), expected=expected))
@@ -172,45 +175,50 @@ def _sorted_out(
     return files, problems
 
 
-def _depth(
-    path: Path, shape: tuple[int, int], unit: Unit, about: Depth
-) -> tuple[NDArray[np.float32] | None, int, str]:
-    """Return a file's depth in the set's unit, how many pixels lie beyond its ends, what is wrong.
+Depths = NDArray[np.float32]
 
-    Metres of a set in metres have no ends.
+
+def _answer(
+    path: Path, shape: tuple[int, int], unit: Unit, about: Depth
+) -> tuple[Depths | None, Depths | None, int, str]:
+    """Return a file's depth and sigma in the set's unit, how many pixels are beyond, what is wrong.
+
+    Beyond the set's ends, which metres of a set in metres have not.
     """
     try:
-        values = _read(path, unit)
+        values, spread = _read(path, unit)
     except UNREADABLE_IMAGE as error:
         # What is no array NumPy takes for a pickle, and says how it would run it.
         reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
-        return None, 0, f"cannot be read: {reason}"
+        return None, None, 0, f"cannot be read: {reason}"
     if unit == "metres" and values.shape == shape and values.dtype.kind in "uif":
-        bad = int(np.size(values) - np.count_nonzero(np.isfinite(values) & (values > 0)))
+        bad = np.count_nonzero(np.isinf(values) | (values <= 0))
         if bad:
-            return None, 0, f"holds no distance in {bad} of {values.size} pixels"
-    depth, wrong = check_depth(values, shape, unit)
+            return None, None, 0, f"holds no distance in {bad} of {values.size} pixels"
+    depth, sigma, wrong = check_answer(values if spread is None else (values, spread), shape, unit)
     beyond, scale = 0, about.scale
-    if depth is not None and unit == "metres" and about.kind == "levels" and scale is not None:
+    if depth is None:
+        return None, None, 0, wrong.replace("returned", "holds", 1)
+    if unit == "metres" and about.kind == "levels" and scale is not None:
         beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
-    found = None if depth is None else about.of_unit(depth, unit)
-    return found, beyond, wrong.replace("returned", "holds", 1)
+    return *about.answer_of_unit(depth, sigma, unit), beyond, ""
 
 
-def _read(path: Path, unit: Unit) -> NDArray[Any]:
+def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        return np.asarray(load_array(path))
+        return np.asarray(load_array(path)), None
     if suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
             if len(arrays.files) != 1 and "depth" not in arrays:
                 raise ValueError(f"{len(arrays.files)} arrays, none of them called depth")
-            return np.asarray(arrays["depth" if "depth" in arrays else arrays.files[0]])
+            depth = np.asarray(arrays["depth" if "depth" in arrays else arrays.files[0]])
+            return depth, np.asarray(arrays["sigma"]) if "sigma" in arrays else None
     with Image.open(path) as image:
         image.load()
         # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
         mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
-        return _of_image(np.asarray(image), mode, unit)
+        return _of_image(np.asarray(image), mode, unit), None
 
 
 def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:

@@ -25,6 +25,7 @@ from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
+from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of
 from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
@@ -239,8 +240,9 @@ class _Journal:
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
             run_folder.keep_identity(self._folder, self._known.content)
-        if evaluated.depth is not None and plan.options.keep_predictions:
-            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, evaluated.depth)
+        depth, sigma = evaluated.answer.depth, evaluated.answer.sigma
+        if depth is not None and plan.options.keep_predictions:
+            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, depth, sigma)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
@@ -252,7 +254,8 @@ class _Journal:
         run_folder.add_to_journal(self._folder, record)
 
     def _compare(self, first: EvaluatedElsewhere, second: EvaluatedElsewhere) -> None:
-        differs = difference(first.depth, second.depth)
+        one, other = first.answer, second.answer
+        differs = difference(one.depth, other.depth) or difference(one.sigma, other.sigma)
         if differs:
             record = self._finished[first.record.id]
             said = [*record.warnings, f"{DIFFERS} {differs}"]
@@ -276,10 +279,10 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
         evaluate = PairEvaluator(plan.store, plan.method, plan.options.seed)
         environment = None
         for pair in to_do:
-            record, depth = evaluate(pair)
+            record, answer = evaluate(pair)
             # After the first pair: a method may load PyTorch only then.
             environment = environment or describe_environment()
-            journal.note(pair, EvaluatedElsewhere(record, depth, plan.method.used, environment))
+            journal.note(pair, EvaluatedElsewhere(record, answer, plan.method.used, environment))
         return
     remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(to_do), _BATCH):
@@ -319,8 +322,9 @@ def compose(
         Where the pairs were run, as their `machine` counts them; by default here.
     """
     first, *others = environments or [describe_environment()]
+    pairs, told = _with_sureness(pairs)
     evaluated = [pair for pair in pairs if pair.status == "ok"]
-    protocols = protocols_on(store)
+    protocols = [*protocols_on(store), *([RELEASED[SURE]] if told else [])]
     labels = [protocol.label for protocol in protocols]
     return Result(
         schema_version=1,
@@ -338,6 +342,25 @@ def compose(
             *warnings,
         ],
     )
+
+
+def _with_sureness(pairs: list[PairResult]) -> tuple[list[PairResult], bool]:
+    """Score all pairs for how sure the method is, where one is; say whether one is.
+
+    A pair that is answered everywhere without a sigma has its own error at any density.
+    """
+    if not any(SURE in pair.scores for pair in pairs):
+        return pairs, False
+
+    def filled(pair: PairResult) -> PairResult:
+        if pair.status != "ok" or SURE in pair.scores:
+            return pair
+        error = pair.score("valid", "nrmse")
+        scores = dict.fromkeys(metrics_of(SURE)) | {"density": 1.0}
+        scores |= {"nrmse_50": error, "nrmse_90": error}
+        return pair.model_copy(update={"scores": pair.scores | {SURE: scores}})
+
+    return [filled(pair) for pair in pairs], True
 
 
 def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -> DatasetRecord:

@@ -13,8 +13,8 @@ from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.methods.method import Method, teach
-from dfdbench.metrics.metric import IN_METRES, METRICS
-from dfdbench.metrics.protocol import find_protocol, ranked_by
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import SURE, find_protocol, ranked_by
 from dfdbench.results.record import protocol_on
 from dfdbench.results.wording import plain, score_text
 from dfdbench.tables.table import Table
@@ -61,9 +61,12 @@ def cross_validate(
             evaluator = PairEvaluator(store, ready, seed, [rule])
             for pair in (pair for pair in fold if pair in scored):
                 record, _ = evaluator(pair)
+                where = f"{pair.id} with {words(trial)}"
                 if record.error:
-                    where = f"{pair.id} with {words(trial)}"
                     raise MethodError(record.error, where=where)
+                if record.lacks_answers(rule.label):
+                    what = "pixels have no answer, and no score compares those that have one"
+                    raise MethodError(what, where=where, fix=f"--protocol {SURE}")
                 found.append(record.scores[rule.label])
                 done += 1
                 if on_pair:
@@ -75,7 +78,7 @@ def cross_validate(
 
 def tried_table(tried: pd.DataFrame, title: str) -> Table:
     """Return the table of what `cross_validate` found."""
-    metrics = {name: {**METRICS, **IN_METRES}[name] for name in map(str, tried)}
+    metrics = {name: find_metric(name) for name in map(str, tried)}
     names = [str(name) for name in tried.index.names]
     rows = [
         (*map(plain, parameters.values()), *map(score_text, scores))

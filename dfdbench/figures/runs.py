@@ -186,9 +186,10 @@ def _depth_counts(
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
         depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
-            levels = store.manifest.depth.exact_levels(prediction[valid])
+            counts = valid & ~np.isnan(prediction)
+            levels = store.manifest.depth.exact_levels(prediction[counts])
             answered = np.rint(levels).astype(np.int64)
-            truth += np.bincount(depth[valid], minlength=LEVELS)
+            truth += np.bincount(depth[counts], minlength=LEVELS)
             found += np.bincount(answered, minlength=LEVELS)
     return truth, found
 

@@ -111,10 +111,13 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
     [[1.0, 2.0], [3.0, 4.0]]
     >>> call(lambda infocus, defocus: infocus, image, image).error
     'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
+    >>> call(lambda infocus, defocus: (np.ones((2, 2)), np.full((2, 2), 5)), image, image).sigma
+    array([[5., 5.],
+           [5., 5.]], dtype=float32)
     """
     copies = [image.copy() for image in images]
     printed = _Printed()
-    depth, error = None, ""
+    depth, sigma, error = None, None, ""
     numbers: dict[str, float] = {}
     begin = time.perf_counter()
     try:
@@ -131,11 +134,11 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
         error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, error = check_depth(returned, images[0].shape[-3:-1], unit)
+        depth, sigma, error = check_answer(returned, images[0].shape[-3:-1], unit)
         if len(numbers) > _MOST_NUMBERS:
             error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
-            depth, numbers = None, {}
-    return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
+            depth, sigma, numbers = None, None, {}
+    return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers, sigma)
 
 
 class _Printed(io.StringIO):
@@ -145,54 +148,84 @@ class _Printed(io.StringIO):
         pass
 
 
-def check_depth(
+Depth = NDArray[np.float32]
+
+
+def check_answer(
     returned: Any, shape: tuple[int, ...], unit: Unit = "levels"
-) -> tuple[NDArray[np.float32] | None, str]:
+) -> tuple[Depth | None, Depth | None, str]:
     """Return a method's answer as float32, or None and what is wrong with it.
 
     Parameters
     ----------
     returned : object
-        What the method returned.
+        What the method returned: a depth map, NaN where it has no answer; or a tuple of one and of
+        sigma, the standard deviation that it gives each pixel.
     shape : tuple of int
         Of the images, (y, x).
     unit : {"levels", "metres"}
-        What it is in.
+        What both are in.
 
     Returns
     -------
     depth : ndarray of float32, shape (y, x), or None
-        Levels 0 to 255, or metres above 0.
+        Levels 0 to 255, or metres above 0; NaN where there is no answer.
+    sigma : ndarray of float32, shape (y, x), or None
+        Above 0, and NaN where there is no answer. None where the method gives none.
     wrong : str
         Empty where there is a depth map.
 
     Examples
     --------
-    >>> check_depth(np.full((2, 2), 300), (2, 2))
-    (None, 'returned levels from 300 to 300; expected 0 to 255')
+    >>> check_answer(np.full((2, 2), 300), (2, 2))
+    (None, None, 'returned levels from 300 to 300; expected 0 to 255')
+    >>> check_answer((np.ones((1, 2)), np.zeros((1, 2))), (1, 2))[2]
+    'returned sigma of 0 to 0; expected finite numbers above 0 wherever there is depth'
     """
     if returned is None:
-        return None, "returned None; expected depth levels: is a `return` missing?"
+        return None, None, "returned None; expected depth levels: is a `return` missing?"
     if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
-        return None, (
-            "returned a depth map and numbers; expected the depth map alone: "
-            "keep numbers in the method's attribute `numbers`, from which a result takes them"
+        return (
+            None,
+            None,
+            (
+                "returned a depth map and numbers; expected the depth map alone: "
+                "keep numbers in the method's attribute `numbers`, from which a result takes them"
+            ),
         )
-    if isinstance(returned, np.ma.MaskedArray) and np.ma.is_masked(returned):
-        count = np.count_nonzero(returned.mask)
-        return None, f"returned an array with {count} masked pixels; expected a level for each"
-    try:
-        array = np.asarray(without_gradient(returned))
-    except (Exception, SystemExit) as error:
-        return None, f"returned a {type(returned).__name__} that is no array: {describe(error)}"
-    if array.dtype.kind not in "uif":
-        return None, f"returned {array.dtype} values; expected real numbers"
-    if array.shape != shape:
-        return None, f"returned shape {array.shape}; expected {shape}, one depth level a pixel"
-    if not np.isfinite(array).all():
-        bad = int(array.size - np.isfinite(array).sum())
-        return None, f"returned NaN or infinity in {bad} of {array.size} pixels"
-    low, high = array.min(), array.max()
+    # A tuple of two rows is no depth map that anyone returns.
+    if not isinstance(returned, tuple) or len(returned) != 2:
+        depth, wrong = _checked_depth(returned, shape, unit)
+        return depth, None, wrong
+    depth, wrong = _checked_depth(returned[0], shape, unit)
+    if depth is None:
+        return None, None, wrong
+    sigma, wrong = _as_array(returned[1], shape, "sigma of ")
+    if sigma is None:
+        return None, None, wrong
+    answered = ~np.isnan(depth)
+    with np.errstate(over="ignore"):
+        sigma = np.where(answered, sigma, np.nan).astype(np.float32)
+    given = sigma[answered]
+    if not (np.isfinite(given) & (given > 0)).all():
+        got = f"{given.min():g} to {given.max():g}"
+        expected = "finite numbers above 0 wherever there is depth"
+        return None, None, f"returned sigma of {got}; expected {expected}"
+    return depth, sigma, ""
+
+
+def _checked_depth(
+    returned: Any, shape: tuple[int, ...], unit: Unit
+) -> tuple[NDArray[np.float32] | None, str]:
+    array, wrong = _as_array(returned, shape)
+    if array is None:
+        return None, wrong
+    answered = ~np.isnan(array)
+    if np.isinf(array).any():
+        return None, f"returned infinity in {np.isinf(array).sum()} of {array.size} pixels"
+    if not answered.any():
+        return None, f"returned NaN, no answer, in all of {array.size} pixels"
+    low, high = array[answered].min(), array[answered].max()
     if unit == "metres":
         if low <= 0:
             return None, f"returned distances from {low:g} to {high:g} m; expected all above 0"
@@ -202,24 +235,47 @@ def check_depth(
     return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""
 
 
+def _as_array(
+    returned: Any, shape: tuple[int, ...], what: str = ""
+) -> tuple[NDArray[Any] | None, str]:
+    if isinstance(returned, np.ma.MaskedArray) and np.ma.is_masked(returned):
+        count = np.count_nonzero(returned.mask)
+        return None, f"returned {what}an array with {count} masked pixels; expected NaN for those"
+    try:
+        array = np.asarray(without_gradient(returned))
+    except (Exception, SystemExit) as error:
+        kind = type(returned).__name__
+        return None, f"returned {what}a {kind} that is no array: {describe(error)}"
+    if array.dtype.kind not in "uif":
+        return None, f"returned {what}{array.dtype} values; expected real numbers"
+    if array.shape != shape:
+        each = "one number a pixel" if what else "one depth level a pixel"
+        return None, f"returned {what}shape {array.shape}; expected {shape}, {each}"
+    return array, ""
+
+
 def difference(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> str:
     """Say in what two answers to one pair differ; rounding does not count.
 
     Parameters
     ----------
     one, other : ndarray of float32, shape (y, x), or None
-        Depth levels; None where a call gave none.
+        Depth levels, NaN where there is no answer; None where a call gave none.
 
     Examples
     --------
     >>> difference(np.float32([[1, 2]]), np.float32([[1, 7]]))
     'differs in 1 of 2 pixels, by up to 5 levels'
+    >>> difference(np.float32([[1, np.nan]]), np.float32([[1, 7]]))
+    'answers 1 of 2 pixels only one time in two'
     >>> difference(None, None), difference(None, np.float32([[1]]))
     ('', 'gives a depth map only one time in two')
     """
     if one is None or other is None:
         return "" if one is other else "gives a depth map only one time in two"
-    apart = np.abs(one - other)
+    if gaps := np.count_nonzero(np.isnan(one) != np.isnan(other)):
+        return f"answers {gaps} of {one.size} pixels only one time in two"
+    apart = np.nan_to_num(np.abs(one - other))
     count = np.count_nonzero(apart > _ROUNDING)
     if not count:
         return ""
@@ -232,14 +288,14 @@ def in_unit_range(depth: NDArray[np.float32]) -> bool:
     Parameters
     ----------
     depth : ndarray of float32, shape (y, x)
-        Levels 0 to 255.
+        Levels 0 to 255, some not NaN.
 
     Examples
     --------
     >>> in_unit_range(np.float32([[0, 0.5]])), in_unit_range(np.float32([[0, 2]]))
     (True, False)
     """
-    return bool(0 < depth.max() <= 1)
+    return bool(0 < np.nanmax(depth) <= 1)
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:

@@ -270,7 +270,7 @@ class Prediction:
     Parameters
     ----------
     depth : ndarray of float32, shape (y, x), or None
-        Depth levels.
+        Depth levels; NaN where the method has no answer.
     seconds : float
         Wall-clock time of the call.
     error : str
@@ -279,6 +279,8 @@ class Prediction:
         What the method wrote to standard output.
     numbers : dict of str to float
         What the method said of its answer besides, an energy for example.
+    sigma : ndarray of float32, shape (y, x), or None
+        The standard deviation that the method gives each pixel, if it gives any.
     """
 
     depth: NDArray[np.float32] | None
@@ -286,6 +288,7 @@ class Prediction:
     error: str = ""
     printed: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
+    sigma: NDArray[np.float32] | None = None
 
 
 class TrainingPair(CaptureImages, Protocol):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError
 from dfdbench.metrics.scores import checked, nmae, nrmse, ssim
+from dfdbench.metrics.sureness import ause, density, surest_nrmse, within_interval
 
 #: The thresholds of `boundary_f1`: from, to, how many.
 EDGES = (1.05, 1.25, 10)
@@ -232,7 +233,8 @@ class Metric:
     function : callable
         Called with ground truth and estimate in depth levels, shape (y, x), with `data_range`
         and with `mask`, true where a pixel counts, or None; gives the score, NaN where it is
-        undefined. One of metres is called with distances, and without `data_range`.
+        undefined. One of metres is called with distances, and without `data_range`; one of
+        sureness with sigma after the estimate, which may be NaN.
     lowest, highest : float
         What it may be; a result that says otherwise is refused.
     data_range : float, optional
@@ -242,6 +244,8 @@ class Metric:
         it was not scored. Of every other metric a result has a score, null where undefined.
     shown : str
         What text calls it; if not given, its name in capitals.
+    best : float, optional
+        Where it is best, if neither smaller nor larger is better.
 
     Examples
     --------
@@ -259,6 +263,7 @@ class Metric:
     data_range: float | None = None
     younger: bool = False
     shown: str = ""
+    best: float | None = None
 
     @property
     def title(self) -> str:
@@ -268,12 +273,25 @@ class Metric:
     @property
     def heading(self) -> str:
         """What heads its column: its title, and which way is better."""
-        return f"{self.title} {'↑' if self.larger_is_better else '↓'}"
+        way = "↑" if self.larger_is_better else "↓"
+        return f"{self.title} {way if self.best is None else f'→ {self.best:g}'}"
 
     @property
     def axis_label(self) -> str:
         """What a figure's axis is called."""
+        if self.best is not None:
+            return f"{self.title} (best at {self.best:g})"
         return f"{self.title} ({'higher' if self.larger_is_better else 'lower'} is better)"
+
+    def compared(self, score: float) -> float:
+        """Return what comparisons take of a score: its distance from where it is best, if any.
+
+        Examples
+        --------
+        >>> METRICS["ssim"].compared(0.8), round(SURENESS["within_90"].compared(0.8), 6)
+        (0.8, 0.1)
+        """
+        return score if self.best is None else abs(score - self.best)
 
 
 # Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
@@ -298,23 +316,35 @@ _IN_METRES = {
         Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
     )
 }
+_SURENESS = {
+    metric.name: metric
+    for metric in (
+        Metric("density", True, density, 0, 1, shown="density"),
+        Metric("nrmse_50", False, partial(surest_nrmse, share=0.5), 0, 255, shown="surest 50 %"),
+        Metric("nrmse_90", False, partial(surest_nrmse, share=0.9), 0, 255, shown="surest 90 %"),
+        Metric("ause", False, ause, 0, 255),
+        Metric("within_90", False, within_interval, 0, 1, shown="in 90 % intervals", best=0.9),
+    )
+}
 #: Every metric of depth levels by name, in the order in which they are shown.
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
 #: Every metric of distances, scored where a manifest says how levels become metres.
 IN_METRES: Mapping[str, Metric] = MappingProxyType(_IN_METRES)
+#: Every metric of how sure a method is, scored where it says so or leaves pixels out.
+SURENESS: Mapping[str, Metric] = MappingProxyType(_SURENESS)
 #: What pairs and methods are ranked by, and what by where that ties: as the thesis ranks.
 RANKED_BY, TIES_BY = "nrmse", "nmae"
 
 
 def find_metric(name: str) -> Metric:
-    """Return a metric of either kind by its name.
+    """Return a metric of any kind by its name.
 
     Examples
     --------
     >>> find_metric("nmae").heading, find_metric("delta_125").heading
     ('NMAE ↓', 'δ < 1.25 ↑')
     """
-    return METRICS[name] if name in METRICS else IN_METRES[name]
+    return next(kind[name] for kind in (METRICS, IN_METRES, SURENESS) if name in kind)
 
 
 def mean_of(scores: Iterable[float | None]) -> float | None:

@@ -13,10 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, UnknownNameError, unknown_name
-from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric, aligned
+from dfdbench.metrics.metric import (
+    IN_METRES,
+    METRICS,
+    RANKED_BY,
+    SURENESS,
+    TIES_BY,
+    Metric,
+    aligned,
+    find_metric,
+)
 
 Crop = Literal["whole", "network-of-16"]
 Unit = Literal["levels", "metres"]
+#: The protocol that asks how sure a method is, by label; what is left out counts under no other.
+SURE = "sure"
 # The published networks halve their images four times, so their program cuts images to this.
 _NETWORK_MULTIPLE = 16
 
@@ -63,7 +74,9 @@ class Scale(typing.Protocol):
 
 
 def protocols_of(in_metres: bool, unit: Unit = "levels") -> dict[str, Protocol]:
-    """Return the protocols that a run scores under, by label.
+    """Return the protocols that every run scores under, by label.
+
+    `SURE` is added where a method says how sure it is, or leaves pixels without an answer.
 
     Parameters
     ----------
@@ -82,7 +95,9 @@ def protocols_of(in_metres: bool, unit: Unit = "levels") -> dict[str, Protocol]:
     return {
         label: protocol
         for label, protocol in RELEASED.items()
-        if (in_metres or not protocol.metrics) and (unit == "levels" or protocol.pixels == "known")
+        if label != SURE
+        and (in_metres or not protocol.in_metres)
+        and (unit == "levels" or protocol.pixels == "known")
     }
 
 
@@ -95,7 +110,7 @@ def metrics_of(label: str) -> Mapping[str, Metric]:
     (['nrmse', 'nmae', 'ssim'], ['abs_rel', 'delta_105'])
     """
     names = RELEASED[label].metrics if label in RELEASED else ()
-    return {name: IN_METRES[name] for name in names} if names else METRICS
+    return {name: find_metric(name) for name in names} if names else METRICS
 
 
 def ranked_by(label: str) -> tuple[str, str]:
@@ -106,7 +121,11 @@ def ranked_by(label: str) -> tuple[str, str]:
     >>> ranked_by("thesis"), ranked_by("metric"), ranked_by("aligned")
     (('nrmse', 'nmae'), ('abs_rel', 'rmse_m'), ('abs_rel', 'abs_rel'))
     """
-    smaller = [name for name, metric in metrics_of(label).items() if not metric.larger_is_better]
+    smaller = [
+        name
+        for name, metric in metrics_of(label).items()
+        if not metric.larger_is_better and metric.best is None
+    ]
     return (RANKED_BY, TIES_BY) if RANKED_BY in smaller else (smaller[0], smaller[-1])
 
 
@@ -143,7 +162,8 @@ class Protocol:
     source : str
         Where the definition comes from.
     metrics : tuple of str
-        By which of `IN_METRES` distances are scored; none: levels, by all of `METRICS`.
+        By which of `IN_METRES` distances are scored, or of `SURENESS` what a method says of its own
+        errors; none: levels, by all of `METRICS`.
     alignment : {"", "scale and shift in inverse depth"}
         What is fitted to the ground truth of each image first: see
         `dfdbench.metrics.metric.aligned`.
@@ -162,6 +182,11 @@ class Protocol:
     def label(self) -> str:
         """What results and folders call it, see `label_of`."""
         return label_of(self.as_dict())
+
+    @property
+    def in_metres(self) -> bool:
+        """Whether it scores distances."""
+        return bool(IN_METRES.keys() & {*self.metrics})
 
     def as_dict(self) -> dict[str, Any]:
         """Return the definition by name, fit for JSON.
@@ -210,6 +235,16 @@ _ALL = (
         "distance; then Eigen et al. 2014, known pixels only",
         ("abs_rel", "delta_105", "delta_115", "delta_125", "boundary_f1"),
         "scale and shift in inverse depth",
+    ),
+    Protocol(
+        SURE,
+        1,
+        "known",
+        "255",
+        "whole",
+        "dfdbench, after Ilg et al. 2018: known pixels that are answered, by the order and the "
+        "90 % intervals that the method's own standard deviations give",
+        tuple(SURENESS),
     ),
 )
 
@@ -267,7 +302,10 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     if label in there:
         return
     asked = RELEASED.get(label)
-    if asked and asked.metrics:
+    if label == SURE:
+        what = "the method neither says how sure it is nor leaves pixels without an answer"
+        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
+    if asked and asked.in_metres:
         what = f"not scored in metres, which {label} takes"
         raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
     raise unknown_name(f"protocol of {whose}", label, there)
@@ -281,6 +319,7 @@ def score(
     network_crop: int,
     scale: Scale | None = None,
     unit: Unit = "levels",
+    sigma: NDArray[np.float32] | None = None,
 ) -> dict[str, float]:
     """Score one prediction under one protocol.
 
@@ -293,7 +332,7 @@ def score(
     valid : ndarray of bool, shape (y, x)
         True where the ground truth is known.
     prediction : ndarray of float32, shape (y, x)
-        Estimated depth, in the unit.
+        Estimated depth, in the unit; NaN where there is no answer.
     network_crop : int
         Side of the centre square, in pixels, for protocols that crop; along an axis on which
         the image is smaller all of it is taken.
@@ -302,13 +341,16 @@ def score(
     unit : {"levels", "metres"}
         Of truth and prediction. In metres, NRMSE and NMAE are divided by far - near, the range of
         the set, as levels are by 255.
+    sigma : ndarray of float32, shape (y, x), optional
+        The standard deviation that the method gives each pixel, in the unit.
 
     Returns
     -------
     dict of str to float
         Each of the protocol's metrics by name, NaN if it is undefined. All are where nothing
         is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
-        published networks cannot take either.
+        published networks cannot take either. And where a pixel of the prediction has no answer,
+        but for `SURE`: else a method would gain by leaving out what is hard.
 
     Raises
     ------
@@ -323,14 +365,15 @@ def score(
     """
     window = window_of(protocol.crop, depth.shape, network_crop)
     truth, test = depth[window], prediction[window]
-    if not truth.size:
+    left_out = protocol.label != SURE and np.isnan(prediction).any()
+    if not truth.size or left_out:
         return dict.fromkeys(protocol.metrics or METRICS, math.nan)
     mask = valid[window] if protocol.pixels == "known" else None
-    if (protocol.metrics or unit == "metres") and scale is None:
+    if (protocol.in_metres or unit == "metres") and scale is None:
         raise InputError("nothing says how levels become metres", where="scale")
     if scale is not None and unit == "metres":
         truth = np.where(valid[window], truth, scale.far)
-    if scale is not None and protocol.metrics:
+    if scale is not None and protocol.in_metres:
         true, found = (
             (truth, test) if unit == "metres" else (scale.to_metres(truth), scale.to_metres(test))
         )
@@ -338,6 +381,11 @@ def score(
             found = aligned(true, found, scale.far, mask)
         return {name: IN_METRES[name].function(true, found, mask=mask) for name in protocol.metrics}
     whole = 255.0 if scale is None or unit == "levels" else scale.far - scale.near
+    if protocol.label == SURE:
+        return {
+            name: metric.function(truth, test, sigma, data_range=whole, mask=mask)
+            for name, metric in SURENESS.items()
+        }
     divisor = whole if protocol.divisor == "255" else None
     ranges = {
         name: divisor if own is None else (own if unit == "levels" else whole)

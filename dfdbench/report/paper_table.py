@@ -91,7 +91,9 @@ def _cells(board: ScoreBoard, name: str) -> list[str]:
         if standing.rank is not None and (value := standing.scores.get(name)) is not None
     }
     # Equal as printed is equal: a reader sees no more digits.
-    order = sorted(ranked, key=lambda text: ranked[text], reverse=metric.larger_is_better)
+    order = sorted(
+        ranked, key=lambda text: metric.compared(ranked[text]), reverse=metric.larger_is_better
+    )
     marks = dict(zip(order, ("best", "second"), strict=False)) if len(ranked) > 1 else {}
     return [
         Marked(text, marks[text]) if text in marks and standing.rank is not None else text

@@ -125,14 +125,15 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
     """Return the change of each pair that both runs evaluated and for which the metric exists."""
     others = {pair.id: pair for pair in second.pairs if pair.status == "ok"}
-    found = []
+    found, about = [], find_metric(metric)
     for pair in first.pairs:
         other = others.get(pair.id)
         if pair.status != "ok" or other is None:
             continue
         before, after = pair.score(protocol, metric), other.score(protocol, metric)
         if before is not None and after is not None:
-            found.append(PairChange(pair, other, after - before))
+            change = about.compared(after) - about.compared(before)
+            found.append(PairChange(pair, other, change))
     return tuple(found)
 
 

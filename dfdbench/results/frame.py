@@ -27,6 +27,10 @@ COLUMNS = (
 )  # fmt: skip
 
 
+#: The status of a pair under a protocol that wants an answer for every pixel, where some lack one.
+UNANSWERED = "unanswered"
+
+
 def scores_of(results: Sequence[Result]) -> pd.DataFrame:
     """Return the scores of runs as one long table.
 
@@ -43,7 +47,8 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
         ``method`` (with its parameters), ``parameters``, ``capture`` (the pair's name), ``scene``,
         ``group`` (the scene's family or room), ``coordinates`` (by axis), ``status``, ``protocol``,
         ``metric``, ``value`` and ``seconds``.
-        A value is NaN if the pair was not evaluated or the metric is undefined.
+        A value is NaN if the pair was not evaluated or the metric is undefined; the status is
+        ``unanswered`` where pixels lack an answer that the protocol wants.
     """
     rows: list[dict[str, object]] = []
     for number, result in enumerate(results):
@@ -79,6 +84,8 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
             for protocol, metrics in scored.items():
                 scores = pair.scores.get(protocol, {})
                 of_protocol = {**run, **place, "protocol": protocol}
+                if pair.lacks_answers(protocol):
+                    of_protocol["status"] = UNANSWERED
                 rows += [{**of_protocol, "metric": m, "value": scores.get(m)} for m in metrics]
     frame = pd.DataFrame(rows, columns=COLUMNS)
     return frame.astype({"value": float, "seconds": float})
@@ -163,7 +170,7 @@ def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
             "pair": pair.id,
             "scene": pair.scene,
             **{axis: pair.coordinates[axis] for axis in result.dataset.axes},
-            "status": pair.status,
+            "status": UNANSWERED if pair.lacks_answers(shown) else pair.status,
             **{name: pair.score(shown, name) if pair.scores else None for name in metrics},
             "seconds": pair.seconds,
         }

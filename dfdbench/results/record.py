@@ -10,8 +10,9 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationEr
 
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.errors import ResultError, reason_of
-from dfdbench.metrics.metric import IN_METRES, METRICS, mean_of
+from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
 from dfdbench.metrics.protocol import (
+    SURE,
     Unit,
     find_protocol,
     label_of,
@@ -30,6 +31,7 @@ RESULT = "result.json"
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
 Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
+Share = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Coordinate = Annotated[int, Field(ge=-(2**31), lt=2**31)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
@@ -50,10 +52,10 @@ def by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
     ValueError
         If a metric is lacking or unknown, or a score is out of bounds.
     """
-    in_metres = bool(scores.keys() & IN_METRES.keys())
-    known = IN_METRES if in_metres else METRICS
-    # Which metrics in metres there are a protocol's definition says.
-    needed = () if in_metres else (name for name, metric in known.items() if not metric.younger)
+    others = (kind for kind in (IN_METRES, SURENESS) if scores.keys() & kind.keys())
+    known = next(others, METRICS)
+    # Of other kinds a protocol's definition says which metrics there are.
+    needed = [name for name in METRICS if known is METRICS and not METRICS[name].younger]
     if scores.keys() - known.keys() or {*needed} - scores.keys():
         raise ValueError(f"metrics should be {', '.join(known)}, not {', '.join(scores)}")
     for name, value in scores.items():
@@ -63,7 +65,7 @@ def by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
     return scores
 
 
-#: The scores of one pair under one protocol, by metric, all of levels or all of metres; None
+#: The scores of one pair under one protocol, by metric, all of one kind; None
 #: where a metric is undefined.
 PairScores = Annotated[dict[str, Finite | None], AfterValidator(by_metric)]
 
@@ -86,7 +88,8 @@ class PairResult(Record):
     ``missing``, the store does not hold the pair; ``not-run``, the run was limited. Only where
     `timed_alone` can `seconds` be compared, and only with pairs of the same `machine`, its place
     among the result's `environments`. `numbers` are what the method said of its answer, an energy
-    for example.
+    for example. `answered` is the share of pixels that have an answer: where it is below 1, scores
+    are null but under the protocol that asks how sure a method is.
     """
 
     id: str
@@ -97,6 +100,7 @@ class PairResult(Record):
     timed_alone: bool = True
     machine: Count = 0
     prediction_sha256: Sha256 | None = None
+    answered: Share = 1.0
     scores: dict[Name, PairScores] = Field(default_factory=dict)
     numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None
@@ -115,6 +119,10 @@ class PairResult(Record):
         """Return a score; None where it is undefined, or was not scored: see `Metric.younger`."""
         return self.scores[protocol].get(metric)
 
+    def lacks_answers(self, protocol: str) -> bool:
+        """Whether it has no score since pixels have no answer, which this protocol wants."""
+        return self.answered < 1 and protocol != SURE
+
 
 def _with_name(record: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(record.get("name"), str):
@@ -124,8 +132,9 @@ def _with_name(record: dict[str, Any]) -> dict[str, Any]:
 
 def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     TypeAdapter(Name).validate_python(_with_name(record)["name"])
-    if not set(TypeAdapter(list[str]).validate_python(record.get("metrics", []))) <= {*IN_METRES}:
-        raise ValueError(f"its metrics are not of {', '.join(IN_METRES)}")
+    known = [*IN_METRES, *SURENESS]
+    if not set(TypeAdapter(list[str]).validate_python(record.get("metrics", []))) <= {*known}:
+        raise ValueError(f"its metrics are not of {', '.join(known)}")
     return record
 
 
@@ -286,12 +295,18 @@ class Result(Record):
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:
-    """Return each metric's mean over the pairs where it is defined, by protocol."""
+    """Return each metric's mean over the pairs where it is defined, by protocol.
+
+    There is none where a pair lacks answers: means of the others would gain by what is left out.
+    """
+
+    def mean(protocol: str, metric: str) -> float | None:
+        if any(pair.lacks_answers(protocol) for pair in pairs):
+            return None
+        return mean_of(pair.score(protocol, metric) for pair in pairs)
+
     return {
-        protocol: {
-            metric: mean_of(pair.score(protocol, metric) for pair in pairs)
-            for metric in metrics_of(protocol)
-        }
+        protocol: {metric: mean(protocol, metric) for metric in metrics_of(protocol)}
         for protocol in protocols
     }
 
@@ -384,7 +399,7 @@ def protocol_on(manifest: Manifest, name: str | None) -> str:
         If there is none, or runs on this data set are not scored under it.
     """
     label = find_protocol(name).label if name else first_protocol(manifest.short)
-    there = protocols_of(manifest.depth.scale is not None, manifest.depth.kind)
+    there = [*protocols_of(manifest.depth.scale is not None, manifest.depth.kind), SURE]
     require_scored(label, there, f"runs on {manifest.stem}")
     return label
 

@@ -3,9 +3,9 @@
 import json
 import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import zarr
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import ResultError
 from dfdbench.results.output_place import RUN_IDENTITY
@@ -125,33 +126,51 @@ def read_store_place(folder: Path) -> str | None:
 
 
 def keep_prediction(
-    folder: Path, manifest: Manifest, pair: Pair, depth: NDArray[np.float32]
+    folder: Path,
+    manifest: Manifest,
+    pair: Pair,
+    depth: NDArray[np.float32],
+    sigma: NDArray[np.float32] | None = None,
 ) -> None:
-    """Keep a predicted depth map, shape (y, x), beside those of its scene, by their axes."""
+    """Keep a predicted depth map, shape (y, x), beside those of its scene, by their axes.
+
+    So is sigma, the standard deviation that the method gives each pixel, where it gives one.
+    """
     axes = manifest.axes
     group = zarr.open_group(folder / PREDICTIONS, path=pair.scene, mode="a", zarr_format=3)
-    if "depth" not in group:
-        # The values that `sel` finds depth maps by; one cut short by a kill is written again.
-        for axis, values in axes.items():
-            group.create_array(
-                axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
-            )
-        group.create_array(
-            "depth",
-            shape=(*(len(values) for values in axes.values()), *depth.shape),
-            chunks=(*(1 for _ in axes), *depth.shape),
-            dtype="float32",
-            fill_value=math.nan,
-            dimension_names=(*axes, "y", "x"),
-            attributes={"axes": axes},
-        )
-    array = group["depth"]
-    assert isinstance(array, zarr.Array)
     index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-    array[index] = depth
+    for name, values in (("depth", depth), ("sigma", sigma)):
+        if values is None:
+            continue
+        if name not in group:
+            _make_room(group, name, axes, depth.shape)
+        array = group[name]
+        assert isinstance(array, zarr.Array)
+        array[index] = values
 
 
-def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32] | None:
+def _make_room(
+    group: zarr.Group, name: str, axes: Mapping[str, Sequence[int]], shape: tuple[int, ...]
+) -> None:
+    # The values that `sel` finds depth maps by; one cut short by a kill is written again.
+    for axis, values in axes.items():
+        group.create_array(
+            axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
+        )
+    group.create_array(
+        name,
+        shape=(*(len(values) for values in axes.values()), *shape),
+        chunks=(*(1 for _ in axes), *shape),
+        dtype="float32",
+        fill_value=math.nan,
+        dimension_names=(*axes, "y", "x"),
+        attributes={"axes": {name: list(values) for name, values in axes.items()}},
+    )
+
+
+def read_prediction(
+    folder: Path, pair: Pair, shape: tuple[int, int], name: Literal["depth", "sigma"] = "depth"
+) -> NDArray[np.float32] | None:
     """Return a depth map that a run kept, shape (y, x), or None where there is none.
 
     Parameters
@@ -162,6 +181,8 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
         Which pair's.
     shape : tuple of int
         Rows and columns that it must have: those of the images.
+    name : {"depth", "sigma"}
+        Depth, NaN where there is no answer, or the standard deviation that the method gives it.
 
     Raises
     ------
@@ -173,21 +194,32 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
         return None
     try:
         # No earlier format: of its codecs one can run code that the file chooses.
-        array: Any = zarr.open_group(place, mode="r", zarr_format=3)["depth"]
+        group = zarr.open_group(place, mode="r", zarr_format=3)
+        if name == "sigma" and name not in group:
+            return None
+        array: Any = group[name]
         axes = array.attrs["axes"]
         index = tuple(values.index(pair.at[axis]) for axis, values in axes.items())
         fits = isinstance(array, zarr.Array) and array.dtype == np.float32
         if not fits or array.ndim != len(index) + 2 or array.shape[-2:] != shape:
             raise ValueError(f"{array}")
-        depth = np.asarray(array[index])
-        kept = not np.isnan(depth).all()
-        if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
-            raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
+        found = np.asarray(array[index])
+        there = found[~np.isnan(found)]
+        most = LAST_LEVEL if name == "depth" else np.finfo(np.float32).max
+        if not ((there >= 0) & (there <= most)).all():
+            raise ValueError(f"{name} outside 0 to {most:g}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         maps = f"depth maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them"
         what, fix = f"not a run's {maps}: {error!s:.200}", "run the method again with --fresh"
         raise ResultError(what, where=str(place), fix=fix) from error
-    return depth if kept else None
+    return found if there.size else None
+
+
+def answer_digest(depth: NDArray[np.float32], sigma: NDArray[np.float32] | None) -> str:
+    """Return the SHA-256 of an answer, shape (y, x): depth and, if there is one, sigma."""
+    if sigma is None:
+        return array_digest("depth", ("y", "x"), depth)
+    return array_digest("depth and sigma", ("of", "y", "x"), np.stack([depth, sigma]))
 
 
 def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:

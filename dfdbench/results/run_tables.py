@@ -144,6 +144,11 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             "without a defined score (flat ground truth), in no mean: "
             + counted(whole.undefined, "pair")
         )
+    if whole.unanswered:
+        notes.append(
+            f"{counted(whole.unanswered, 'pair')} without an answer for every pixel: no mean and "
+            "no rank but under protocol sure"
+        )
     numbers: dict[str, list[float]] = {}
     for pair in result.pairs:
         for name, value in pair.numbers.items():

@@ -113,7 +113,7 @@ class SavedRun:
                 f"{metric.title} {wording.score_text(pair.score(protocol, name))}"
                 for name, metric in metrics_of(protocol).items()
             )
-            depth = depth_map(prediction, images.valid | True, f"prediction: {scores}")
+            depth = depth_map(prediction, ~np.isnan(prediction), f"prediction: {scores}")
             rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
         worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
         return as_html(run_tables.run_score_table(summary.summarise(self.result, protocol))) + worst

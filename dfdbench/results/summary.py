@@ -22,7 +22,8 @@ class Statistic:
     mean, std : float or None
         Over the pairs where it is defined; `std` is the sample standard deviation, as in the
         thesis's Tables 4.3 and 5.3. None where there is nothing to average, where a pair of
-        the group failed, where an overall group lacks a pair, or (`std`) for a single pair.
+        the group failed or lacks answers, where an overall group lacks a pair, or (`std`) for a
+        single pair.
     defined : int
         How many pairs that is.
     low, high : float or None
@@ -53,7 +54,8 @@ class ScoreGroup:
     """The pairs of one table row.
 
     `block` and `row` are values on the table's axes, None where all are taken together.
-    `undefined` counts evaluated pairs for which some metric does not exist.
+    `undefined` counts evaluated pairs for which some metric does not exist, `unanswered` those that
+    lack answers which the protocol wants.
     """
 
     block: int | None
@@ -64,6 +66,7 @@ class ScoreGroup:
     undefined: int
     metrics: dict[str, Statistic]
     seconds: Statistic
+    unanswered: int = 0
 
 
 @dataclass(frozen=True)
@@ -200,8 +203,10 @@ def _group(
     # A cell shows the mean of what was run; an overall mean of an incomplete run would pass for
     # the method's score, so there is none.
     averaged = not failed and (not overall or len(evaluated) == len(pairs))
+    # Nor of the pairs that a method chose to answer in full.
+    unanswered = sum(pair.lacks_answers(protocol) for pair in evaluated)
 
-    def statistic(values: Sequence[float | None]) -> Statistic:
+    def statistic(values: Sequence[float | None], averaged: bool) -> Statistic:
         defined = [
             (result.dataset.group_of(pair.scene), value)
             for pair, value in zip(evaluated, values, strict=True)
@@ -209,13 +214,14 @@ def _group(
         ]
         return _statistic(defined, overall) if averaged else Statistic(None, None, len(defined))
 
-    undefined = sum(None in pair.scores[protocol].values() for pair in evaluated)
+    undefined = sum(None in pair.scores[protocol].values() for pair in evaluated) - unanswered
     counts = len(pairs), len(evaluated), failed, undefined
     scores = {
-        name: statistic([pair.score(protocol, name) for pair in evaluated])
+        name: statistic([p.score(protocol, name) for p in evaluated], averaged and not unanswered)
         for name in metrics_of(protocol)
     }
-    return ScoreGroup(block, row, *counts, scores, statistic([pair.seconds for pair in evaluated]))
+    seconds = statistic([pair.seconds for pair in evaluated], averaged)
+    return ScoreGroup(block, row, *counts, scores, seconds, unanswered)
 
 
 def _statistic(defined: Sequence[tuple[str, float]], overall: bool) -> Statistic:

@@ -27,7 +27,7 @@ def depth_map(
     depth: NDArray[np.uint8] | NDArray[np.float32], valid: NDArray[np.bool_], caption: str
 ) -> Thumbnail:
     """Return the thumbnail of a depth map, shape (y, x): far dark, near bright, grey unknown."""
-    levels = np.clip(np.rint(depth), 0, 255).astype(np.uint8)
+    levels = np.clip(np.rint(np.where(valid, depth, 0)), 0, 255).astype(np.uint8)
     coloured = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     coloured[~valid] = _UNKNOWN
     return _address(coloured), caption

@@ -27,8 +27,8 @@ def test_a_method_is_warmed_up_once_and_scored_under_protocols_asked(tiny_store:
     evaluate = PairEvaluator(tiny_store, method(predict), 0, [PROTOCOLS["valid"]])
     records = [evaluate(pair) for pair in tiny_store.pairs("One")]
     assert (predict.warmed, predict.calls) == (1, 4)
-    for pair, (record, depth) in zip(tiny_store.pairs("One"), records, strict=True):
-        images = tiny_store.read(pair)
+    for pair, (record, answer) in zip(tiny_store.pairs("One"), records, strict=True):
+        images, depth = tiny_store.read(pair), answer.depth
         assert depth is not None
         assert np.array_equal(depth, images.infocus[..., 0].astype(np.float32) / 2)
         expected = score(PROTOCOLS["valid"], images.levels, images.valid, depth, 16)
@@ -54,14 +54,14 @@ def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: 
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})
     pair = tiny_store.pairs("One")[0]
-    here, depth = PairEvaluator(tiny_store, loaded, 0)(pair)
+    here, answer = PairEvaluator(tiny_store, loaded, 0)(pair)
     remote = pickle.loads(pickle.dumps(RemoteEvaluator.of(tiny_store, loaded, 0)))
     there, other, used, _ = remote(pair)
     assert used == loaded.used
     assert Path(remote.place).is_absolute()
-    assert other is not None
-    assert depth is not None
-    assert np.array_equal(other, depth)
+    assert other.depth is not None
+    assert answer.depth is not None
+    assert np.array_equal(other.depth, answer.depth)
     assert (here.timed_alone, there.timed_alone) == (True, False)
     blank = {"seconds": None, "timed_alone": True}
     assert there.model_copy(update=blank) == here.model_copy(update=blank)

@@ -41,6 +41,7 @@ def test_the_released_definitions_never_change() -> None:
         "valid": "71b74df0acd97c903374a774a33ce6fb1a6655dd2fc3314980dbdf9b8489ef9a",
         "metric": "0012b05343cb9359b65c1ccb90bd74f7699fec81cbf19bb5e1900040f379f36d",
         "aligned": "ec137b5392c266f88e2b4b5e30d27925bb392523f4e9daf011ee6a37674fc8cf",
+        "sure": "b5ff683fd7e517c76355af3571037405b7ed8b03218f290d5089340c6858f660",
     }
 
 
@@ -48,7 +49,8 @@ def test_runs_score_under_all_protocols_of_their_depth() -> None:
     assert list(PROTOCOLS) == ["thesis", "thesis-networks-2", "valid"]
     assert list(protocols_of(in_metres=False)) == list(PROTOCOLS)
     assert list(protocols_of(in_metres=True)) == [*PROTOCOLS, "metric", "aligned"]
-    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned"]
+    # How sure a method is has scores only where one says so.
+    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned", "sure"]
     assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
 
 
@@ -58,6 +60,8 @@ def test_a_result_without_a_protocol_says_so() -> None:
         require_scored("valid", ["thesis"], "mine")
     with pytest.raises(UnknownNameError, match="not scored in metres, which aligned takes"):
         require_scored("aligned", ["thesis"], "mine")
+    with pytest.raises(UnknownNameError, match="neither says how sure it is"):
+        require_scored("sure", ["thesis"], "mine")
 
 
 @pytest.mark.parametrize(
@@ -135,7 +139,7 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
 def test_an_unknown_protocol_shows_the_near_miss() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
-    named = "one of: aligned, metric, thesis, thesis-networks, valid"
+    named = "one of: aligned, metric, sure, thesis, thesis-networks, valid"
     assert caught.value.problems[0].expected == named
 
 
@@ -223,6 +227,26 @@ def test_the_trio_is_what_all_but_metres_are_scored_by() -> None:
             assert metrics_of(label) == METRICS
             assert ranked_by(label) == ("nrmse", "nmae")
     assert metrics_of("somebody's own") == METRICS
+
+
+def test_what_is_left_out_counts_only_where_it_is_asked_how_sure_a_method_is() -> None:
+    depth = (np.arange(400).reshape(20, 20) / 2).astype(np.float32)
+    test, sigma = depth + np.float32(2), np.full_like(depth, 2)
+    test[:5] = sigma[:5] = np.nan
+    for protocol in PROTOCOLS.values():
+        found = score(protocol, depth, depth >= 0, test, 16)
+        assert all(map(math.isnan, found.values())), protocol.label
+    found = score(RELEASED["sure"], depth, depth >= 0, test, 16, sigma=sigma)
+    assert found["density"] == 0.75
+    assert found["nrmse_50"] == pytest.approx(2 / 255)
+    assert math.isnan(found["nrmse_90"])
+    assert (found["ause"], found["within_90"]) == (0, 1)
+    in_metres = score(RELEASED["sure"], depth, depth >= 0, test, 16, SCALE, "metres", sigma)
+    assert in_metres["nrmse_50"] == pytest.approx(2 / (SCALE.far - SCALE.near))
+
+
+def test_the_share_in_intervals_ranks_nobody() -> None:
+    assert ranked_by("sure") == ("nrmse_50", "ause")
 
 
 def test_what_ranks_in_metres_is_scored_there_and_smaller_is_better() -> None:
