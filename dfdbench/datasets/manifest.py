@@ -119,7 +119,9 @@ class Depth(StrictRecord):
         found = self.of_unit(depth, unit)
         if sigma is None or unit == self.kind or self.scale is None:
             return found, sigma
-        first, last = (0.0, 255.0) if unit == "levels" else (self.scale.near, self.scale.far)
+        scale = self.scale
+        ends = (scale.near_level, scale.far_level) if unit == "levels" else (scale.near, scale.far)
+        first, last = sorted(map(float, ends))
         step = np.float32((last - first) / 1000)
         middle = np.clip(depth, first + step, last - step)
         rise = self.of_unit(middle + step, unit) - self.of_unit(middle - step, unit)

@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit
 from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import read_out
+from dfdbench.methods.spread import Posterior
 
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
@@ -124,6 +125,8 @@ class Local(Solver):
         fit chooses.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
+    sure : bool
+        Also say how sure it is: see `dfdbench.methods.fitted.Solver`.
 
     Examples
     --------
@@ -140,10 +143,13 @@ class Local(Solver):
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         window: int | None = None,
         prior: bool = True,
+        sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, window)
+        super().__init__(recipe, prior, window, sure)
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
         blur, window = self.blur, self.window_in(infocus)
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
@@ -158,9 +164,13 @@ class Local(Solver):
             squares = _by_law(blur, infocus, images[0])
         else:
             squares = _by_recipe(blur, infocus, images[0])
+        # Of a recipe's residuals nothing is known but that images are rounded.
+        told = 2 * ROUNDING_VARIANCE if isinstance(blur, BlurRecipe) else nat
         energy, sharpness = nat * self.chosen.energy, self.chosen.sharpness / nat
         volume = []
         for candidate, single in enumerate(squares):
+            if posterior is not None:
+                posterior.add(float(blur.depth_of_level(candidate)), single / np.float32(told))
             cost = cv2.boxFilter(single, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE)
             if self.chosen.weight:
                 cost = cost + np.float32(energy[candidate])

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from xarray import DataArray
 
     from dfdbench.methods.measured_law import Calibration
+    from dfdbench.methods.spread import Posterior, Spread
     from dfdbench.methods.view_change import ViewChange
 
 
@@ -174,17 +175,44 @@ class Solver(Calibrated):
     Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
     there is none, against the sharpest pixels of the others; and it notes whether the levels of the
     training captures grow with distance, which says what covers what.
+
+    Parameters
+    ----------
+    recipe, prior, window
+        As of `Calibrated`.
+    sure : bool
+        Also say how sure it is, in levels: the spread of its costs about the answer, times the
+        factor that a fit finds honest, which it then has even where the blur is told.
     """
 
+    #: How costs say how sure it is, as `Posterior` takes it: of windows of 7, 13 and 25 pixels,
+    #: 1/4, 1 and 4 a nat, and 3, 10 and 40 nats at most, what told demo's training errors best.
+    sure_by: ClassVar[tuple[int, float, float]] = (13, 4.0, 10.0)
     _farther_is_higher = False
+    _spread: Spread | None = None
 
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x)."""
+    def __init__(
+        self,
+        recipe: BlurRecipe | BlurLaw | None,
+        prior: bool = True,
+        window: int | None = None,
+        sure: bool = False,
+    ) -> None:
+        super().__init__(recipe, prior, window)
+        if not isinstance(sure, bool):
+            raise MethodError.of(wrong("sure", "true or false", sure))
+        self._sure = sure
+
+    def __call__(self, infocus: Image, defocus: Image) -> Answer:
+        """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x).
+
+        And where it says how sure it is, sigma.
+        """
         self._require(1)
-        return self._solve(infocus, [defocus])
+        return self._with_sigma(*self._settled(infocus, [defocus]))
 
-    def from_stack(self, stack: DataArray) -> NDArray[np.float32]:
-        """Return depth levels, shape (y, x).
+    def from_stack(self, stack: DataArray) -> Answer:
+        """Return depth levels, shape (y, x), and where it says how sure it is, sigma.
 
         Raises
         ------
@@ -195,20 +223,39 @@ class Solver(Calibrated):
 
         infocus, images = sharp_and_blurred(stack)
         self._require(len(images))
-        return self._settled(infocus, images)
+        return self._with_sigma(*self._settled(infocus, images))
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
         self._settled(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
 
-    def _settled(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        from dfdbench.methods.rims import settle_rims
+    @abstractmethod
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x); tell `posterior` what every level costs."""
 
-        levels = self._solve(infocus, images)
-        if len(images) == 1:
+    def _settled(
+        self, infocus: Image, images: Sequence[Image]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return depth levels, and their spread if that is asked for; shape (y, x)."""
+        from dfdbench.methods.rims import settle_rims
+        from dfdbench.methods.spread import Posterior
+
+        posterior = Posterior(infocus.shape[:2], *self.sure_by) if self._sure else None
+        levels = self._solve(infocus, images, posterior)
+        raw = None if posterior is None else posterior.spread_about(levels)
+        if len(images) > 1:
+            way = self._farther_is_higher
+            levels = settle_rims(self.blurs, infocus, images, levels, farther_is_higher=way)
+        return levels, raw
+
+    def _with_sigma(self, levels: NDArray[np.float32], raw: NDArray[np.float32] | None) -> Answer:
+        from dfdbench.methods.spread import spread_of
+
+        if raw is None:
             return levels
-        way = self._farther_is_higher
-        return settle_rims(self.blurs, infocus, images, levels, farther_is_higher=way)
+        return levels, spread_of(self._spread, raw, type(self).__name__)
 
     def _require(self, count: int) -> None:
         known = len(self.blurs)
@@ -217,22 +264,50 @@ class Solver(Calibrated):
             fix = "leave recipe out, and fit the method to stacks like those that it gets"
             raise MethodError(what, where=type(self).__name__, fix=fix)
 
+    @property
+    def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
+        """Measures the blur law of training captures if no blur was given, and how sure to be."""
+        return self._fit if self._told is None or self._sure else None
+
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate_images
-        from dfdbench.methods.stacks import farther_is_higher
+        from dfdbench.methods.spread import spread_on
+        from dfdbench.methods.stacks import farther_is_higher, sharp_and_blurred
 
-        found = calibrate_images(pairs)
-        turned = len(found) > 1 and farther_is_higher(pairs)
-        return self._learned(found, pairs) | ({_TURNED: 1} if turned else {})
+        learned: Learned = {}
+        if self._told is None:
+            found = calibrate_images(pairs)
+            turned = len(found) > 1 and farther_is_higher(pairs)
+            learned = self._learned(found, pairs) | ({_TURNED: 1} if turned else {})
+        if not self._sure:
+            return learned
+        trial = copy.copy(self)
+        trial.restore(learned)
+
+        def answer(capture: TrainingPair) -> tuple[Array, Array]:
+            images = capture.infocus, [capture.defocus]
+            if not capture.is_pair:
+                images = sharp_and_blurred(capture.stack)
+            levels, raw = trial._settled(*images)
+            assert raw is not None  # it is sure
+            return levels, raw
+
+        return learned | spread_on(answer, pairs, type(self).__name__).as_learned()
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
+        from dfdbench.methods.spread import Spread
+
         learned = dict(learned)
+        self._spread = Spread.taken_from(learned)
         self._farther_is_higher = bool(learned.pop(_TURNED, False))
-        super().restore(learned)
+        if self._told is None:
+            super().restore(learned)
 
 
 Array = NDArray[Any]
+#: Depth levels, float32 of shape (y, x), or a tuple of them and sigma: it depends on a parameter.
+Answer = Any
 Image = NDArray[np.uint8]
 Fit = Callable[[Sequence[TrainingPair]], Learned]
 

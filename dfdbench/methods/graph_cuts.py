@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, information, law_cost
+from dfdbench.methods.spread import Posterior
 
 Image = NDArray[np.uint8]
 
@@ -84,6 +85,8 @@ class GraphCuts(Solver):
         Add one level, as the published program does.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
+    sure : bool
+        Also say how sure it is: see `dfdbench.methods.fitted.Solver`.
 
     Raises
     ------
@@ -123,8 +126,9 @@ class GraphCuts(Solver):
         quality: str = "default",
         published_offset: bool = False,
         prior: bool = True,
+        sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior)
+        super().__init__(recipe, prior, sure=sure)
         for kind, name, known in (
             ("smoothness", smoothness, tuple(SMOOTHNESS)),
             ("color_space", color_space, COLOR_SPACES),
@@ -160,8 +164,13 @@ class GraphCuts(Solver):
         numbers: Mapping[str, float] = getattr(self._memory, "numbers", {})
         return numbers
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
         solution = self.solve(infocus, *images)
+        if posterior is not None:
+            costs = np.moveaxis(self._memory.costs, 2, 0)
+            posterior.add_all(self.blur.depth_of_level(self._levels), costs, self._memory.nat)
         self._memory.numbers = {"energy": float(solution.energy)}
         depth = self.blur.depth_of_level(self._levels[solution.labels])
         return np.asarray(np.minimum(depth + self._offset, 255), np.float32)
@@ -189,7 +198,7 @@ class GraphCuts(Solver):
             # Of a stack it is made twice, as nobody could hold it all.
             held = list(blurred()) if len(images) == 1 else []
             told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
-            nat = self._nat(told) / self.chosen.smoothing
+            self._memory.nat = nat = self._nat(told) / self.chosen.smoothing
             pair = len(images) == 1
             most = _MOST_NATS if pair else MOST_NATS
             limit = min(math.ceil(most * nat), self._limit)
@@ -204,6 +213,8 @@ class GraphCuts(Solver):
                 energy = nat * self.chosen.energy[self._levels]
                 offset += add_energy(unary, energy, self._limit)
         else:
+            # Of a recipe's residuals nothing is known but that images are rounded.
+            self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
             unary, offset = data_cost(
                 self._channels(infocus),
                 self._channels(images[0]),

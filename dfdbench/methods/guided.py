@@ -13,6 +13,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, Solver, channels_of, fit_problems, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.methods.readout import read_out
+from dfdbench.methods.spread import Posterior
 
 
 class Guided(Solver):
@@ -38,6 +39,8 @@ class Guided(Solver):
         explains cannot outvote a window.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
+    sure : bool
+        Also say how sure it is: see `dfdbench.methods.fitted.Solver`.
 
     Raises
     ------
@@ -69,13 +72,14 @@ class Guided(Solver):
         flatness: float = 100.0,
         limit: float = 15.0,
         prior: bool = True,
+        sure: bool = False,
     ) -> None:
         problems = fit_problems(prior, window)
         problems += number_within("flatness", flatness, 0, 1e6)
         problems += number_within("limit", limit, 0, 10000)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe, prior, window)
+        super().__init__(recipe, prior, window, sure)
         self._limit = limit
         self._flatness = np.float32(flatness)
 
@@ -85,7 +89,9 @@ class Guided(Solver):
         part = [defocus[:side, :side].copy()] * len(self.blurs)
         self._settled(infocus[:side, :side].copy(), part)
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
         window = self.window_in(infocus)
         costs = level_costs(self.blurs, infocus, images, self._limit)
         guide = channels_of(infocus).mean(2)
@@ -98,6 +104,8 @@ class Guided(Solver):
             slope = (_box(window, guide * cost) - mean * average) / spread
             start = average - slope * mean
             filtered[:] = _box(window, slope) * guide + _box(window, start)
+            if posterior is not None:
+                posterior.add(float(self.blur.depth_of_level(label)), cost / UNIT)
         if self.chosen.weight:
             smooth += (UNIT * self.chosen.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
         found = read_out(smooth, self.chosen.sharpness / UNIT)

@@ -15,6 +15,7 @@ from dfdbench.methods.data_cost import require_pair
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs
+from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 # Taps below this part of a kernel's whole change no value by a hundredth of TOLERANCE.
@@ -272,6 +273,8 @@ class RoundedGraphCuts(Solver):
         Difference in levels from which neighbours count as different surfaces.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
+    sure : bool
+        Also say how sure it is: see `dfdbench.methods.fitted.Solver`.
 
     Raises
     ------
@@ -304,16 +307,19 @@ class RoundedGraphCuts(Solver):
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         truncation: int = 8,
         prior: bool = True,
+        sure: bool = False,
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
             raise MethodError(
                 "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
             )
-        super().__init__(recipe, prior)
+        super().__init__(recipe, prior, sure=sure)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
         if infocus.ndim == 2:
             infocus, images = infocus[..., np.newaxis], [image[..., np.newaxis] for image in images]
         # Four neighbours cannot pay for more than this: such a cost is a prohibition.
@@ -340,6 +346,9 @@ class RoundedGraphCuts(Solver):
             labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
         else:
             labels = mrf.coarse_to_fine(energy, best_paths, REPAIRS).labels
+        if posterior is not None:
+            depths = blur.depth_of_level(np.arange(self.levels))
+            posterior.add_all(depths, np.moveaxis(unary, 2, 0), _UNIT)
         return np.asarray(blur.depth_of_level(labels.astype(np.int64)), np.float32)
 
     def _shown(self) -> slice:

@@ -1,7 +1,10 @@
 """The S-transform: how much the blur's variance grew, from a Laplacian and a difference."""
 
+from __future__ import annotations
+
+import copy
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import cv2
 import numpy as np
@@ -11,6 +14,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import (
+    Answer,
     Fit,
     Image,
     channels_of,
@@ -20,8 +24,12 @@ from dfdbench.methods.fitted import (
     number_within,
     odd_window,
     require_window_fits,
+    wrong,
 )
 from dfdbench.methods.method import Learned, TrainingPair
+
+if TYPE_CHECKING:
+    from dfdbench.methods.spread import Spread
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no
@@ -48,6 +56,9 @@ class STransform:
         so that they come near to polynomials.
     window : int
         Side of the square window in pixels, odd.
+    sure : bool
+        Also say how sure it is, in levels: the standard error of the least squares, times the
+        factor that a fit finds honest, which it then has even with a recipe.
 
     Raises
     ------
@@ -81,10 +92,17 @@ class STransform:
     paper = "Subbarao and Surya, Depth from defocus: a spatial domain approach, IJCV 1994"
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = None, smoothing: float = 2.5, window: int = 9
+        self,
+        recipe: BlurRecipe | BlurLaw | None = None,
+        smoothing: float = 2.5,
+        window: int = 9,
+        sure: bool = False,
     ) -> None:
         problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
+        problems += [] if isinstance(sure, bool) else [wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)
+        self._sure = sure
+        self._spread: Spread | None = None
         self._recipe = recipe
         self._smoothing = float(smoothing)
         self._window = (window, window)
@@ -101,43 +119,83 @@ class STransform:
 
     @property
     def fit(self) -> Fit | None:
-        """Learns the table of variance and depth; None if a recipe gives it."""
-        if self._recipe is not None:
-            return None
+        """Learns the table of variance and depth if no recipe gives it, and how sure to be."""
+        return self._learn if self._recipe is None or self._sure else None
 
-        def learn(pairs: Sequence[TrainingPair]) -> Learned:
-            from dfdbench.methods.stacks import require_alike
+    def _learn(self, pairs: Sequence[TrainingPair]) -> Learned:
+        from dfdbench.methods.spread import spread_on
+        from dfdbench.methods.stacks import require_alike
 
-            require_alike(pairs)
-            return depth_table(self.variance, pairs, _NAME)
+        require_alike(pairs)
+        table = {} if self._recipe is not None else depth_table(self.variance, pairs, _NAME)
+        if not self._sure:
+            return table
+        trial = copy.copy(self)
+        trial.restore(table)
 
-        return learn
+        def answer(pair: TrainingPair) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+            return trial._depth(pair.infocus, pair.defocus)
+
+        return table | spread_on(answer, pairs, _NAME).as_learned()
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
+        from dfdbench.methods.spread import Spread
+
+        learned = dict(learned)
+        self._spread = Spread.taken_from(learned)
+        if self._recipe is not None:
+            return
         self._variances = learned_array(learned, "measure", _NAME, 1)
         self._depths = learned_array(learned, "depth", _NAME, 1)
 
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+    def __call__(self, infocus: Image, defocus: Image) -> Answer:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x).
+
+        And where it says how sure it is, sigma.
+        """
+        from dfdbench.methods.spread import spread_of
+
+        depth, raw = self._depth(infocus, defocus)
+        return (depth, spread_of(self._spread, raw, _NAME)) if self._sure else depth
+
+    def _depth(
+        self, infocus: Image, defocus: Image
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return depth levels, and the standard error of the variance that they come from."""
         if self._variances is None:
             raise not_fitted(_NAME)
         require_window_fits(self._window[0], infocus, _NAME)
-        depth = np.interp(self.variance(infocus, defocus), self._variances, self._depths)
-        return np.asarray(depth, np.float32)
+        variance, error = self._measured(infocus, defocus)
+        depth = np.interp(variance, self._variances, self._depths)
+        return np.asarray(depth, np.float32), error
 
     def variance(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return what the blur adds to the variance along an axis, square pixels, shape (y, x)."""
+        return self._measured(infocus, defocus)[0]
+
+    def _measured(
+        self, infocus: Image, defocus: Image
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the variance that the blur adds, and its standard error but for a factor.
+
+        Of ``difference = v / 2 * laplacian``: ``2 sqrt(rest / sum(laplacian^2))``, where rest is
+        what the least squares leave of ``sum(difference^2)``.
+        """
         sharp, blurred = (self._smoothed(image) for image in (infocus, defocus))
         edge = cv2.BORDER_REPLICATE
         mean = (sharp + blurred) / 2
         laplacian = np.atleast_3d(cv2.Laplacian(mean, cv2.CV_32F, borderType=edge))
-        along, square = (
+        difference = blurred - sharp
+        along, square, whole = (
             cv2.boxFilter(products.sum(2), cv2.CV_32F, self._window, borderType=edge)
-            for products in ((blurred - sharp) * laplacian, laplacian**2)
+            for products in (difference * laplacian, laplacian**2, difference**2)
         )
-        rest = _NO_TEXTURE * _MIDDLE_VARIANCE
-        return np.asarray((2 * along + rest) / (square + _NO_TEXTURE), np.float32)
+        usual = _NO_TEXTURE * _MIDDLE_VARIANCE
+        variance = (2 * along + usual) / (square + _NO_TEXTURE)
+        rest = np.maximum(whole - along**2 / (square + _NO_TEXTURE), 0) + _NO_TEXTURE
+        error = 2 * np.sqrt(rest / (square + _NO_TEXTURE))
+        return np.asarray(variance, np.float32), np.asarray(error, np.float32)
 
     def _smoothed(self, image: Image) -> NDArray[np.float32]:
         smooth = cv2.GaussianBlur(

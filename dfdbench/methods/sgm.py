@@ -12,6 +12,7 @@ from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fitted import Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.methods.readout import read_out
+from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 _DIRECTIONS = 8
@@ -121,6 +122,8 @@ class SemiGlobal(Solver):
         Nats above a pixel's least at which costs are cut off.
     prior : bool
         Where the law is fitted: weigh depths by how often training shows them, if that helps there.
+    sure : bool
+        Also say how sure it is: see `dfdbench.methods.fitted.Solver`.
 
     Raises
     ------
@@ -141,6 +144,8 @@ class SemiGlobal(Solver):
     True
     """
 
+    # Costs along paths look far enough by themselves, and say no more than is known.
+    sure_by = (1, 1.0, np.inf)
     paper = (
         "Hirschmüller, Stereo processing by semiglobal matching and mutual information, PAMI 2008"
     )
@@ -152,6 +157,7 @@ class SemiGlobal(Solver):
         large_step: float = 15.0,
         limit: float = 100.0,
         prior: bool = True,
+        sure: bool = False,
     ) -> None:
         most = MOST // (2 * UNIT)
         problems = number_within("small_step", small_step, 0, most)
@@ -166,11 +172,13 @@ class SemiGlobal(Solver):
         problems += number_within("limit", limit, 0, most)
         if problems:
             raise MethodError.of(problems)
-        super().__init__(recipe, prior)
+        super().__init__(recipe, prior, sure=sure)
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
         costs = level_costs(self.blurs, infocus, images, self._limit)
         # As many images as there are, as often a cost is counted.
         small, large = (
@@ -180,5 +188,8 @@ class SemiGlobal(Solver):
             costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
         np.minimum(costs, MOST - large, out=costs)
         sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
-        label = read_out(sums, self.chosen.sharpness / (UNIT * _DIRECTIONS))
+        nat = UNIT * _DIRECTIONS
+        label = read_out(sums, self.chosen.sharpness / nat)
+        if posterior is not None:
+            posterior.add_all(self.blur.depth_of_level(np.arange(len(sums))), sums, nat)
         return np.asarray(self.blur.depth_of_level(label), np.float32)

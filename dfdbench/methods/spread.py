@@ -1,0 +1,196 @@
+"""How sure a method is of a pixel: the spread of its levels' posterior, made honest by one factor.
+
+What a cost volume says of its own errors is in the right order but not of the right size: noise is
+not all that is wrong, and neighbours do not err independently. So one number is fitted on training
+captures, by which nine truths in ten lie within 1.645 standard deviations.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError
+from dfdbench.methods.fitted import evenly_spread, nothing_to_fit
+from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.metrics.sureness import REACH_90
+
+Array = NDArray[Any]
+
+#: Captures that a factor is fitted on, evenly among all, and pixels of each.
+MOST_CAPTURES, _PIXELS = 16, 20_000
+# What a fit returns it as.
+_NAME = "spread"
+# The variance of a number that is rounded to whole levels: no spread is less.
+_ROUNDING = 1 / 12
+_HELD = 0.9
+
+
+class Posterior:
+    """The moments of each pixel's levels under ``exp(-sharpness * cost)``, level after level.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the image, (y, x).
+    window : int
+        Side of the square window that costs are averaged over first, in pixels, odd: a pixel alone
+        says little of how wrong it is.
+    sharpness : float
+        What a nat counts. As costs are averaged, not summed, more than 1 may be right.
+    most : float
+        Nats that a pixel says at most against a level, before costs are averaged: where surfaces
+        end, a pixel may be far from all of them.
+
+    Examples
+    --------
+    >>> posterior = Posterior((1, 1), 1, 1.0, np.inf)
+    >>> for level, cost in ((10, 0), (14, 0), (200, 99)):
+    ...     posterior.add(level, np.full((1, 1), cost))
+    >>> round(float(posterior.spread_about(np.array([[12.0]]))[0, 0]), 2)
+    2.02
+    """
+
+    def __init__(self, shape: tuple[int, ...], window: int, sharpness: float, most: float) -> None:
+        self._window = (window, window)
+        self._sharpness, self._most = np.float32(sharpness), np.float32(most)
+        self._least = np.full(shape, np.inf, np.float32)
+        self._sums = np.zeros((3, *shape))
+
+    def add_all(self, levels: Iterable[float], costs: Iterable[Array], nat: float) -> None:
+        """Add levels, and of each what it costs each pixel, so many a nat."""
+        for level, cost in zip(levels, costs, strict=True):
+            self.add(float(level), cost / np.float32(nat))
+
+    def add(self, level: float, cost: Array) -> None:
+        """Add a level, and what it costs each pixel, in nats."""
+        plane = self._sharpness * np.minimum(np.asarray(cost, np.float32), self._most)
+        if self._window != (1, 1):
+            edge = cv2.BORDER_REPLICATE
+            plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
+        least = np.minimum(self._least, plane)
+        # All that was added before is held against the new least.
+        with np.errstate(under="ignore"):
+            self._sums *= np.exp(least - self._least)
+            weight = np.exp(least - plane)
+        for power, total in enumerate(self._sums):
+            total += weight * level**power
+        self._least = least
+
+    def spread_about(self, answer: Array) -> NDArray[np.float32]:
+        """Return the root mean square distance of the levels from an answer, shape (y, x).
+
+        It is never below that of a number that is rounded to a whole level.
+        """
+        total, mean, square = self._sums
+        around = (square - 2 * answer * mean) / total + np.square(answer)
+        return np.asarray(np.sqrt(np.maximum(around, 0) + _ROUNDING), np.float32)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """By what a method's spread is multiplied to be a standard deviation.
+
+    Parameters
+    ----------
+    factor : float
+        Above 0.
+    """
+
+    factor: float
+
+    def of(self, raw: Array) -> NDArray[np.float32]:
+        """Return sigma of a method's own spread, shape (y, x)."""
+        return np.asarray(self.factor * raw, np.float32)
+
+    def as_learned(self) -> Learned:
+        """Return it as a method's fit returns it."""
+        return {_NAME: self.factor}
+
+    @classmethod
+    def taken_from(cls, learned: Learned) -> "Spread | None":
+        """Take it out of what a fit learned; None without it."""
+        found = learned.pop(_NAME, None)
+        return None if found is None else cls(float(found))
+
+
+def spread_of(spread: Spread | None, raw: Array, method: str) -> NDArray[np.float32]:
+    """Return sigma of a method's own spread, shape (y, x).
+
+    Raises
+    ------
+    MethodError
+        If no factor was fitted.
+    """
+    if spread is None:
+        what = "the method has seen no training captures, and cannot say how sure it is"
+        raise MethodError(what, where=f"{method}: sure", fix="fit it, or leave out sure=true")
+    return spread.of(raw)
+
+
+def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> Spread:
+    """Fit the factor by which nine truths in ten lie within 1.645 standard deviations.
+
+    Parameters
+    ----------
+    found : iterable of (ndarray, ndarray)
+        Of each capture the absolute errors of its known pixels, and the method's own spread there,
+        above 0. A capture counts as much as another, whatever its size.
+    method : str
+        Its name, for errors.
+
+    Raises
+    ------
+    MethodError
+        If no pixel is known.
+
+    Examples
+    --------
+    >>> errors = np.arange(1, 1001) / 1000
+    >>> round(1.645 * fit_spread([(errors, np.ones(1000))], "mine").factor, 2)
+    0.9
+    """
+    ratios, weights = [], []
+    for errors, raw in found:
+        chosen = evenly_spread(errors.size, _PIXELS)
+        if chosen:
+            ratios.append(errors[chosen] / raw[chosen])
+            weights.append(np.full(len(chosen), 1 / len(chosen)))
+    if not ratios:
+        raise nothing_to_fit(method, "training captures with known depth", "none")
+    ratio, weight = np.concatenate(ratios), np.concatenate(weights)
+    order = np.argsort(ratio, kind="stable")
+    reached = np.cumsum(weight[order]) / len(ratios)
+    place = min(int(np.searchsorted(reached, _HELD)), ratio.size - 1)
+    # A method that is never wrong, as on made images, still has to name a number above 0.
+    return Spread(max(float(ratio[order[place]]) / REACH_90, 1e-3))
+
+
+def spread_on(
+    answer: Callable[[TrainingPair], tuple[Array, Array]],
+    captures: Sequence[TrainingPair],
+    method: str,
+) -> Spread:
+    """Fit the factor on whole training captures, evenly among all.
+
+    Parameters
+    ----------
+    answer : callable
+        Gives the depth levels of a capture, and the method's own spread; shape (y, x).
+    captures : sequence of TrainingPair
+        With depth.
+    method : str
+        Its name, for errors.
+    """
+
+    def found(index: int) -> tuple[Array, Array]:
+        # One capture after the other: they may be large.
+        capture = captures[index]
+        depth, raw = answer(capture)
+        known = capture.valid
+        return np.abs(depth.astype(np.float64) - capture.levels)[known], raw[known]
+
+    return fit_spread(map(found, evenly_spread(len(captures), MOST_CAPTURES)), method)
