@@ -127,6 +127,7 @@ BEYOND_A_MODULE = {
     ("cli", "test_command_line.py"),
     ("cli", "test_outputs.py"),
     ("cli", "test_realworld.py"),
+    ("cli", "test_sureness.py"),
     ("cli", "test_verbs.py"),
     ("methods", "mrf", "test_real_images.py"),
     ("methods", "test_plain_recipe.py"),

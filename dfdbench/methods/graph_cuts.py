@@ -194,24 +194,7 @@ class GraphCuts(Solver):
             self._memory.costs = memory = np.empty(shape, np.uint16)
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            blurred = partial(all_blurred, self.blurs, infocus, images, self._levels)
-            # Of a stack it is made twice, as nobody could hold it all.
-            held = list(blurred()) if len(images) == 1 else []
-            told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
-            self._memory.nat = nat = self._nat(told) / self.chosen.smoothing
-            pair = len(images) == 1
-            most = _MOST_NATS if pair else MOST_NATS
-            limit = min(math.ceil(most * nat), self._limit)
-            ceiling = math.inf if pair else limit
-            unary, offset, add = memory, 0, False
-            for one in held or blurred():
-                offset += law_cost(one, nat, limit, memory, add, ceiling)[1]
-                add = True
-                # Before the next is made: they are large.
-                del one
-            if self.chosen.weight:
-                energy = nat * self.chosen.energy[self._levels]
-                offset += add_energy(unary, energy, self._limit)
+            unary, offset = self._law_cost(infocus, images, memory)
         else:
             # Of a recipe's residuals nothing is known but that images are rounded.
             self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
@@ -229,6 +212,30 @@ class GraphCuts(Solver):
             grey = infocus if infocus.ndim == 2 else cv2.cvtColor(infocus, cv2.COLOR_RGB2GRAY)
             right, down = mrf.adaptive_potts_weights(np.asarray(grey), self._threshold)
         return mrf.Energy(unary, self._table, right, down, offset)
+
+    def _law_cost(
+        self, infocus: Image, images: Sequence[Image], memory: NDArray[np.uint16]
+    ) -> tuple[NDArray[np.uint16], int]:
+        """Return what levels cost pixels under the laws, and the sum of the least costs."""
+        blurred = partial(all_blurred, self.blurs, infocus, images, self._levels)
+        # Of a stack it is made twice, as nobody could hold it all.
+        held = list(blurred()) if len(images) == 1 else []
+        told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
+        self._memory.nat = nat = self._nat(told) / self.chosen.smoothing
+        pair = len(images) == 1
+        most = _MOST_NATS if pair else MOST_NATS
+        limit = min(math.ceil(most * nat), self._limit)
+        ceiling = math.inf if pair else limit
+        unary, offset, add = memory, 0, False
+        for one in held or blurred():
+            offset += law_cost(one, nat, limit, memory, add, ceiling)[1]
+            add = True
+            # Before the next is made: they are large.
+            del one
+        if self.chosen.weight:
+            energy = nat * self.chosen.energy[self._levels]
+            offset += add_energy(unary, energy, self._limit)
+        return unary, offset
 
     def _nat(self, told: float) -> float:
         """Return the integer cost of a nat, where a pixel has so much information on its level."""

@@ -23,6 +23,7 @@ from dfdbench.board.tables import lighting_table, runs_table, standings_table
 from dfdbench.figures import style
 from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.runs import group_figures, panel_figure
+from dfdbench.figures.sureness import curves_of, sureness_figure
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
@@ -135,6 +136,14 @@ def _section_of(
     if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
+    sure = [
+        curves
+        for run in members
+        if run.store and (curves := curves_of(run.store, run.result, run.path.parent, run.label))
+    ]
+    if sure:
+        data = board.result.dataset
+        plots["how sure it is"] = sureness_figure(sure, f"{data.label}, split {data.split}")
     tables = (ranking, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
 

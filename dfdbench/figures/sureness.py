@@ -1,0 +1,143 @@
+"""Figure of how sure methods are: error against density, and what their intervals hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import special
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import Pair
+from dfdbench.figures import style
+from dfdbench.metrics.protocol import SURE
+from dfdbench.metrics.sureness import Errors, error_curve, squared_errors
+from dfdbench.results.record import Result
+from dfdbench.results.run_folder import read_prediction
+
+_DENSITIES = np.arange(2, 101, 2) / 100
+_INTERVALS = np.arange(5, 100, 5) / 100
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """A method's lines in `sureness_figure`, each a mean over its pairs.
+
+    Parameters
+    ----------
+    label : str
+        What the method is called.
+    errors, least : ndarray of float64, shape (density,)
+        NRMSE of the surest 2 %, 4 % and so on of the known pixels, and of those with the least
+        errors; NaN where a pair has not as many answers.
+    held : ndarray of float64, shape (interval,), or None
+        The share of truths within the intervals of 5 %, 10 % and so on to 95 % of a Gaussian; None
+        where no pair has a sigma.
+    """
+
+    label: str
+    errors: Floats
+    least: Floats
+    held: Floats | None
+
+
+def curves_of(store: Dataset, result: Result, folder: Path, label: str) -> Curves | None:
+    """Return the lines of a run, out of the answers that it kept.
+
+    None where the method does not say how sure it is, and where no answer was kept.
+
+    Parameters
+    ----------
+    store : Dataset
+        The data set that was run on.
+    result : Result
+        The run.
+    folder : Path
+        The run's folder.
+    label : str
+        What the method is called.
+    """
+    if SURE not in result.protocol_names:
+        return None
+    errors, least, held = [], [], []
+    for record in (pair for pair in result.pairs if pair.status == "ok"):
+        found = _errors(store, record.pair, folder)
+        if found is None or not found.squares.size:
+            continue
+        order = np.zeros(found.squares.size) if found.sigma is None else found.sigma
+        errors.append(_curve(found, order))
+        least.append(_curve(found, found.squares))
+        if found.sigma is not None:
+            ratios = np.sort(np.sqrt(found.squares) / found.sigma)
+            reach = special.ndtri((1 + _INTERVALS) / 2)
+            held.append(np.searchsorted(ratios, reach, side="right") / ratios.size)
+    if not errors:
+        return None
+    whole = store.manifest.depth.span
+    ours, best = (np.mean(lines, axis=0) / whole for lines in (errors, least))
+    return Curves(label, ours, best, np.mean(held, axis=0) if held else None)
+
+
+def _errors(store: Dataset, pair: Pair, folder: Path) -> Errors | None:
+    images = store.read(pair)
+    shape = images.depth.shape
+    depth = read_prediction(folder, images.pair, shape)
+    if depth is None:
+        return None
+    sigma = read_prediction(folder, images.pair, shape, "sigma")
+    return squared_errors(images.truth, depth, sigma, images.valid)
+
+
+def _curve(found: Errors, order: Floats) -> Floats:
+    within = found.density >= _DENSITIES
+    curve = np.full(_DENSITIES.shape, np.nan)
+    if within.any():
+        curve[within] = error_curve(found.squares, order, _DENSITIES[within] / found.density)
+    return curve
+
+
+def sureness_figure(methods: Sequence[Curves], title: str) -> Figure:
+    """Draw error against density, a line a method, and the share of truths in each interval.
+
+    Parameters
+    ----------
+    methods : sequence of Curves
+        At least one, on the same data.
+    title : str
+        What they were run on.
+
+    Examples
+    --------
+    >>> line = np.linspace(0.01, 0.05, 50)
+    >>> figure = sureness_figure([Curves("mine", line, line / 2, None)], "demo-1")
+    >>> [axis.get_title() for axis in figure.axes]
+    ['error against density', 'truths within intervals']
+    """
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    left, right = figure.subplots(1, 2)
+    for number, method in enumerate(methods):
+        look = {"color": style.COLOURS[number % len(style.COLOURS)]}
+        label = style.plain_text(method.label)
+        left.plot(100 * _DENSITIES, method.errors, label=label, **look)
+        left.plot(100 * _DENSITIES, method.least, linestyle=":", **look)
+        if method.held is not None:
+            marker = style.MARKERS[number % len(style.MARKERS)]
+            right.plot(100 * _INTERVALS, 100 * method.held, marker=marker, markersize=4, **look)
+    right.plot([0, 100], [0, 100], color="0.6", linewidth=1)
+    left.set_title("error against density", fontsize=10)
+    left.set_xlabel("surest known pixels (%); dotted: those with the least errors")
+    left.set(ylabel="NRMSE", xlim=(0, 100), ylim=(0, None))
+    right.set_title("truths within intervals", fontsize=10)
+    right.set(xlabel="interval of a Gaussian (%)", ylabel="truths within (%)")
+    right.set(xlim=(0, 100), ylim=(0, 100))
+    for axis in (left, right):
+        axis.grid(alpha=0.3)
+    style.legend_below(figure, left)
+    return figure

@@ -1,0 +1,171 @@
+"""From end to end: methods that say how sure they are, and methods that leave pixels out."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import dfdbench as dfd
+from dfdbench.board.ranking import Entry, boards
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.results.record import load_result
+from dfdbench.results.run_folder import read_prediction
+from tests.cli.command import Command
+
+METHODS = """
+import numpy as np
+
+def sure(infocus, defocus):
+    error = np.abs(infocus[..., 0].astype(float) - defocus[..., 0])
+    return infocus[..., 0] / 2, 5 + error
+
+def gaps(infocus, defocus):
+    depth = infocus[..., 0] / 2
+    depth[:12] = np.nan
+    return depth
+
+def sometimes(infocus, defocus):
+    depth = infocus[..., 0] / 2
+    if infocus.shape[1] == 31:
+        depth[:12] = np.nan
+    return depth
+
+def nought(infocus, defocus):
+    return infocus[..., 0] / 2, np.zeros(infocus.shape[:2])
+"""
+
+
+@pytest.fixture(autouse=True)
+def methods(dfdbench: Command) -> None:
+    Path("says.py").write_text(METHODS)
+
+
+def test_a_sigma_is_scored_kept_drawn_and_scored_again(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    store = str(tiny_store.path)
+    ran = dfdbench.fine("run --method says:sure --out run --dataset", store)
+    lines = ran.err.splitlines()
+    assert sum(line.startswith("overall") for line in lines) == 1
+    assert "in 90 % intervals 0." in next(line for line in lines if line.startswith("sure"))
+    assert Path("run/figures/sureness.png").exists()
+    result = load_result("run")
+    assert result.protocol_names[-1] == "sure"
+    assert result.averages is not None
+    assert result.averages["valid"]["nrmse"] is not None, "depth is scored as ever"
+    for record in result.pairs:
+        pair, shape = record.pair, tiny_store.shape_of(record.scene)
+        images = tiny_store.read(pair)
+        error = np.abs(images.infocus[..., 0].astype(float) - images.defocus[..., 0])
+        sigma = read_prediction(Path("run"), pair, shape, "sigma")
+        depth = read_prediction(Path("run"), pair, shape)
+        assert depth is not None
+        assert sigma is not None
+        assert np.array_equal(sigma, (5 + error).astype(np.float32))
+        known = images.valid
+        held = np.abs(depth - images.truth)[known] <= 1.6448536 * (5 + error)[known]
+        assert record.score("sure", "within_90") == pytest.approx(held.mean())
+        assert (record.score("sure", "density"), record.answered) == (1, 1)
+        file = Path("maps", f"{record.id}.npz")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(file, depth=depth, sigma=sigma)
+    shown = dfdbench.fine("run --method says:sure --out run --protocol sure --dataset", store)
+    assert "in 90 % intervals → 0.9" in shown.out
+    assert "7 pairs taken over" in shown.err
+    page = Path("page")
+    dfdbench.fine("report run --out page")
+    assert "how sure it is" in (page / "report.html").read_text("utf-8")
+    dfdbench.fine("score --predictions maps --out scored --dataset", store)
+    again = load_result("scored")
+    for one, other in zip(result.pairs, again.pairs, strict=True):
+        assert one.scores == other.scores
+        assert one.prediction_sha256 == other.prediction_sha256
+    parallel = dfdbench.fine("run --method says:sure --workers 2 --out two --dataset", store)
+    assert "differs" not in parallel.err
+    assert [p.scores for p in load_result("two").pairs] == [p.scores for p in result.pairs]
+
+
+def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
+    dfdbench: Command, tiny_store: Dataset, tmp_path: Path
+) -> None:
+    store = str(tiny_store.path)
+    entries = []
+    for name, lacking in (("gaps", 7), ("sometimes", 4)):
+        ran = dfdbench.fine(f"run --method says:{name} --out {name} --dataset", store)
+        pairs = f"{lacking} pairs without an answer for every pixel"
+        last = ran.err.splitlines()[-1]
+        assert last.startswith(f"overall      no score: {pairs}"), last
+        assert f"note: {pairs}" in ran.out.replace("\n", " ") or pairs in ran.out
+        run = dfd.open_run(name, store)
+        assert run.result.averages is not None
+        assert set(run.result.averages["valid"].values()) == {None}
+        density = run.result.averages["sure"]["density"]
+        assert density is not None
+        assert 0.3 < density < 1
+        frame = run.to_frame("valid")
+        assert (frame["status"] == "unanswered").sum() == lacking
+        assert frame["nrmse"].isna().sum() == lacking
+        assert (run.to_frame("sure")["status"] == "ok").all()
+        entries.append(Entry.of(run.result, Path(name, "result.json")))
+    dfdbench.fine("run --method mymodule:predict --out whole --dataset", store)
+    entries.append(Entry.of(load_result("whole"), Path("whole/result.json")))
+    ranks = {
+        board.protocol: {each.entry.result.method.name: each.rank for each in board.standings}
+        for board in boards(entries)
+    }
+    for protocol in ("thesis", "valid"):
+        assert ranks[protocol] == {"mymodule:predict": 1, "says:gaps": None, "says:sometimes": None}
+    assert "mymodule:predict" not in ranks["sure"]
+    # A pair that is answered in full has its own error at any density, and no order of its pixels.
+    full = [pair for pair in load_result("sometimes").pairs if pair.answered == 1]
+    assert {pair.score("sure", "nrmse_50") for pair in full} == {
+        pair.score("valid", "nrmse") for pair in full
+    }
+    assert {pair.score("sure", "ause") for pair in full} == {None}
+    dfdbench.fine("report gaps sometimes whole --out page")
+    dfdbench.fine("report gaps whole --out page --protocol thesis --format markdown")
+    dfdbench.fine("compare sometimes whole --protocol valid")
+
+
+def test_a_sigma_of_nought_fails_the_pair_and_who_says_nothing_has_no_such_scores(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    store = str(tiny_store.path)
+    failed = dfdbench("run --method says:nought --out nought --dataset", store)
+    assert failed.status == 1
+    assert "sigma of 0 to 0; expected finite numbers above 0" in " ".join(failed.out.split())
+    checked = dfdbench("check-method says:nought")
+    assert (checked.status, "sigma of 0 to 0" in " ".join(checked.out.split())) == (1, True)
+    assert dfdbench("check-method says:sure").status == 0
+    ask = "run --method mymodule:predict --protocol sure --out plain --dataset"
+    dfdbench.refused("neither says how sure it is nor leaves pixels", ask, store)
+    content = json.loads(Path("plain/result.json").read_text())
+    assert "sure" not in json.dumps(content["protocols"])
+
+
+def test_predict_keeps_sigma_where_there_is_room_and_says_so(
+    dfdbench: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "in/a").mkdir(parents=True)
+    noise = np.random.default_rng(0).integers(0, 256, (40, 50, 3)).astype(np.uint8)
+    images = [str(tmp_path / "in/a" / f"{name}.png") for name in ("infocus", "defocus")]
+    for image in images:
+        cv2.imwrite(image, noise)
+    kept = dfdbench.fine("predict --method says:sure --out a.npz --no-align", *images)
+    assert "5, the median pixel's; beside the depth" in kept.err
+    with np.load("a.npz") as arrays:
+        assert sorted(arrays) == ["depth", "sigma"]
+        assert (arrays["sigma"] == 5).all()
+    lost = dfdbench.fine("predict --method says:sure --out a.npy --no-align", *images)
+    assert "not in a.npy: --out NAME.npz" in lost.err
+    several = dfdbench.fine(
+        "predict --method says:sure --out maps --no-align", str(tmp_path / "in")
+    )
+    assert "beside the depth of 1 map, in .npz files" in several.err
+    assert Path("maps/a.npz").exists()
+    gaps = "predict --method says:gaps --no-align --out"
+    told = dfdbench.fine(f"{gaps} b.npy --figure b.png", *images)
+    assert "no answer    in 600 of 2000 pixels" in told.err
+    dfdbench.refused("600 of 2000 pixels have no answer", f"{gaps} c.png", *images)

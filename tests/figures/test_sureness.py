@@ -1,0 +1,50 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.evaluation.run import run_method
+from dfdbench.figures.sureness import Curves, curves_of, sureness_figure
+from dfdbench.methods.method import Method
+from dfdbench.results.summary import summarise
+
+
+def sure(infocus: Any, defocus: Any) -> Any:
+    depth = infocus[..., 0] / 2
+    sigma = 1.0 + defocus[..., 1]
+    depth[:6] = np.nan
+    return depth, sigma
+
+
+def test_the_lines_are_what_the_protocol_scores(tiny_store: Dataset, tmp_path: Path) -> None:
+    method = Method("mine", "m:sure", sure)
+    result = run_method(tiny_store, method, "test", tmp_path / "run").result
+    found = curves_of(tiny_store, result, tmp_path / "run", "mine")
+    assert found is not None
+    means = {
+        name: np.mean([pair.score("sure", name) or np.nan for pair in result.pairs])
+        for name in ("nrmse_50", "within_90", "density")
+    }
+    assert found.errors[24] == pytest.approx(means["nrmse_50"])
+    assert found.held is not None
+    assert found.held[17] == pytest.approx(means["within_90"])
+    # What has no answer has no error either.
+    assert means["density"] < 0.9
+    assert np.isnan(found.errors[-1])
+    defined = ~np.isnan(found.errors)
+    assert (found.least[defined] <= found.errors[defined] + 1e-12).all()
+    figure = sureness_figure([found, Curves("$x$", found.errors, found.least, None)], "tiny")
+    left, right = figure.axes
+    assert (len(left.get_lines()), len(right.get_lines())) == (4, 2)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", r"\$x\$"]
+    assert not summarise(result, "valid").ranked
+
+
+def test_who_says_nothing_or_kept_nothing_has_no_lines(tiny_store: Dataset, tmp_path: Path) -> None:
+    plain = Method("plain", "m:plain", lambda infocus, defocus: infocus[..., 0] / 2)
+    result = run_method(tiny_store, plain, "test", tmp_path / "plain").result
+    assert curves_of(tiny_store, result, tmp_path / "plain", "plain") is None
+    said = run_method(tiny_store, Method("mine", "m:sure", sure), "test", tmp_path / "run").result
+    assert curves_of(tiny_store, said, tmp_path / "elsewhere", "mine") is None

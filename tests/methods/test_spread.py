@@ -1,0 +1,119 @@
+"""A spread is the moments' of the posterior, and one factor makes it honest."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.errors import MethodError
+from dfdbench.methods.check import MadePair
+from dfdbench.methods.method import Method, restore, teach
+from dfdbench.methods.registry import load_method
+from dfdbench.methods.spread import Posterior, Spread, fit_spread
+from dfdbench.metrics.sureness import REACH_90, ause, surest_nrmse, within_interval
+
+SURE = ("local", "guided", "sgm", "graph-cuts", "graph-cuts-rounded", "s-transform")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_posterior_has_the_moments_of_its_definition(order: int) -> None:
+    random = np.random.default_rng(3)
+    costs = random.uniform(0, 900, (256, 5, 7)).astype(np.float32)
+    costs[:, 0] = 3.0
+    answer = random.uniform(0, 255, (5, 7))
+    posterior = Posterior((5, 7), 1, 0.5, 20.0)
+    levels = np.arange(256)[::order]
+    posterior.add_all(levels, costs[levels], 4)
+    weights = np.exp(-0.5 * np.minimum(costs / 4, 20).astype(np.float64))
+    away = np.square(np.arange(256)[:, None, None] - answer)
+    expected = np.sqrt((weights * away).sum(0) / weights.sum(0) + 1 / 12)
+    np.testing.assert_allclose(posterior.spread_about(answer), expected, rtol=1e-4)
+
+
+def test_a_window_shares_what_pixels_say() -> None:
+    posterior = Posterior((9, 9), 3, 1.0, np.inf)
+    for level in (0, 10):
+        cost = np.zeros((9, 9))
+        cost[4, 4] = 90.0 * (level > 0)
+        posterior.add(level, cost)
+    spread = posterior.spread_about(np.zeros((9, 9)))
+    assert spread[0, 0] == pytest.approx(np.sqrt(50 + 1 / 12))
+    # 90 nats of one pixel are 10 for each of nine.
+    assert (spread[3:6, 3:6] < 0.3).all()
+
+
+@pytest.mark.parametrize("sigma", [0.25, 8.0])
+def test_the_factor_makes_the_intervals_of_normal_errors_hold_nine_in_ten(sigma: float) -> None:
+    random = np.random.default_rng(1)
+    raw = [random.uniform(1, 5, 30_000) for _ in range(6)]
+    errors = [np.abs(sigma * each * random.standard_normal(each.size)) for each in raw]
+    found = fit_spread(zip(errors[:4], raw[:4], strict=True), "mine")
+    assert found.factor == pytest.approx(sigma, rel=0.02)
+    for error, each in zip(errors[4:], raw[4:], strict=True):
+        assert np.mean(error <= REACH_90 * found.of(each)) == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_capture_counts_as_much_as_another_and_a_spread_stays_above_0() -> None:
+    few, many = (np.ones(10), np.ones(10)), (np.full(900, 3.0), np.ones(900))
+    # Each is a half: nine in ten of both are at the larger error, half at the smaller.
+    assert fit_spread([few, many], "mine").factor == pytest.approx(3 / REACH_90)
+    assert fit_spread([few] * 10 + [many], "mine").factor == pytest.approx(1 / REACH_90)
+    assert fit_spread([(np.zeros(9), np.ones(9))], "mine").factor > 0
+    with pytest.raises(MethodError, match="nothing to fit to"):
+        fit_spread([(np.zeros(0), np.zeros(0))], "mine")
+
+
+def made(seed: int) -> MadePair:
+    """A pair with a wavy depth, half of it with little texture."""
+    random = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:72, :96]
+    depth = (120 + 60 * np.sin(rows / 14 + seed) + 40 * np.cos(columns / 17)).astype(np.uint8)
+    image = random.integers(0, 256, (72, 96, 3)).astype(np.float64)
+    image[:, 48:] = 128 + (image[:, 48:] - 128) / 64
+    sharp = image.astype(np.uint8)
+    return MadePair(sharp, synthesize(sharp, depth, RECIPES["published"]), depth, depth >= 0)
+
+
+@pytest.mark.parametrize("name", SURE)
+def test_who_is_sure_says_so_where_it_is_asked_and_is_right_to_be(name: str) -> None:
+    plain = load_method(name, {"recipe": "published"}, {})
+    sure = load_method(name, {"recipe": "published", "sure": True}, {})
+    assert plain.learner is None
+    with pytest.raises(MethodError, match="seen no training captures"):
+        sure(made(1).infocus, made(1).defocus)
+    learned = teach(sure, [made(seed) for seed in range(4)]).learned
+    assert learned is not None
+    assert list(learned) == ["spread"]
+    test = made(9)
+    depth, sigma = sure(test.infocus, test.defocus)
+    assert np.array_equal(depth, plain(test.infocus, test.defocus)), "depth is as without"
+    assert (depth.dtype, sigma.dtype, sigma.shape) == (np.float32, np.float32, depth.shape)
+    assert 0.75 < within_interval(test.depth, depth, sigma) < 0.99
+    coin = np.random.default_rng(0).permutation(sigma.ravel()).reshape(sigma.shape)
+    assert ause(test.depth, depth, sigma) < 0.7 * ause(test.depth, depth, coin)
+    whole = surest_nrmse(test.depth, depth, sigma, share=1)
+    assert surest_nrmse(test.depth, depth, sigma, share=0.5) < 0.65 * whole
+    other = load_method(name, {"recipe": "published", "sure": True}, {})
+    restore(other, learned)
+    assert np.array_equal(other(test.infocus, test.defocus)[1], sigma)
+
+
+@pytest.mark.parametrize("name", SURE)
+def test_sure_is_true_or_false(name: str) -> None:
+    with pytest.raises(MethodError, match=r"wrong parameter \(sure\)"):
+        load_method(name, {"recipe": "published", "sure": "very"}, {})
+
+
+def test_a_fit_of_the_law_learns_the_factor_besides() -> None:
+    method = load_method("local", {"recipe": None, "sure": True}, {})
+    pairs = [made(seed) for seed in range(2)]
+    learned = teach(method, pairs).learned
+    plain: Any = teach(load_method("local", {"recipe": None}, {}), pairs).learned
+    assert learned is not None
+    assert learned.keys() - plain.keys() == {"spread"}
+    assert Spread.taken_from(copy.copy(learned)) == Spread(float(learned["spread"]))
+    assert isinstance(method, Method)
+    assert method(pairs[0].infocus, pairs[0].defocus)[1].min() > 0
