@@ -30,6 +30,9 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
     assert set(scores["protocol"]) == set(result.protocol_names)
     means = row.mean(), done.to_frame("thesis")["nrmse"].mean()
     assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 2)  # type: ignore[index]
+    regions = done.regions
+    assert list(regions) == ["edges", "flat", "far", "near"]
+    assert regions.loc[result.pairs[0].id, "far"] == result.pairs[0].regions["far"]
     assert "grey" in repr(done)
     assert "<table" in done._repr_html_()
     assert len(done.table()) > 0
@@ -42,7 +45,9 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     images, again = done.images(name)
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
-    assert done.report(tmp_path / "page").read_text().startswith("<!doctype html>")
+    page = done.report(tmp_path / "page").read_text()
+    assert page.startswith("<!doctype html>")
+    assert "NRMSE by region" in page
 
 
 def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:

@@ -112,9 +112,10 @@ class Depth(StrictRecord):
         sigma: NDArray[np.float32] | None,
         unit: Literal["levels", "metres"],
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return depth as `of_unit` does, and its standard deviation by the slope of the scale.
+        """Return depth as `of_unit` does, and its standard deviation by the scale's mean slope.
 
-        The slope is that over a thousandth of the range; beyond the scale's ends, of the end.
+        It is taken over a standard deviation to either side, at least a thousandth of the range, as
+        far as the scale reaches: an inverse scale is anything but straight.
         """
         found = self.of_unit(depth, unit)
         if sigma is None or unit == self.kind or self.scale is None:
@@ -123,9 +124,11 @@ class Depth(StrictRecord):
         ends = (scale.near_level, scale.far_level) if unit == "levels" else (scale.near, scale.far)
         first, last = sorted(map(float, ends))
         step = np.float32((last - first) / 1000)
-        middle = np.clip(depth, first + step, last - step)
-        rise = self.of_unit(middle + step, unit) - self.of_unit(middle - step, unit)
-        return found, np.asarray(sigma * np.abs(rise) / (2 * step), np.float32)
+        reach = np.maximum(sigma, step)
+        low = np.clip(depth - reach, first, last - step)
+        high = np.clip(depth + reach, low + step, last)
+        rise = np.abs(self.of_unit(high, unit) - self.of_unit(low, unit))
+        return found, np.asarray(sigma * rise / (high - low), np.float32)
 
     def exact_levels(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return depth of this kind, without NaN, as levels that are not rounded."""

@@ -9,10 +9,11 @@ from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
@@ -22,6 +23,7 @@ from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
 from dfdbench.metrics.protocol import RELEASED, SURE, Protocol, score
+from dfdbench.metrics.regions import region_errors, regions_of
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
@@ -200,40 +202,46 @@ def record_of(
         first = prediction.printed.strip().splitlines()[:1]
         warnings.append(f"{PRINTED} {len(prediction.printed)} characters: {''.join(first)[:80]}")
     blank = blank_record(images.pair, "failed")
-    if prediction.depth is None:
+    depth, sigma = prediction.depth, prediction.sigma
+    if depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
-    about = store.manifest.depth
-    truth, answered = images.truth, ~np.isnan(prediction.depth)
-    known = images.valid & answered
-    likeness = correlation(truth[known], prediction.depth[known])
-    if likeness < AGAINST:
-        warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
-    if about.kind == "levels" and in_unit_range(prediction.depth):
-        warnings.append(UNIT_LEVELS)
-    far = np.float32(about.ends[1])
-    if about.kind == "metres" and about.scale and np.nanmedian(prediction.depth) >= far:
-        warnings.append(MILLIMETRES)
-    crop, sigma = store.manifest.network_crop, prediction.sigma
+    about, crop = store.manifest.depth, store.manifest.network_crop
+    truth, answered = images.truth, ~np.isnan(depth)
     chosen = {protocol.label: protocol for protocol in protocols}
     if sigma is not None or not answered.all():
         chosen[SURE] = RELEASED[SURE]
     scores = {
-        label: score(
-            protocol, truth, images.valid, prediction.depth, crop, about.scale, about.kind, sigma
-        )
+        label: score(protocol, truth, images.valid, depth, crop, about.scale, about.kind, sigma)
         for label, protocol in chosen.items()
     }
+    regions = regions_of(truth, images.valid, images.shown[0], about.ends)
     return blank.model_copy(
         update={
             "status": "ok",
             "seconds": prediction.seconds,
-            "prediction_sha256": answer_digest(prediction.depth, sigma),
+            "prediction_sha256": answer_digest(depth, sigma),
             "answered": float(answered.mean()),
+            "regions": region_errors(truth, depth, regions, about.span),
             "scores": {name: pair_scores(scored) for name, scored in scores.items()},
             "numbers": prediction.numbers,
-            "warnings": warnings,
+            "warnings": warnings + _oddities(about, images, depth),
         }
     )
+
+
+def _oddities(about: Depth, images: Capture, depth: NDArray[np.float32]) -> list[str]:
+    """Say what of a depth map looks like a mistake of unit or direction."""
+    odd = []
+    known = images.valid & ~np.isnan(depth)
+    likeness = correlation(images.truth[known], depth[known])
+    if likeness < AGAINST:
+        odd.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
+    if about.kind == "levels" and in_unit_range(depth):
+        odd.append(UNIT_LEVELS)
+    far = np.float32(about.ends[1])
+    if about.kind == "metres" and about.scale and np.nanmedian(depth) >= far:
+        odd.append(MILLIMETRES)
+    return odd
 
 
 def blank_record(pair: Pair, status: str) -> PairResult:

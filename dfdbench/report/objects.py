@@ -16,6 +16,7 @@ from dfdbench.board.submission import submit
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
+from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.differences import change_tables
 from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
@@ -99,6 +100,17 @@ class Run:
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
         """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
         return self._first.to_frame(protocol)
+
+    @property
+    def regions(self) -> pd.DataFrame:
+        """The NRMSE of each pair at edges, in flat regions, far and near; NaN where it has none.
+
+        `dfdbench.metrics.regions.REGIONS` says what these are.
+        """
+        pairs = self.result.pairs
+        rows = [[pair.regions.get(region) for region in REGIONS] for pair in pairs]
+        index = pd.Index([pair.id for pair in pairs], name="pair")
+        return pd.DataFrame(rows, index, list(REGIONS), dtype=float)
 
     def table(self, protocol: str | None = None) -> pd.DataFrame:
         """Return the mean scores, by illumination and exposure or whatever axes the set has.

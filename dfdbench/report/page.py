@@ -27,7 +27,7 @@ from dfdbench.figures.sureness import curves_of, sureness_figure
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
-from dfdbench.results.run_tables import all_tables
+from dfdbench.results.run_tables import all_tables, region_table
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import RunSummary, summarise
 from dfdbench.results.wording import score_text, seconds_text
@@ -144,7 +144,8 @@ def _section_of(
     if sure:
         data = board.result.dataset
         plots["how sure it is"] = sureness_figure(sure, f"{data.label}, split {data.split}")
-    tables = (ranking, lighting_table(board), runs_table(board))
+    regions = region_table({run.label: run.result for run in members})
+    tables = (ranking, regions, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
 
 

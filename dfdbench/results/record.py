@@ -89,7 +89,8 @@ class PairResult(Record):
     `timed_alone` can `seconds` be compared, and only with pairs of the same `machine`, its place
     among the result's `environments`. `numbers` are what the method said of its answer, an energy
     for example. `answered` is the share of pixels that have an answer: where it is below 1, scores
-    are null but under the protocol that asks how sure a method is.
+    are null but under the protocol that asks how sure a method is. `regions` has the NRMSE of each
+    of `dfdbench.metrics.regions.REGIONS`.
     """
 
     id: str
@@ -101,6 +102,7 @@ class PairResult(Record):
     machine: Count = 0
     prediction_sha256: Sha256 | None = None
     answered: Share = 1.0
+    regions: dict[Name, Finite | None] = Field(default_factory=dict)
     scores: dict[Name, PairScores] = Field(default_factory=dict)
     numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None

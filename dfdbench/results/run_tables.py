@@ -6,6 +6,7 @@ from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.intervals import INTERVAL_GROUPS
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
@@ -28,6 +29,35 @@ def run_tables(summary: RunSummary, scenes: Sequence[Scene] = ()) -> list[Table]
     if failures:
         tables.append(_failure_table(failures))
     return tables
+
+
+def region_table(results: Mapping[str, Result]) -> Table:
+    """Return the NRMSE of runs at edges, in flat regions, far and near: a row a run.
+
+    The mean over pairs that have such a region; there is none of a run that is incomplete or
+    leaves pixels without an answer.
+
+    Parameters
+    ----------
+    results : mapping of str to Result
+        Runs on the same data, by name.
+    """
+    rows = []
+    for name, result in results.items():
+        whole = result.complete and not any(pair.answered < 1 for pair in result.pairs)
+        means = (
+            mean_of(pair.regions.get(region) for pair in result.pairs) if whole else None
+            for region in REGIONS
+        )
+        rows.append((name, *map(score_text, means)))
+    dataset = next(iter(results.values())).dataset
+    return Table(
+        f"NRMSE by region, {dataset.label}, split {dataset.split}",
+        ("method", *REGIONS),
+        tuple(rows),
+        "l" + "r" * len(REGIONS),
+        tuple(f"{name}: {what}" for name, what in REGIONS.items()),
+    )
 
 
 def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:

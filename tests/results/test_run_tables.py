@@ -1,7 +1,7 @@
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.results.run_tables import run_tables, scene_tables, spread_table
+from dfdbench.results.run_tables import region_table, run_tables, scene_tables, spread_table
 from dfdbench.results.summary import summarise
 from tests.made_results import make_result
 
@@ -29,6 +29,23 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
     assert extremes.rows[-1][1:5] == ("b", "5", "2", "1")
     assert times.rows[-1][2] == "0.2500"
+
+
+def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -> None:
+    values = {"edges": 0.2, "flat": None, "far": 0.1, "near": 0.05}
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
+    pairs = [
+        pair.model_copy(update={"regions": values if number else values | {"far": 0.3}})
+        for number, pair in enumerate(result.pairs)
+    ]
+    whole = result.model_copy(update={"pairs": pairs})
+    gaps = [pairs[0], pairs[1].model_copy(update={"answered": 0.5})]
+    runs = {"all": whole, "most": result.model_copy(update={"pairs": gaps}), "older": result}
+    table = region_table(runs)
+    assert table.columns == ("method", "edges", "flat", "far", "near")
+    assert table.rows[0] == ("all", "0.2000", "–", "0.2000", "0.0500")
+    assert {cell for row in table.rows[1:] for cell in row[1:]} == {"–"}
+    assert table.notes[0].startswith("edges: within 3 pixels")
 
 
 def test_an_undefined_score_is_shown_as_such() -> None:
