@@ -185,9 +185,6 @@ class Solver(Calibrated):
         factor that a fit finds honest, which it then has even where the blur is told.
     """
 
-    #: How costs say how sure it is, as `Posterior` takes it: of windows of 7, 13 and 25 pixels,
-    #: 1/4, 1 and 4 a nat, and 3, 10 and 40 nats at most, what told demo's training errors best.
-    sure_by: ClassVar[tuple[int, float, float]] = (13, 4.0, 10.0)
     _farther_is_higher = False
     _spread: Spread | None = None
 
@@ -242,7 +239,9 @@ class Solver(Calibrated):
         from dfdbench.methods.rims import settle_rims
         from dfdbench.methods.spread import Posterior
 
-        posterior = Posterior(infocus.shape[:2], *self.sure_by) if self._sure else None
+        told = isinstance(self.blur, BlurRecipe)
+        by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)
+        posterior = Posterior(infocus.shape[:2], *by) if self._sure else None
         levels = self._solve(infocus, images, posterior)
         raw = None if posterior is None else posterior.spread_about(levels)
         if len(images) > 1:
@@ -310,6 +309,12 @@ Array = NDArray[Any]
 Answer = Any
 Image = NDArray[np.uint8]
 Fit = Callable[[Sequence[TrainingPair]], Learned]
+
+# How costs say how sure a method is, as `Posterior` takes it: of windows of 7, 13 and 25 pixels,
+# 1/4 to 16 a nat, and 2 to 10 nats at most, what told the training errors of the demo set and of a
+# rendered one best. More nats let pixels that no level explains speak for a window; but a recipe
+# knows of no noise, and its nats are cheap.
+_WINDOW, _SHARPNESS, _MOST_OF_LAW, _MOST_OF_RECIPE = 13, 4.0, 3.0, 10.0
 
 # What a fit learns to be so where levels grow with distance.
 _TURNED = "farther_is_higher"

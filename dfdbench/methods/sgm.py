@@ -144,8 +144,6 @@ class SemiGlobal(Solver):
     True
     """
 
-    # Costs along paths look far enough by themselves, and say no more than is known.
-    sure_by = (1, 1.0, np.inf)
     paper = (
         "Hirschmüller, Stereo processing by semiglobal matching and mutual information, PAMI 2008"
     )
@@ -188,8 +186,9 @@ class SemiGlobal(Solver):
             costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
         np.minimum(costs, MOST - large, out=costs)
         sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
-        nat = UNIT * _DIRECTIONS
-        label = read_out(sums, self.chosen.sharpness / nat)
+        label = read_out(sums, self.chosen.sharpness / (UNIT * _DIRECTIONS))
         if posterior is not None:
-            posterior.add_all(self.blur.depth_of_level(np.arange(len(sums))), sums, nat)
+            # Costs along paths are as low where neighbours agree on what is wrong.
+            depths = self.blur.depth_of_level(np.arange(len(sums)))
+            posterior.add_all(depths, np.moveaxis(costs, 2, 0), UNIT)
         return np.asarray(self.blur.depth_of_level(label), np.float32)
