@@ -3,12 +3,14 @@ from collections import Counter
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import seeded
@@ -163,3 +165,33 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
 
 def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
     assert training_of(tiny_manifest, "K2") == ("One", "Two")
+
+
+def test_a_sigma_turns_with_its_depth_and_is_above_0_at_and_beyond_the_ends(
+    tiny_manifest: Manifest,
+) -> None:
+    scale = DepthScale(law="inverse", near=0.6, far=6.0, near_level=255, far_level=1)
+    about = tiny_manifest.depth.model_copy(update={"scale": scale, "unit": "metres"})
+    levels = np.linspace(0, 255, 52).astype(np.float32)
+    levels[3] = np.nan
+    sigma = np.where(np.isnan(levels), np.nan, 0.5).astype(np.float32)
+    metres, turned = about.answer_of_unit(levels, sigma, "levels")
+    assert turned is not None
+    known = ~np.isnan(levels)
+    assert np.array_equal(np.isnan(turned), ~known)
+    # z = 1 / (a + b level), so dz = z^2 b dlevel.
+    slope = (1 / 0.6 - 1 / 6) / 254
+    expected = 0.5 * slope * metres**2
+    np.testing.assert_allclose(turned[known][4:-4], expected[known][4:-4], rtol=0.01)
+    assert (turned[known] > 0.3 * expected[known]).all()
+    as_levels = about.model_copy(update={"unit": "level"})
+    again, back = as_levels.answer_of_unit(metres, turned, "metres")
+    np.testing.assert_allclose(again[1:], np.maximum(levels, 1)[1:], atol=0.01)
+    assert back is not None
+    np.testing.assert_allclose(back[known][4:-4], 0.5, rtol=0.02)
+    assert about.answer_of_unit(metres, turned, "metres")[1] is turned
+    # Of a wide one the mean slope counts: an inverse scale is anything but straight.
+    middle, hundred = np.full(1, 128, np.float32), np.full(1, 100, np.float32)
+    wide = about.answer_of_unit(middle, hundred, "levels")[1]
+    ends = scale.to_metres(np.array([28, 228]))
+    assert wide == pytest.approx(abs(ends[0] - ends[1]) / 2, rel=1e-4)
