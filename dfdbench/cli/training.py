@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
+from dfdbench.cli.options import Cache, Out, Seed, data_sets, values_of
 from dfdbench.cli.screen import print_tables, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.system.packages import needed
 from dfdbench.tables.table import Table
@@ -24,8 +25,15 @@ if TYPE_CHECKING:
 
 
 def train_command(
-    method: Annotated[Network, Argument(help="The network to train.")],
-    dataset: DataSet = "middlebury",
+    method: Annotated[Trainable, Argument(help="The network to train.")],
+    dataset: Annotated[
+        str | None,
+        Option(
+            help="A data set's name, or a store's path or URL; volume-net: rendered rooms.",
+            show_default="middlebury",
+            autocompletion=data_sets,
+        ),
+    ] = None,
     split: Annotated[
         str | None, Option(help="The split to train on.", show_default="train")
     ] = None,
@@ -50,6 +58,13 @@ def train_command(
 ) -> None:
     """Train a network; write its weights, a model card, a log and figures."""
     limit = seconds_of(max_time)
+    if method == "volume-net":
+        _refuse_unused(fold is not None, config != "published", device != "auto")
+        use_threads(threads)
+        steps = values_of(changes, "--set")
+        _train_volume_net(dataset, split, weights, limit, resume, fresh, seed, out, steps, cache)
+        return
+    dataset = dataset or "middlebury"
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
@@ -78,11 +93,60 @@ def train_command(
         outcome = train(task, folder.path, limit, device, bar, fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     print_tables([card_table(outcome.card), patches_table(drawn)], None)
-    _tell(folder, outcome)
-    say(
-        f"next         dfdbench run --method {method} --dataset {dataset} "
-        f"--param weights={outcome.weights}"
+    _tell(folder, outcome, f"--method {method} --dataset {dataset}")
+
+
+def _refuse_unused(fold: bool, config: bool, device: bool) -> None:
+    InputError.raise_if(
+        Problem("volume-net has no such choice", where=name, fix="leave it out")
+        for name, given in (("--fold", fold), ("--config", config), ("--device", device))
+        if given
     )
+
+
+def _train_volume_net(
+    dataset: str | None,
+    split: str | None,
+    weights: str | None,
+    limit: float | None,
+    resume: bool,
+    fresh: bool,
+    seed: int,
+    out: str | None,
+    changes: Mapping[str, Any],
+    cache: Path | None,
+) -> None:
+    with needed():
+        from dfdbench.figures.trainings import cameras_figure
+        from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.training.trainer import FIGURES, TrainingFolder
+        from dfdbench.training.volume_examples import ROOMS, room_examples, set_examples
+        from dfdbench.training.volumes import steps_of, train_volume_net
+    steps = steps_of(changes)
+    if split and not dataset:
+        raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
+    start = find_weights("volume-net", weights) if weights else None
+    store = open_dataset(dataset, cache=cache) if dataset else None
+    what = f"{store.path.stem}-{split or 'train'}" if store else "rooms"
+    default = Path("training") / what / ("volume-net" + (f"-seed{seed}" if seed else ""))
+    place = output_place(out or default, start if fresh else None, replaces=True)
+    folder = TrainingFolder(place)
+    _prepare(folder, resume, fresh)
+    if store:
+        examples, trained_on = set_examples(store, split or "train")
+    else:
+        with progress("rendering rooms", "the same command goes on, at most a camera back") as bar:
+            examples = room_examples(place.parent / "examples", bar)
+        trained_on = ROOMS
+    with progress("training volume-net", RESUMED) as bar:
+        path, card, log = train_volume_net(
+            examples, trained_on, place, seed, steps, limit, start, bar, fresh
+        )
+    save_figure(cameras_figure(log, f"volume-net, {trained_on}, seed {seed}"), place / FIGURES[0])
+    print_tables([card_table(card)], None)
+    say(f"log          {place / 'losses.csv'}, scores.csv")
+    say(f"weights      {path}, and their card {path.with_suffix('.md')}")
+    say(f"next         dfdbench run --method volume-net --param weights={path}")
 
 
 def _keep_figures(
@@ -103,7 +167,7 @@ def _keep_figures(
     return drawn
 
 
-def _tell(training: TrainingFolder, outcome: TrainingOutcome) -> None:
+def _tell(training: TrainingFolder, outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
@@ -111,6 +175,7 @@ def _tell(training: TrainingFolder, outcome: TrainingOutcome) -> None:
     scores = "scores.csv, " if outcome.log.scores else ""
     say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
+    say(f"next         dfdbench run {run} --param weights={outcome.weights}")
 
 
 def card_table(card: Card) -> Table:
@@ -171,8 +236,9 @@ MOST_THREADS = 1024
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
-#: What can be trained.
+#: What can be trained on patches of a data set, and what can be trained at all.
 Network = Literal["dfd-net", "u-net"]
+Trainable = Literal["dfd-net", "u-net", "volume-net"]
 Configuration = Annotated[
     str,
     Option(

@@ -51,6 +51,22 @@ def training_figure(log: Log, title: str) -> Figure:
     return figure
 
 
+def cameras_figure(log: Log, title: str) -> Figure:
+    """Draw loss and learning rate of `volume-net`, and the error for each camera held out."""
+    figure = Figure(figsize=(11, 6 if log.scores else 3), layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots(2 if log.scores else 1, 2, sharex=True, squeeze=False)
+    _draw_losses(axes[0, 0], axes[0, 1], log.losses)
+    for camera in sorted(log.scores[0].keys() - {"step"}) if log.scores else ():
+        rows = [(int(row["step"]), float(row[camera])) for row in log.scores]
+        axes[1, 0].plot(*zip(*rows, strict=True), marker=".", label=camera)
+    if log.scores:
+        axes[1, 0].set(ylabel="NRMSE, cameras held out", xlabel="step")
+        style.legend_beside(axes[1, 0])
+        axes[1, 1].set_axis_off()
+    return figure
+
+
 def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
     steps = np.array([int(row["step"]) for row in rows])
     values = np.array([float(row["loss"]) for row in rows])

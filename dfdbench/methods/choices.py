@@ -102,7 +102,7 @@ def choose(
     # One capture after the other: they may be large.
     for place, index in enumerate(read):
         capture = captures[index]
-        shares[place] = _shares(capture)
+        shares[place] = shares_of(capture)
         named.append(str(getattr(capture, "group", "")))
         if place in looked_at:
             parts[place] = _part(capture, looked_at[place], change)
@@ -128,7 +128,7 @@ def choose(
     return replace(best, energy=best.weight * energy_of(shares))
 
 
-def _shares(capture: TrainingPair) -> NDArray[np.float64]:
+def shares_of(capture: TrainingPair) -> NDArray[np.float64]:
     """Return how often a capture shows each level, as a part of its known pixels."""
     counts = np.bincount(capture.levels[capture.valid], minlength=LEVELS)
     return np.asarray(counts / max(counts.sum(), 1))

@@ -69,6 +69,7 @@ _BUILT_IN = {
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
     "u-net": "dfdbench.methods.learned:UNetMethod",
+    "volume-net": "dfdbench.methods.volume_net:VolumeNetMethod",
 }
 _WORDS = {
     "constant": "the mean depth of the training scenes, whatever the images show",
@@ -84,6 +85,7 @@ _WORDS = {
     "sgm": "semi-global matching of blur (Hirschmueller 2008)",
     "shape-from-focus": "the sharpest image of a stack (Nayar and Nakagawa 1994); needs no fit",
     "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
+    "volume-net": "a network that reads a volume of costs by the camera's own, fitted blur",
 }
 
 

@@ -15,9 +15,10 @@ from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
-_DIRECTIONS = 8
+#: Of the paths.
+DIRECTIONS = 8
 #: Largest cost and step together: the sums over all paths are kept in 16 bits.
-MOST = 65535 // _DIRECTIONS
+MOST = 65535 // DIRECTIONS
 
 # Above any cost of a path, and still in 16 bits with a step added.
 _FAR = np.uint16(2**15)
@@ -186,7 +187,7 @@ class SemiGlobal(Solver):
             costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
         np.minimum(costs, MOST - large, out=costs)
         sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
-        label = read_out(sums, self.chosen.sharpness / (UNIT * _DIRECTIONS))
+        label = read_out(sums, self.chosen.sharpness / (UNIT * DIRECTIONS))
         if posterior is not None:
             # Costs along paths are as low where neighbours agree on what is wrong.
             depths = self.blur.depth_of_level(np.arange(len(sums)))

@@ -88,3 +88,28 @@ def test_what_is_no_duration_is_told(text: str) -> None:
     with pytest.raises(InputError, match="not a duration") as caught:
         seconds_of(text)
     assert caught.value.problems[0].where == "--max-time"
+
+
+@pytest.mark.slow
+def test_train_volume_net_on_a_data_set_then_run(dfdbench: Command, demo_store: Dataset) -> None:
+    store = ["--dataset", str(demo_store.path)]
+    quick = ["--set", "steps=2", "--threads", "1"]
+    done = dfdbench.fine("train volume-net", *store, *quick)
+    folder = Path("training/demo-1-train/volume-net")
+    assert " ".join(sorted(path.name for path in folder.iterdir())) == (
+        "checkpoint.pt losses.csv training.png weights.md weights.safetensors"
+    )
+    assert "ended by its number of steps" in done.out
+    weights = f"weights={folder / 'weights.safetensors'}"
+    dfdbench.fine("run --method volume-net --limit 1 --param", weights, *store)
+
+
+def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:
+    for arguments, message in (
+        (["--fold", "K1", "--device", "cpu"], "volume-net has no such choice (--fold)"),
+        (["--fold", "K1", "--device", "cpu"], "volume-net has no such choice (--device)"),
+        (["--split", "train"], "rendered rooms have no splits"),
+        (["--set", "crop=64", "--set", "steps=0"], "no number of steps (--set steps)"),
+    ):
+        dfdbench.refused(message, "train volume-net", *arguments)
+    assert not Path("training").exists()

@@ -1,0 +1,170 @@
+"""A small network that reads a volume of costs: how well the blur of each depth explains a pixel.
+
+The blur is the camera's own, measured on training captures, so the network moves to another camera
+without being trained again.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+#: What costs are cut off at, in nats above a pixel's least.
+MOST = 25.0
+#: The guide's channels once two by two pixels are one.
+_GUIDE = 4
+# Three by three neighbours, for each of two by two pixels.
+_NEIGHBOURS, _PIXELS = 9, 4
+
+
+class VolumeNet(nn.Module):
+    """Read depth from costs: a U-Net of residual blocks at half the images' resolution.
+
+    Each of the coarser scales sees the costs once more, their means over its larger pixels: where
+    there is little texture, many pixels tell what one does not.
+
+    Parameters
+    ----------
+    levels : int
+        Depth levels of the volume, evenly over the scale.
+    widths : sequence of int
+        Channels of each scale, the finest first.
+
+    Examples
+    --------
+    >>> network = VolumeNet(levels=8, widths=(4, 6))
+    >>> volume, told = torch.zeros(1, 8, 12, 16), torch.zeros(1, 1, 12, 16)
+    >>> guide, prior = torch.zeros(1, 1, 24, 32), torch.zeros(1, 8)
+    >>> logits, mask = network(volume, volume, told, guide, prior)
+    >>> tuple(logits.shape), tuple(mask.shape)
+    ((1, 8, 12, 16), (1, 36, 12, 16))
+    """
+
+    def __init__(self, levels: int = 32, widths: Sequence[int] = (40, 48, 48, 48, 48)) -> None:
+        super().__init__()
+        steps = list(itertools.pairwise(widths))
+        self.levels = levels
+        #: Rows and columns of the volume have to be multiples of it.
+        self.multiple = 2 ** len(steps)
+        self.stem = _convolution(2 * levels + 1 + _GUIDE, widths[0])
+        self.prior = nn.Linear(levels, widths[0])
+        self.blocks = nn.ModuleList(_Residual(width) for width in widths)
+        self.down = nn.ModuleList(_convolution(fine, coarse, step=2) for fine, coarse in steps)
+        self.costs = nn.ModuleList(nn.Conv2d(levels, coarse, 1) for _, coarse in steps)
+        self.up = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in steps)
+        self.joined = nn.ModuleList(_convolution(2 * fine, fine) for fine, _ in steps)
+        self.last = _convolution(widths[0], widths[0])
+        self.logits = nn.Conv2d(widths[0], levels, 1)
+        self.mask = nn.Conv2d(widths[0], _NEIGHBOURS * _PIXELS, 1)
+        #: What the costs themselves, those along paths and the prior count in the answer.
+        self.weights = nn.Parameter(torch.tensor([0.3, 0.3, 0.3]))
+
+    def forward(
+        self, volume: Tensor, paths: Tensor, told: Tensor, guide: Tensor, prior: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return logits over levels, and what each pixel takes of its neighbours.
+
+        Parameters
+        ----------
+        volume : Tensor, shape (n, level, y, x)
+            Costs in nats above the pixel's least, at most `MOST`; half the images' resolution.
+        paths : Tensor, of that shape
+            The same, summed along paths.
+        told : Tensor, shape (n, 1, y, x)
+            Logarithm of one more than how far apart the scale's two ends are, in noise.
+        guide : Tensor, shape (n, 1, 2 y, 2 x)
+            The in-focus image, of even contrast.
+        prior : Tensor, shape (n, level)
+            Logarithm of how often training shows each level, the most frequent 0.
+
+        Returns
+        -------
+        logits : Tensor of float32, shape (n, level, y, x)
+        mask : Tensor of float32, shape (n, 36, y, x)
+            See `mean_and_variance`.
+        """
+        seen = [_seen(volume), _seen(paths), told / 3 - 1, functional.pixel_unshuffle(guide, 2)]
+        x = torch.cat(seen, 1)
+        x = functional.relu(self.stem(x) + self.prior(prior / 4 + 1)[:, :, None, None])
+        x = self.blocks[0](x)
+        scales, costs = [x], volume
+        for down, look, block in zip(self.down, self.costs, self.blocks[1:], strict=True):
+            costs = functional.avg_pool2d(costs, 2)
+            x = functional.relu(down(x) + look(_seen(costs - costs.amin(1, keepdim=True))))
+            x = block(x)
+            scales.append(x)
+        x = scales.pop()
+        for up, joined in zip(reversed(self.up), reversed(self.joined), strict=True):
+            finer = functional.interpolate(up(x), scale_factor=2, mode="bilinear")
+            x = functional.relu(joined(torch.cat([scales.pop(), finer], 1)))
+        x = functional.relu(self.last(x))
+        own, along, before = self.weights
+        logits = self.logits(x).float() - own * volume - along * paths
+        return logits + before * prior[:, :, None, None], self.mask(x).float()
+
+
+def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Tensor, Tensor]:
+    """Return mean and variance of each pixel's distribution of depth, at full resolution.
+
+    A pixel's distribution is a mixture of those of three by three larger pixels about it, with
+    shares of its own, so that edges of depth are as sharp as those of the image.
+
+    Parameters
+    ----------
+    logits : Tensor, shape (n, level, y, x)
+    mask : Tensor, shape (n, 36, y, x)
+        Logits of the nine shares for each of two by two pixels.
+    depths : Tensor, shape (level,)
+        What each level stands for.
+
+    Returns
+    -------
+    mean, variance : Tensor, shape (n, 2 y, 2 x)
+
+    Notes
+    -----
+    The shares are those of Teed and Deng's convex upsampling (RAFT, ECCV 2020).
+
+    Examples
+    --------
+    >>> logits = torch.tensor([0.0, 0.0, -99.0]).reshape(1, 3, 1, 1)
+    >>> mean, variance = mean_and_variance(logits, torch.zeros(1, 36, 1, 1), torch.arange(3.0))
+    >>> mean[0].tolist(), variance[0, 0].tolist()
+    ([[0.5, 0.5], [0.5, 0.5]], [0.25, 0.25])
+    """
+    n, _, rows, columns = logits.shape
+    shares = logits.softmax(1)
+    moments = torch.stack(
+        [torch.einsum("nlyx,l->nyx", shares, depths**power) for power in (1, 2)], 1
+    )
+    around = functional.pad(moments, (1, 1, 1, 1), mode="replicate")
+    near = functional.unfold(around, 3).view(n, 2, _NEIGHBOURS, rows, columns)
+    taken = mask.view(n, _NEIGHBOURS, _PIXELS, rows, columns).softmax(1)
+    fine = torch.einsum("nckyx,nkpyx->ncpyx", near, taken).reshape(n, 2 * _PIXELS, rows, columns)
+    fine = functional.pixel_shuffle(fine, 2)
+    mean = fine[:, 0]
+    return mean, (fine[:, 1] - mean**2).clamp_min(0)
+
+
+class _Residual(nn.Module):
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first, self.second = _convolution(width, width), _convolution(width, width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        inner: Tensor = self.second(functional.relu(self.first(x)))
+        return functional.relu(x + inner)
+
+
+def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
+    return nn.Conv2d(before, after, 3, step, 1)
+
+
+def _seen(costs: Tensor) -> Tensor:
+    # Of costs that differ by hundredths of a nat the root shows more.
+    seen: Tensor = costs.sqrt() * (2 / MOST**0.5) - 1
+    return seen

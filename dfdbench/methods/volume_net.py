@@ -1,0 +1,240 @@
+"""The method ``volume-net``: a network reads how well each depth's blur explains the images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.errors import MethodError
+from dfdbench.methods.choices import energy_of, shares_of
+from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread
+from dfdbench.methods.law_cost import MOST_NATS, all_blurred, law_cost
+from dfdbench.methods.measured_law import Calibration
+from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.networks.inference import find_device
+from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
+from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
+from dfdbench.methods.readout import Chosen
+from dfdbench.methods.sgm import DIRECTIONS, path_costs
+from dfdbench.methods.spread import Posterior
+
+Array = NDArray[Any]
+
+# Integer cost of a nat: over a window hundredths of one add up.
+_UNIT = 64
+# Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
+# erred least on five cameras of the training.
+_PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
+# A number rounded to whole levels has this variance, in squared levels: no spread is less.
+_SMALLEST = 1 / 12
+# Side of the window that the guide's contrast is made even over, and grey levels of no contrast.
+_WINDOW, _BARE = 15, 8.0
+
+
+def levels_of(count: int) -> NDArray[np.intp]:
+    """Return the depth levels that a volume of so many has: the middles of even parts.
+
+    Examples
+    --------
+    >>> levels_of(32)[[0, 1, 31]].tolist()
+    [4, 12, 252]
+    """
+    step = (LAST_LEVEL + 1) // count
+    return np.arange(step // 2, LAST_LEVEL + 1, step)
+
+
+def halved_costs(
+    laws: Sequence[BlurLaw], infocus: Image, images: Sequence[Image], count: int, multiple: int = 2
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return what each of some levels costs, and what can be told, at half the resolution.
+
+    Parameters
+    ----------
+    laws : sequence of BlurLaw
+        How each defocus image came about.
+    infocus : ndarray of uint8, shape (y, x, channel) or (y, x)
+        What they are blurred from.
+    images : sequence of ndarray of uint8, of that shape
+        The defocus images.
+    count : int
+        How many levels.
+    multiple : int
+        Rows and columns are made so many times a whole number, the last repeated.
+
+    Returns
+    -------
+    volume : ndarray of float32, shape (level, y / 2, x / 2)
+        Nats above a pixel's least, at most `MOST`: the mean of two by two pixels.
+    told : ndarray of float32, shape (y / 2, x / 2)
+        By how much the least and the largest level differ there, squared, in units of the noise.
+    """
+    most = MOST if len(images) == 1 else MOST_NATS
+    ceiling = math.inf if len(images) == 1 else _UNIT * most
+    costs, told = None, np.zeros((1, 1), np.float32)
+    for blurred in all_blurred(laws, infocus, images, levels_of(count)):
+        costs, _ = law_cost(blurred, _UNIT, round(_UNIT * most), costs, costs is not None, ceiling)
+        ends = blurred.nodes @ (blurred.factors[:, -1] - blurred.factors[:, 0])
+        told = told + np.square(ends / blurred.noise).sum(axis=2)
+    assert costs is not None
+    volume = np.moveaxis(_halved(costs, multiple), 2, 0) / np.float32(_UNIT)
+    nearest = np.minimum(volume - volume.min(axis=0), np.float32(MOST))
+    return nearest, _halved(told, multiple)
+
+
+def along_paths(volume: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return costs summed along the paths of semi-global matching, as `SemiGlobal` has them.
+
+    Parameters
+    ----------
+    volume : ndarray of float32, shape (level, y, x)
+        Costs in nats.
+
+    Returns
+    -------
+    ndarray of float32, shape (level, y, x)
+        The mean over eight directions, in nats above a pixel's least, at most `MOST`.
+
+    Examples
+    --------
+    >>> along_paths(np.array([[[0, 2]], [[3, 0]]], np.float32)).ravel().tolist()
+    [0.0, 1.6875, 2.75, 0.0]
+    """
+    costs = np.moveaxis(np.rint(_PATH_UNIT * volume), 0, 2).astype(np.uint16)
+    sums = np.moveaxis(path_costs(np.ascontiguousarray(costs), _SMALL_STEP, _LARGE_STEP), 2, 0)
+    nats = (sums - sums.min(axis=0)) / np.float32(_PATH_UNIT * DIRECTIONS)
+    return np.asarray(np.minimum(nats, np.float32(MOST)))
+
+
+def guide_of(infocus: Image) -> NDArray[np.float32]:
+    """Return an image's grey, its contrast about the same everywhere: shape (y, x).
+
+    Examples
+    --------
+    >>> float(np.abs(guide_of(np.full((20, 20, 3), 90, np.uint8))).max())
+    0.0
+    """
+    grey = channels_of(infocus).mean(axis=2)
+    mean = cv2.blur(grey, (_WINDOW, _WINDOW))
+    variance = cv2.blur(grey * grey, (_WINDOW, _WINDOW)) - mean * mean
+    return np.asarray((grey - mean) / (np.sqrt(np.maximum(variance, 0)) + _BARE), np.float32)
+
+
+class VolumeNetMethod(Solver):
+    """Depth by a network that reads how well the blur of each depth explains the images.
+
+    The fit measures the camera's blur and how often training shows each depth. What each of 32
+    levels costs a pixel under that blur goes into a small network, trained on rendered rooms seen
+    by many lenses, and so made for none.
+
+    Parameters
+    ----------
+    weights : str or Path
+        A file that ``dfdbench train volume-net`` wrote, or the name of shipped weights.
+    prior : bool
+        Tell the network how often training shows each depth.
+    sure : bool
+        Also say how sure it is, in levels: the distribution's standard deviation, times the factor
+        that the fit finds honest.
+    device : str
+        ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
+
+    Raises
+    ------
+    MethodError
+        Where the weights are absent, damaged, or of another architecture; at a call without fit.
+
+    Notes
+    -----
+    The camera's own blur in a cost volume, so that a network moves to another camera: Fujimura et
+    al., Deep depth from focal stack with defocus model for camera-setting invariance, IJCV 2023.
+
+    Examples
+    --------
+    >>> VolumeNetMethod().trained_on
+    'rooms of unseen-0 from 1000 on, seen by random lenses'
+    """
+
+    paper = "Fujimura et al., IJCV 2023, doi 10.1007/s11263-023-01964-x, for the idea"
+
+    def __init__(
+        self,
+        weights: str | Path = "unseen",
+        prior: bool = True,
+        sure: bool = True,
+        device: str = "auto",
+    ) -> None:
+        super().__init__(None, prior, sure=sure)
+        path = find_weights("volume-net", weights)
+        network, self.card = load_weights(path, "volume-net")
+        assert isinstance(network, VolumeNet)
+        self._device = find_device(device)
+        self._network = network.to(self._device)
+        #: Kept in results: the same name may hold other weights tomorrow.
+        self.weights_sha256 = weights_sha256(path)
+        self.trained_on = self.card.trained_on
+
+    def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
+        learned = Calibration.all_as_learned(found)
+        if not self._with_prior:
+            return learned
+        shares = np.stack([shares_of(captures[index]) for index in evenly_spread(len(captures))])
+        return learned | Chosen(energy_of(shares), weight=1.0).as_learned()
+
+    def _settled(
+        self, infocus: Image, images: Sequence[Image]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        # It has learned where surfaces end.
+        levels, deviation = self._mean_and_deviation(infocus, images)
+        return levels, deviation if self._sure else None
+
+    def _solve(
+        self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
+    ) -> NDArray[np.float32]:
+        return self._mean_and_deviation(infocus, images)[0]
+
+    def _mean_and_deviation(
+        self, infocus: Image, images: Sequence[Image]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        rows, columns = infocus.shape[:2]
+        count, multiple = self._network.levels, 2 * self._network.multiple
+        volume, told = halved_costs(self._laws(), infocus, images, count, multiple)
+        prior = -self.chosen.energy[levels_of(count)].astype(np.float32)
+        guide = _padded(guide_of(infocus), multiple)
+        told = np.log1p(told)[np.newaxis]
+        given = (volume, along_paths(volume), told, guide[np.newaxis], prior)
+        with torch.inference_mode():
+            logits, mask = self._network(
+                *(torch.from_numpy(each)[np.newaxis].to(self._device) for each in given)
+            )
+            # The middle of a part of whole levels lies between two of them.
+            depths = torch.from_numpy(levels_of(count) - 0.5).float().to(self._device)
+            found = mean_and_variance(logits, mask, depths)
+        mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
+        return np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
+
+    def _laws(self) -> list[BlurLaw]:
+        laws = [law for law in self.blurs if isinstance(law, BlurLaw)]
+        if len(laws) < len(self.blurs):
+            raise MethodError("it reads the volume of a fitted law", where="volume-net")
+        return laws
+
+
+def _padded(image: Array, multiple: int) -> Array:
+    sides = [(0, -side % multiple) for side in image.shape[:2]]
+    return np.pad(image, sides + [(0, 0)] * (image.ndim - 2), mode="edge")
+
+
+def _halved(image: Array, multiple: int) -> NDArray[np.float32]:
+    whole = _padded(image, multiple)
+    rows, columns = (side // 2 for side in whole.shape[:2])
+    blocks = whole.reshape(rows, 2, columns, 2, *image.shape[2:])
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))

@@ -1,0 +1,70 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.errors import MethodError
+from dfdbench.methods.law_cost import blurred_by
+from dfdbench.methods.networks.volume import MOST
+from tests.methods.made_planes import pair_of, texture
+
+pytest.importorskip("torch")
+
+from dfdbench.methods.volume_net import VolumeNetMethod, halved_costs, levels_of
+
+LAW = BlurLaw(sigmas=tuple(RECIPES["published"].sigmas[::-1].tolist()))
+
+
+def test_costs_are_those_of_normal_noise_over_two_by_two_pixels() -> None:
+    pair = pair_of(texture(3)[:31, :40], np.full((31, 40), 90, np.uint8))
+    volume, told = halved_costs([LAW], pair.infocus, [pair.defocus], 32, 8)
+    assert volume.shape == (32, 16, 20)
+    assert told.shape == (16, 20)
+    blurred = blurred_by(LAW, pair.infocus, pair.defocus)
+    costs = []
+    for level in levels_of(32):
+        residual = (blurred.of_level(int(level)) - blurred.aim) / blurred.noise
+        spread = blurred.spread[level]
+        costs.append((residual**2).sum(2) / (2 * spread) + 1.5 * np.log(spread))
+    nats = np.array(costs)
+    nats = np.minimum(nats - nats.min(0), MOST)
+    mean = nats[:, :30].reshape(32, 15, 2, 20, 2).mean((2, 4))
+    expected = np.minimum(mean - mean.min(0), MOST)
+    # Costs are rounded to a sixty-fourth of a nat.
+    assert np.abs(volume[:, :15] - expected).max() < 0.05
+
+
+def test_levels_are_the_middles_of_even_parts() -> None:
+    for count in (16, 32, 64):
+        levels = levels_of(count)
+        assert len(levels) == count
+        assert levels[0] + levels[-1] == 256
+        assert set(np.diff(levels)) == {256 // count}
+
+
+def test_it_finds_depth_for_a_blur_that_it_was_not_trained_on() -> None:
+    depth = np.full((96, 128), 70, np.uint8)
+    depth[:, 64:] = 180
+    depth[30:70, 20:50] = 230
+    rng = np.random.default_rng(0)
+    image = np.kron(rng.integers(40, 216, (48, 64, 3)), np.ones((2, 2, 1))).astype(np.uint8)
+    train = pair_of(image, depth)
+    method = VolumeNetMethod(device="cpu")
+    method.restore(dict(method.fit([train])))  # type: ignore[misc]
+    found, sigma = method(train.infocus, train.defocus)
+    assert found.shape == sigma.shape == depth.shape
+    assert np.sqrt(np.mean((found - depth) ** 2)) < 0.5 * depth.std()
+    assert 0.8 < (np.abs(found - depth) <= 1.645 * sigma).mean() < 0.97
+
+
+def test_without_a_fit_it_says_what_to_do() -> None:
+    image = np.zeros((40, 40, 3), np.uint8)
+    with pytest.raises(MethodError, match="knows no blur yet"):
+        VolumeNetMethod(device="cpu")(image, image)
+
+
+def test_weights_of_another_network_are_refused(weights: Path) -> None:
+    with pytest.raises(MethodError, match="another architecture"):
+        VolumeNetMethod(weights)
