@@ -45,7 +45,6 @@ class _Learned:
         if readout is None:
             readout = self.card.configuration.get("readout", "mode")
         self._predict = Predictor(network, find_device(device), precision, tile, readout)
-        self._asked_tile = tile
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
         self.trained_on = self.card.trained_on
@@ -69,10 +68,7 @@ class _Learned:
         return total / np.float32(8)
 
     def _levels(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        before = self._predict.tile
         levels = self._predict(infocus, defocus)
-        if self._predict.tile != before:
-            print(f"out of memory: went on in tiles of {self._predict.tile} pixels")
         if self._median_window > 1:
             levels = np.asarray(cv2.medianBlur(levels, self._median_window))
         return levels.astype(np.float32)
@@ -98,7 +94,7 @@ class DfDNetMethod(_Learned):
         ``bf16`` is faster on processors that have it. Levels differ in many pixels, mean scores
         little: docs/training.md has figures.
     tile : int, optional
-        Cut images into tiles of this many rows and columns, to save memory.
+        Cut images into tiles of this many rows and columns; by default as large as 400 MB hold.
     readout : {"mode", "median"}, optional
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
         the thesis, or its median. By default what the weights were made for.

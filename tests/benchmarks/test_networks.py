@@ -1,5 +1,9 @@
-"""Inference and training of the networks, as ratios to the plain eager float32 forward."""
+"""Inference and training of the networks, as ratios to the plain eager float32 forward.
 
+Nothing is asserted of times.
+"""
+
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +16,9 @@ import torch
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor, find_device
+from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.training.learner import LevelLoss
+from tests.process import python
 
 SHAPE = (370, 463)
 CROPS = 32
@@ -83,3 +89,47 @@ def test_a_step_of_training(benchmark: Any, name: str, way: str) -> None:
 
     benchmark.group = f"DfD-Net {name}, {CROPS} patches of 32 x 32, {DEVICE.type}"
     benchmark.pedantic(forward if way == "plain forward" else step, rounds=3, warmup_rounds=1)
+
+
+MEGAPIXEL = (1000, 1000)
+#: The peak memory of a process that has PyTorch and the network, before and after a megapixel.
+PEAKS = f"""
+import numpy, torch
+from dfdbench.methods.learned import DfDNetMethod
+torch.set_num_threads(1)
+network = DfDNetMethod(weights="demo", readout="median", device="cpu")
+for shape in ((64, 64), {MEGAPIXEL}):
+    network(*[numpy.random.default_rng(0).integers(0, 256, (*shape, 3)).astype("u1")] * 2)
+    # Not of getrusage, which counts what the parent held.
+    print(*[int(line.split()[1]) // 1024 for line in open("/proc/self/status") if "VmHWM" in line])
+"""
+
+
+@pytest.mark.parametrize("threads", [1, 2], indirect=True, ids=["1-thread", "2-threads"])
+def test_a_megapixel(benchmark: Any, threads: int) -> None:
+    """The shipped network's median against the same network in plain PyTorch."""
+    network = load_weights(find_weights("dfd-net", "demo"), "dfd-net")[0].to(DEVICE)
+    random = np.random.default_rng(0)
+    infocus, defocus = (random.integers(0, 256, (*MEGAPIXEL, 3)).astype(np.uint8) for _ in "ab")
+
+    def plain() -> Any:
+        both = np.concatenate([infocus, defocus], 2).transpose(2, 0, 1)
+        with torch.no_grad():
+            logits = network(torch.from_numpy(both.copy()).float()[None].to(DEVICE))[0]
+            return (logits.softmax(0).cumsum(0) < 0.5).sum(0).cpu().numpy()
+
+    begun = time.process_time()
+    expected = plain()
+    theirs = time.process_time() - begun
+    predict = Predictor(network, DEVICE, readout="median")
+    benchmark.pedantic(predict, (infocus, defocus), rounds=3, warmup_rounds=1)
+    begun = time.process_time()
+    levels = predict(infocus, defocus)
+    ours = time.process_time() - begun
+    before, after = map(int, python("-c", PEAKS).stdout.split())
+    print(
+        f"\na megapixel, {threads} threads: {theirs:.1f} CPU s in plain PyTorch, {ours:.1f} here, "
+        f"{theirs / ours:.1f} times less; peak {before} MB before it, {after} MB after"
+    )
+    # Sums in another order: pixels whose median lies on the edge of two levels.
+    assert (levels != expected).mean() < 1e-4

@@ -115,23 +115,6 @@ def test_wrong_numbers_are_named_together(weights: Path) -> None:
         assert named == ["median_window", "orientations"]
 
 
-def test_falling_back_to_tiles_is_said(
-    weights: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    predict = load("dfd-net", weights=str(weights), device="cpu")
-    forward = predict._predict._forward  # type: ignore[attr-defined]
-
-    def short(pixels: Any) -> Any:
-        if max(pixels.shape[:2]) > 200:
-            raise RuntimeError("CUDA out of memory.")
-        return forward(pixels)
-
-    monkeypatch.setattr(predict._predict, "_forward", short)  # type: ignore[attr-defined]
-    image = np.zeros((150, 300, 3), np.uint8)
-    assert predict(image, image).shape == (150, 300)
-    assert "out of memory: went on in tiles of" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
     # A module of that name that cannot be imported, as where it is not installed.

@@ -178,13 +178,18 @@ class DfDNet(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Return logits of the depth levels."""
+        logits: Tensor = self.classify(self.hidden(pixels))
+        return logits
+
+    def hidden(self, pixels: Tensor) -> Tensor:
+        """Return what the last convolution takes."""
         level_1: Tensor = self.encode_1(in_float32(self.entry, self.pixels(pixels)))
         level_2: Tensor = self.encode_2(self.down_1(level_1))
         up_2: Tensor = self.up_2(self.bottom(self.down_2(level_2)))
         level_2 = self.decode_2(self.merge_2(torch.cat((up_2, level_2), 1)))
         level_1 = self.decode_1(self.merge_1(torch.cat((self.up_1(level_2), level_1), 1)))
-        logits: Tensor = self.classify(self.activate(self.normalize(level_1)))
-        return logits
+        activated: Tensor = self.activate(self.normalize(level_1))
+        return activated
 
 
 class UNet(nn.Module):
@@ -251,6 +256,11 @@ class UNet(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Return logits of the depth levels."""
+        logits: Tensor = self.classify(self.hidden(pixels))
+        return logits
+
+    def hidden(self, pixels: Tensor) -> Tensor:
+        """Return what the last convolution takes."""
         here = in_float32(self.encoders[0], self.pixels(pixels))
         skipped = []
         for encode in self.encoders[1:]:
@@ -258,5 +268,4 @@ class UNet(nn.Module):
             here = encode(nn.functional.max_pool2d(here, 2))
         for up, decode in zip(self.ups, self.decoders, strict=True):
             here = decode(torch.cat((up(here), skipped.pop()), 1))
-        logits: Tensor = self.classify(here)
-        return logits
+        return here

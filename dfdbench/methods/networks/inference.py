@@ -1,7 +1,8 @@
-"""A network's answer for images of any size, in tiles where memory is short."""
+"""A network's answer for images of any size: in tiles, its last layer a few rows at a time."""
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -16,7 +17,12 @@ PRECISIONS: tuple[Precision, ...] = ("float32", "bf16")
 Readout = Literal["mode", "median"]
 READOUTS: tuple[Readout, ...] = ("mode", "median")
 _SMALLEST_TILE = 64
-_OUT_OF_MEMORY = ("out of memory", "not enough memory", "can't allocate memory")
+#: What a network may hold at a time beside its weights, in bytes.
+_MOST_BYTES = 400_000_000
+# As wide as the first and last layers, so many things of four bytes are held at a time, measured.
+_HELD = 8
+# A row of a megapixel has a megabyte of logits: so many rows stay within the processor's caches.
+_ROWS_AT_A_TIME = 16
 
 
 def find_device(name: str) -> torch.device:
@@ -49,20 +55,21 @@ def find_device(name: str) -> torch.device:
 class Predictor:
     """Depth levels of image pairs from a network.
 
-    Images are padded by reflection to the network's multiple. Where `tile` is given, or memory
-    does not suffice, they are cut into overlapping tiles; since the overlap covers all that a
-    pixel's answer depends on, tiles do not change the answer.
+    Images are padded by reflection to the network's multiple. They are cut into overlapping tiles;
+    since the overlap covers all that a pixel's answer depends on, tiles do not change the answer.
+    Logits, 256 a pixel, are never held but for a few rows.
 
     Parameters
     ----------
-    network : nn.Module
+    network : DfDNet or UNet
         In evaluation mode; its batch normalization is folded in place.
     device : torch.device
         If it runs.
     precision : {"float32", "bf16"}
         Of the convolutions.
     tile : int, optional
-        Rows and columns of a tile, without its overlap.
+        Rows and columns of a tile, without its overlap; by default so many that the network holds
+        no more than 400 MB beside its weights.
     readout : {"mode", "median"}
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
         the thesis, or the one with half of the probability below it. Where there is no texture
@@ -88,53 +95,44 @@ class Predictor:
             raise MethodError(
                 f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}", where="tile"
             )
-        folded = fold_batch_norm(network).to(device)
-        self._network = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        folded: Any = fold_batch_norm(network).to(device)
+        folded = folded.to(memory_format=torch.channels_last)
+        self._hidden, self._classify = folded.hidden, folded.classify
         self._device = device
         self._bf16 = precision == "bf16"
         self._read = likeliest_levels if readout == "mode" else median_levels
-        self._multiple = int(network.multiple)  # type: ignore[arg-type]
-        self._margin = int(network.margin)  # type: ignore[arg-type]
-        #: The tile in use; None while images are taken whole.
-        self.tile = tile
+        self._multiple: int = folded.multiple
+        self._margin: int = -(-folded.margin // self._multiple) * self._multiple
+        widest = max(folded.first.out_channels, folded.classify.in_channels)
+        self._most_pixels: int = _MOST_BYTES // (4 * _HELD * widest)
+        self._tile = tile
 
     def __call__(self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return levels, shape (y, x), for two RGB images, shape (y, x, 3).
-
-        Raises
-        ------
-        MemoryError
-            If not even the smallest tile fits.
-        """
+        """Return levels, shape (y, x), for two RGB images, shape (y, x, 3)."""
         rows, columns = infocus.shape[:2]
         below, right = -rows % self._multiple, -columns % self._multiple
         pixels = np.concatenate([infocus, defocus], axis=2)
         padded = np.pad(pixels, ((0, below), (0, right), (0, 0)), mode="reflect")
-        while True:
-            try:
-                return self._levels(padded)[:rows, :columns]
-            except RuntimeError as error:
-                if not any(text in str(error).lower() for text in _OUT_OF_MEMORY):
-                    raise
-                smaller = (self.tile or 2 * _power_of_two(max(padded.shape[:2]))) // 2
-                if smaller < _SMALLEST_TILE:
-                    raise MemoryError("not enough memory for the smallest tile") from error
-                self.tile = smaller
+        return self._levels(padded)[:rows, :columns]
 
     def _levels(self, padded: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if self.tile is None:
-            return self._forward(padded)
         levels = np.empty(padded.shape[:2], np.uint8)
-        step = self.tile // self._multiple * self._multiple
-        margin = -(-self._margin // self._multiple) * self._multiple
-        for rows, outer_rows in _spans(padded.shape[0], step, margin):
-            for columns, outer_columns in _spans(padded.shape[1], step, margin):
+        step = (self._tile or self._affordable_tile(padded)) // self._multiple * self._multiple
+        for rows, outer_rows in _spans(padded.shape[0], step, self._margin):
+            for columns, outer_columns in _spans(padded.shape[1], step, self._margin):
                 answer = self._forward(padded[outer_rows, outer_columns])
                 levels[rows, columns] = answer[
                     rows.start - outer_rows.start : rows.stop - outer_rows.start,
                     columns.start - outer_columns.start : columns.stop - outer_columns.start,
                 ]
         return levels
+
+    def _affordable_tile(self, padded: NDArray[np.uint8]) -> int:
+        rows, columns = map(int, padded.shape[:2])
+        if rows * columns <= self._most_pixels:
+            return max(rows, columns)
+        # Not so small that most of what is computed is overlap.
+        return max(math.isqrt(self._most_pixels) - 2 * self._margin, 4 * self._margin)
 
     def _forward(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         # Channels come last in the image already: this is a view, and what convolutions like best.
@@ -143,36 +141,42 @@ class Predictor:
             torch.inference_mode(),
             torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16),
         ):
-            logits = self._network(given.to(self._device).float())
-            levels = self._read(logits[0])
+            hidden = self._hidden(given.to(self._device).float())
+            levels = torch.empty(pixels.shape[:2], dtype=torch.uint8, device=self._device)
+            margin = self._classify.kernel_size[0] // 2
+            for rows, outer in _spans(len(pixels), _ROWS_AT_A_TIME, margin):
+                logits = self._classify(hidden[:, :, outer])[0].permute(1, 2, 0)
+                levels[rows] = self._read(
+                    logits[rows.start - outer.start :][: rows.stop - rows.start]
+                )
         answer: NDArray[np.uint8] = levels.cpu().numpy()
         return answer
 
 
 def likeliest_levels(logits: Tensor) -> Tensor:
-    """Return the likeliest level of each pixel, uint8 (y, x), for logits (level, y, x).
+    """Return the likeliest level of each pixel, uint8 (y, x), for logits (y, x, level).
 
     Examples
     --------
-    >>> likeliest_levels(torch.tensor([5.0, 4.0, 4.9])[:, None, None]).item()
+    >>> likeliest_levels(torch.tensor([[[5.0, 4.0, 4.9]]])).item()
     0
     """
-    return logits.argmax(0).to(torch.uint8)
+    return logits.argmax(-1).to(torch.uint8)
 
 
 def median_levels(logits: Tensor) -> Tensor:
-    """Return the median of each pixel's distribution, uint8 (y, x), for logits (level, y, x).
+    """Return the median of each pixel's distribution, uint8 (y, x), for logits (y, x, level).
 
     The lowest level up to which at least half of the probability lies; of all levels it has the
     smallest expected absolute error.
 
     Examples
     --------
-    >>> median_levels(torch.tensor([5.0, 4.0, 4.9])[:, None, None]).item()
+    >>> median_levels(torch.tensor([[[5.0, 4.0, 4.9]]])).item()
     1
     """
-    below = logits.float().softmax(0).cumsum(0)
-    return (below[:-1] < 0.5).sum(0, dtype=torch.uint8)
+    below = logits.float().softmax(-1).cumsum_(-1)
+    return below[..., :-1].lt_(0.5).sum(-1).to(torch.uint8)
 
 
 def _require_one_of(choices: Sequence[str], got: object, name: str) -> None:
@@ -185,7 +189,3 @@ def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice]]
     for start in range(0, length, step):
         stop = min(start + step, length)
         yield slice(start, stop), slice(max(0, start - margin), min(length, stop + margin))
-
-
-def _power_of_two(number: int) -> int:
-    return 1 << (number - 1).bit_length() if number > 1 else 1

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.networks import architectures
+from dfdbench.methods.networks import architectures, inference
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.methods.networks.inference import Predictor, Readout, find_device, median_levels
 from tests.methods.networks.test_architectures import SMALL
@@ -50,7 +50,7 @@ def test_tiles_do_not_change_the_answer(kind: str) -> None:
 def test_the_median_errs_least_on_average(seed: int) -> None:
     random = np.random.default_rng(seed)
     logits = random.normal(0, random.uniform(0.1, 8), (256, 3, 4)).astype(np.float32)
-    chosen = median_levels(torch.from_numpy(logits)).numpy().astype(int)
+    chosen = median_levels(torch.from_numpy(logits).permute(1, 2, 0)).numpy().astype(int)
     exact = np.exp(logits.astype(float) - logits.max(0))
     exact /= exact.sum(0)
     levels = np.arange(256)
@@ -134,23 +134,25 @@ def test_tiles_do_not_change_the_answer_of_other_filters() -> None:
         assert Predictor(made, CPU)(*images(*shape)).shape == shape
 
 
-def test_short_of_memory_it_goes_on_in_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("readout", ["mode", "median"])
+def test_what_would_take_much_memory_goes_in_tiles_and_rows(
+    readout: Readout, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pair = images(200, 300)
-    whole = Predictor(network(), CPU)(*pair)
-    predict = Predictor(network(), CPU)
-    forward = predict._forward
+    whole = Predictor(network(), CPU, readout=readout)(*pair)
+    held: list[int] = []
 
-    def short(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if pixels.shape[0] * pixels.shape[1] > 200 * 200:
-            raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 1 byte")
-        return forward(pixels)
+    def watch(_: torch.nn.Module, given: tuple[torch.Tensor], answer: torch.Tensor) -> None:
+        held.append(answer.nelement() * answer.element_size())
 
-    monkeypatch.setattr(predict, "_forward", short)
-    assert np.array_equal(predict(*pair), whole)
-    assert predict.tile == 128
-    monkeypatch.setattr(predict, "_forward", lambda pixels: short(np.zeros((999, 999), np.uint8)))
-    with pytest.raises(MemoryError):
-        predict(*pair)
+    monkeypatch.setattr(inference, "_MOST_BYTES", 3_000_000)
+    made = network()
+    for module in made.modules():
+        if not list(module.children()):
+            module.register_forward_hook(watch)
+    assert np.array_equal(Predictor(made, CPU, readout=readout)(*pair), whole)
+    # Of the logits alone, the whole image's are 61 MB.
+    assert max(held) < 4_000_000
 
 
 def test_bf16_changes_few_pixels_by_much() -> None:
