@@ -17,9 +17,8 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
 from dfdbench.blur.formation import blur, encode
 from dfdbench.blur.occlusion import GAP
-from dfdbench.blur.point_spread import DISK
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
-from dfdbench.blur.tracks import Formation, find_degradation
+from dfdbench.blur.tracks import DISK, Formation, find_degradation
 from dfdbench.building.sources.demo import SCENES
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth, render

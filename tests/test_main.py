@@ -38,7 +38,7 @@ except SystemExit:
 """
 
 
-@pytest.mark.parametrize("module", ["dfdbench.system.packages", "dfdbench.cli"])
+@pytest.mark.parametrize("module", ["dfdbench.cli.screen", "dfdbench.cli"])
 def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
     ended = python("-c", STOPPED_WHILE_LOADING, module)
     assert (ended.returncode, ended.stderr) == (130, "stopped\n")

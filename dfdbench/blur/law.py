@@ -12,7 +12,7 @@ from pydantic import Field
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, KernelSize
 from dfdbench.errors import InputError
-from dfdbench.system.strict import check_fields, made_of
+from dfdbench.system.strict import STEPS, Share, check_fields, made_of
 
 #: The field that only a law has, and no recipe.
 SIGMAS = "sigmas"
@@ -25,9 +25,6 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Shift = Annotated[float, Field(ge=-100, le=100)]
 _Turn = Annotated[float, Field(ge=-0.5, le=0.5)]
 _Size = Annotated[float, Field(ge=-0.3, le=0.3)]
-#: A part of the light; a channel's curve has some at even steps of r^2, from the middle on.
-Share = Annotated[float, Field(ge=0.01, le=100)]
-STEPS = Field(min_length=2, max_length=100)
 _Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 

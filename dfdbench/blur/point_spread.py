@@ -5,10 +5,6 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
 
-#: The exponent at which a point-spread function is as good as a disk: it falls from 90 % to 10 %
-#: of its height within a tenth of its radius.
-DISK = 32.0
-
 # Halvings of the interval in which a scale lies, ten to the 13 wide at most: beyond the last bit.
 _HALVINGS = 100
 
@@ -50,6 +46,7 @@ def point_spread_functions(
 
     Examples
     --------
+    >>> from dfdbench.blur.tracks import DISK
     >>> disk = point_spread_functions(np.array([3.0]), 27, DISK)[0]
     >>> disk[13, 13:22].round(4).tolist()
     [0.0089, 0.0089, 0.0089, 0.0089, 0.0089, 0.0089, 0.0048, 0.0, 0.0]

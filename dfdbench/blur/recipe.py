@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from dfdbench.errors import InputError, unknown_name
-from dfdbench.system.strict import check_fields, made_of
+from dfdbench.system.strict import Positive, check_fields, made_of
 
 #: How many depth levels a pixel may have, as a byte keeps them, and the last of them.
 LEVELS = 256
 LAST_LEVEL = LEVELS - 1
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def _odd(size: int) -> int:

@@ -6,13 +6,15 @@ from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-from dfdbench.blur.point_spread import DISK
 from dfdbench.errors import UnknownNameError
 
 #: How the images of a data set without a track come about: the method knows the blur.
 CLEAN = "clean"
 
 _GAUSSIAN = 2.0
+#: The exponent at which a point-spread function is as good as a disk: it falls from 90 % to 10 %
+#: of its height within a tenth of its radius.
+DISK = 32.0
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ from dfdbench.cli.screen import (
     spell_out_what_cannot_be_shown,
 )
 from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory
-from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
 
 
@@ -147,6 +146,15 @@ class LazyGroup(TyperGroup):
         super().__init__(*arguments, **more)
         self.verbs = verbs or VERBS
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the group's own options."""
+        for option in self.get_params(ctx):
+            # For typer's own flags, which are None where they are not given, it would import
+            # pydantic: as long as numpy takes.
+            if getattr(option, "is_flag", False) and option.default is None:
+                option.default = False
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the verbs' names, as the help lists them."""
         return list(self.verbs)
@@ -201,6 +209,8 @@ def version_option(
 ) -> None:
     """Build depth-from-defocus data sets, run methods on them, and compare."""
     if version:
+        from dfdbench.system.packages import PACKAGE_VERSION
+
         print(f"dfdbench {PACKAGE_VERSION}")
         raise typer.Exit
 

@@ -19,12 +19,13 @@ from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import print_table, print_tables, progress, say
 from dfdbench.datasets.catalog import (
+    Heading,
     default_store,
     find_manifest,
     own_stores,
     part_name,
     place_of,
-    released_manifests,
+    released_headings,
 )
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
@@ -47,8 +48,8 @@ def list_datasets(
     from dfdbench.methods.registry import method_words, registered_methods
 
     rows = [
-        _listed(manifest, manifest.short, default_store(manifest, cache).exists())
-        for manifest in released_manifests()
+        _listed(heading, heading.short, default_store(heading, cache).exists())
+        for heading in released_headings()
     ]
     rows += _own(cache)
     heads = ("name", "manifest", "scenes", "pairs", "built", "")
@@ -65,7 +66,7 @@ def list_datasets(
     print_table(Table("methods", columns, tuple(sorted(found.items())), "ll"))
 
 
-def _listed(manifest: Manifest, name: str, built: bool) -> tuple[str, ...]:
+def _listed(manifest: Heading | Manifest, name: str, built: bool) -> tuple[str, ...]:
     scenes, pairs = str(manifest.scene_count), str(manifest.pair_count)
     return name, manifest.stem, scenes, pairs, "yes" if built else "no", manifest.title
 
@@ -137,7 +138,7 @@ def clear_cache(
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
-    stems = {manifest.short: manifest.stem for manifest in released_manifests()}
+    stems = {heading.short: heading.stem for heading in released_headings()}
     known = {*KINDS, *stems, *(entry.name for entry in entries)}
     chosen = []
     for name in names or KINDS:

@@ -29,9 +29,9 @@ def data_sets(incomplete: str) -> list[str]:
     (['middlebury-default'], ['demo@camera-1', 'demo@camera-2', 'demo@camera-3'])
     """
     from dfdbench.blur.tracks import TRACKS
-    from dfdbench.datasets.catalog import own_stores, released_manifests
+    from dfdbench.datasets.catalog import own_stores, released_headings
 
-    known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
+    known = {heading.short: heading.recipe is not None for heading in released_headings()}
     name, on_track, _ = incomplete.partition("@")
     names = sorted({*known, *own_stores()})
     if on_track and known.get(name):

@@ -12,19 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import typer
-from rich import progress as bars
-from rich.console import Console
-from rich.filesize import decimal
-from rich.text import Text
 
 from dfdbench.errors import InputError, ResultError, reason_of
-from dfdbench.results.output_place import output_place
-from dfdbench.system.files import write_whole
-from dfdbench.tables.render import as_rich, render
 from dfdbench.tables.table import Format, Table, least_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.progress import Progress
 
 
 #: How the file of a figure may end.
@@ -66,15 +60,20 @@ def end_unread() -> NoReturn:
     os._exit(0)
 
 
-class _Console(Console):
-    def on_broken_pipe(self) -> None:
-        # Rich would end the program with status 1, which has a meaning of its own here.
-        raise BrokenPipeError
-
-
 def print_table(table: Table) -> None:
     """Print a table to standard output."""
-    console = _Console()
+    # Rich takes half as long to import as numpy: no group's help should wait for it.
+    from rich.console import Console
+    from rich.text import Text
+
+    from dfdbench.tables.render import as_rich
+
+    class Unread(Console):
+        def on_broken_pipe(self) -> None:
+            # Rich would end the program with status 1, which has a meaning of its own here.
+            raise BrokenPipeError
+
+    console = Unread()
     # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
     # narrow one the terminal wraps the rows, which loses nothing.
     width = console.width if sys.stdout.isatty() else 200
@@ -89,6 +88,8 @@ def print_tables(tables: Iterable[Table], format: Format | None) -> None:
         for table in tables:
             print_table(table)
     else:
+        from dfdbench.tables.render import render
+
         print(render(list(tables), format), end="")
 
 
@@ -117,6 +118,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         Where the file is to be something else, or cannot be written.
     """
     from dfdbench.figures.style import write_figure
+    from dfdbench.results.output_place import output_place
 
     if path.suffix.lower() not in PICTURES:
         raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
@@ -135,21 +137,13 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
     Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
     interrupted work has added to the exception, else as `resumed` has it.
     """
-    columns = (
-        bars.TextColumn("{task.description}"),
-        bars.BarColumn(),
-        bars.MofNCompleteColumn(),
-        bars.TextColumn("{task.fields[received]}"),
-        bars.TimeElapsedColumn(),
-        bars.TextColumn("left"),
-        bars.TimeRemainingColumn(),
-    )
-    name, console = Text(what).plain, Console(stderr=True)
+    from rich.filesize import decimal
+    from rich.text import Text
+
+    name = Text(what).plain
     said = begun = time.monotonic()
     first: int | None = None
-    with bars.Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with _bar() as bar:
 
         def step(done: int, total: int | None, received: int | None = None) -> None:
             nonlocal said, begun, first
@@ -159,7 +153,7 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
             if first is None:
                 # Work taken over from an earlier call tells nothing of the speed.
                 first, begun = done, now
-            if console.is_terminal or now - said < _LINE_SECONDS:
+            if not bar.disable or now - said < _LINE_SECONDS:
                 return
             said, passed = now, now - begun
             text = f"{name}: {done:,}" + ("" if total is None else f" of {total:,}")
@@ -175,6 +169,23 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
             bar.stop()
             say_stopped(stopped, resumed)
             raise typer.Exit(INTERRUPTED) from None
+
+
+def _bar() -> Progress:
+    from rich import progress as bars
+    from rich.console import Console
+
+    columns = (
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.MofNCompleteColumn(),
+        bars.TextColumn("{task.fields[received]}"),
+        bars.TimeElapsedColumn(),
+        bars.TextColumn("left"),
+        bars.TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    return bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _minutes(seconds: float) -> str:
@@ -212,6 +223,7 @@ def give(
     from matplotlib.figure import Figure
 
     from dfdbench.figures.style import write_figure
+    from dfdbench.system.files import write_whole
 
     replaced = False
     with writing(folder):

@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dfdbench.blur.law import STEPS, Share
-from dfdbench.datasets.depth_scale import Positive
-from dfdbench.system.strict import StrictRecord
+from dfdbench.system.strict import STEPS, Positive, Share, StrictRecord
 
 #: What a pattern ends in if the files end differently.
 ANY_ENDING = ".*"

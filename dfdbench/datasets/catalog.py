@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib import resources
 from pathlib import Path, PurePath
@@ -11,7 +12,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
-from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest
+from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest, unseen_text
 from dfdbench.errors import (
     DfdbenchError,
     InputError,
@@ -21,6 +22,7 @@ from dfdbench.errors import (
     unknown_name,
 )
 from dfdbench.system.cache import STORES, cache_folder
+from dfdbench.system.text import parse_toml
 
 #: What stands between a data set's name and its track's.
 AT = "@"
@@ -119,7 +121,49 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
         raise StoreError(what, where=where, fix=fix) from error
 
 
+@dataclass(frozen=True)
+class Heading:
+    """What a released manifest says above its sections; fields as `Manifest` has them."""
+
+    name: str
+    short: str
+    version: int
+    title: str
+    scene_count: int
+    pair_count: int
+    recipe: str | None
+
+    @property
+    def stem(self) -> str:
+        """Name and version."""
+        return f"{self.name}-{self.version}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What a user may call it."""
+        return self.short, self.name, self.stem
+
+
 @cache
+def released_headings() -> tuple[Heading, ...]:
+    """Return the heading of every manifest that travels with the package, sorted.
+
+    To parse all of them whole takes as long as to import numpy.
+
+    Examples
+    --------
+    >>> [heading.short for heading in released_headings()][:3]
+    ['demo', 'dfd-indoor', 'dfd-outdoor']
+    """
+    folder = resources.files("dfdbench.manifests")
+    files = (entry for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    texts = [*(entry.read_text("utf-8") for entry in files), *(unseen_text(f, 0) for f in FAMILIES)]
+    stated: list[Any] = [parse_toml(text.partition("\n[")[0]) for text in texts]
+    known = [field.name for field in fields(Heading)]
+    headings = (Heading(**{name: each.get(name) for name in known}) for each in stated)
+    return tuple(sorted(headings, key=lambda heading: (heading.name, heading.version)))
+
+
 def released_manifests() -> tuple[Manifest, ...]:
     """Return every manifest that travels with the package, sorted by name and version.
 
@@ -130,11 +174,15 @@ def released_manifests() -> tuple[Manifest, ...]:
 'middlebury-third-1', 'realworld-1', 'realworld-sim-1', 'realworld-synthetic-1', 'unseen-0-1', \
 'unseen-stack-0-1', 'zedd-1', 'zedd-test-1']
     """
-    folder = resources.files("dfdbench.manifests")
-    files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
-    manifests = [parse_manifest(entry.read_bytes(), entry.name) for entry in files]
-    manifests += [unseen_manifest(family, 0) for family in FAMILIES]
-    return tuple(sorted(manifests, key=lambda manifest: (manifest.name, manifest.version)))
+    return tuple(_released(heading.stem) for heading in released_headings())
+
+
+@cache
+def _released(stem: str) -> Manifest:
+    if (drawn := seeded(stem)) is not None:
+        return unseen_manifest(*drawn)
+    file = resources.files("dfdbench.manifests") / f"{stem}.toml"
+    return parse_manifest(file.read_bytes(), file.name)
 
 
 def find_manifest(name: str) -> Manifest:
@@ -206,18 +254,16 @@ def _find(name: str) -> Manifest:
         return manifest
     if (drawn := seeded(name)) is not None:
         return unseen_manifest(*drawn)
-    manifests = released_manifests()
-    by_name: dict[str, Manifest] = {}
-    for manifest in manifests:
-        for key in (manifest.short, manifest.name, manifest.stem):
-            by_name[key] = manifest
+    by_name: dict[str, str] = {}
+    for heading in released_headings():
+        by_name |= dict.fromkeys(heading.names, heading.stem)
     if name not in by_name:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise unknown_name("data set", name, by_name, fix)
-    return by_name[name]
+    return _released(by_name[name])
 
 
-def default_store(manifest: Manifest, cache: Path | None = None) -> Path:
+def default_store(manifest: Heading | Manifest, cache: Path | None = None) -> Path:
     """Return where the built data set lies unless a place is given."""
     return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
 
@@ -240,8 +286,7 @@ def own_stores(cache: Path | None = None) -> dict[str, Path]:
     Each has two names, as released sets have: ``NAME-VERSION``, and for the newest version
     ``NAME``. No released set's name is among them.
     """
-    released = released_manifests()
-    taken = {name for known in released for name in (known.short, known.name, known.stem)}
+    taken = {name for known in released_headings() for name in known.names}
     found: dict[str, Path] = {}
     newest: dict[str, int] = {}
     for path in sorted((cache_folder(cache) / STORES).glob("*.zarr")):

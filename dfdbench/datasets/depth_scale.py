@@ -1,20 +1,24 @@
 """What depth levels are in metres, and the lens and camera of a captured set."""
 
-from typing import Annotated, Any, Literal
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
 from pydantic import Field
 
-from dfdbench.system.strict import StrictRecord
+from dfdbench.system.strict import Positive, StrictRecord
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Level = Annotated[int, Field(ge=0, le=255)]
-#: A length, a distance or a ratio that a manifest states: finite and above zero.
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class DepthScale(StrictRecord):
     """How depth levels become metres, and metres levels.
+
+    Who only reads a manifest needs no numpy, which is imported where it is used.
 
     Parameters
     ----------
@@ -27,6 +31,7 @@ class DepthScale(StrictRecord):
 
     Examples
     --------
+    >>> import numpy as np
     >>> scale = DepthScale(law="inverse", near=0.5, far=5.0)
     >>> scale.to_levels(np.array([0.5, 1.0, 5.0, np.nan])).tolist()
     [255, 114, 1, 0]
@@ -49,6 +54,8 @@ class DepthScale(StrictRecord):
             Depth levels; what lies beyond the two ends counts as the end. Which pixels are
             unknown their mask tells.
         """
+        import numpy as np
+
         near, far = self._ends
         share = (np.asarray(levels, np.float64) - self.far_level) / (
             self.near_level - self.far_level
@@ -66,6 +73,8 @@ class DepthScale(StrictRecord):
         unknown : int
             The level of what is no distance: not finite, zero or negative.
         """
+        import numpy as np
+
         distances = np.asarray(metres, np.float64)
         known = np.isfinite(distances) & (distances > 0)
         levels = np.rint(self.to_exact_levels(np.where(known, distances, self.near)))
@@ -79,6 +88,8 @@ class DepthScale(StrictRecord):
         metres : ndarray of any shape
             Distances above 0; what lies beyond near and far counts as the end.
         """
+        import numpy as np
+
         near, far = self._ends
         held = np.clip(np.asarray(metres, np.float64), self.near, self.far)
         share = ((1 / held if self.law == "inverse" else held) - far) / (near - far)

@@ -1,13 +1,13 @@
 """A manifest: what a data set consists of, frozen."""
 
+from __future__ import annotations
+
 import hashlib
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from dfdbench.blur.tracks import CLEAN
@@ -15,6 +15,10 @@ from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
 from dfdbench.system.strict import StrictRecord
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 ALL_PAIRS = "all"
 #: What stands in a manifest's text before scenes that were found.
@@ -85,6 +89,8 @@ class Depth(StrictRecord):
 
     def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return distances in metres as depths of this kind; NaN stays, and without a scale all."""
+        import numpy as np
+
         if self.kind == "metres":
             return distance
         if self.scale is None:
@@ -102,9 +108,9 @@ class Depth(StrictRecord):
         if self.scale is None or unit == self.kind == "levels":
             return depth
         if unit == self.kind:
-            return np.clip(depth, self.scale.near, self.scale.far)
+            return depth.clip(self.scale.near, self.scale.far)
         turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
-        return turn(depth).astype(np.float32)
+        return turn(depth).astype("float32")
 
     def answer_of_unit(
         self,
@@ -134,16 +140,20 @@ class Depth(StrictRecord):
         """Return depth of this kind, without NaN, as levels that are not rounded."""
         if self.kind == "levels" or self.scale is None:
             return depth
-        return self.scale.to_exact_levels(depth).astype(np.float32)
+        return self.scale.to_exact_levels(depth).astype("float32")
 
     def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""
+        import numpy as np
+
         if self.kind == "metres" and self.scale is not None:
             return self.scale.to_levels(depth, self.unknown)
         return np.where(np.isfinite(depth), np.rint(depth), self.unknown).astype(np.uint8)
 
     def scored(self, depth: NDArray[np.float32]) -> NDArray[Any]:
         """Return what protocols score: metres as they are, levels with their fractions, if any."""
+        import numpy as np
+
         if self.kind == "metres" or not (np.rint(depth) != depth)[np.isfinite(depth)].any():
             return depth if self.kind == "metres" else self.levels_of(depth)
         return np.where(np.isfinite(depth), depth, np.float32(self.unknown))

@@ -51,9 +51,8 @@ def scene_number(name: str) -> int:
     return int(number) - 1 + (FIRST_TRAIN if split == "train" else 0)
 
 
-@cache
-def unseen_manifest(family: str, seed: int) -> Manifest:
-    """Return the manifest of a rendered set.
+def unseen_text(family: str, seed: int) -> str:
+    """Return the manifest of a rendered set as its file would have it.
 
     Parameters
     ----------
@@ -64,8 +63,8 @@ def unseen_manifest(family: str, seed: int) -> Manifest:
 
     Examples
     --------
-    >>> unseen_manifest("unseen", 7).stem, len(unseen_manifest("unseen", 0).scenes)
-    ('unseen-7-1', 224)
+    >>> unseen_text("unseen", 7).splitlines()[1]
+    'name = "unseen-7"'
     """
     train = PUBLIC_TRAIN if seed == 0 else TRAIN
     names = {
@@ -84,7 +83,7 @@ def unseen_manifest(family: str, seed: int) -> Manifest:
     )
     pair_images = "pair_images = [0, 1] # f/8, and focused at 0.65 m\n" * (family != "unseen")
     template = resources.files("dfdbench.datasets").joinpath("rendered.toml").read_text("utf-8")
-    text = template.format(
+    return template.format(
         family=family,
         seed=seed,
         short=family if seed == 0 else f"{family}-{seed}",
@@ -98,4 +97,15 @@ def unseen_manifest(family: str, seed: int) -> Manifest:
         splits=splits,
         scenes=scenes,
     )
-    return parse_manifest(text.encode(), f"{family}-{seed}-1.toml")
+
+
+@cache
+def unseen_manifest(family: str, seed: int) -> Manifest:
+    """Return the manifest of a rendered set, as `unseen_text` has it.
+
+    Examples
+    --------
+    >>> unseen_manifest("unseen", 7).stem, len(unseen_manifest("unseen", 0).scenes)
+    ('unseen-7-1', 224)
+    """
+    return parse_manifest(unseen_text(family, seed).encode(), f"{family}-{seed}-1.toml")

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.point_spread import DISK, point_spread_functions
+from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.tracks import DISK
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Calibrated, Image, channels_of
 from dfdbench.methods.readout import read_out

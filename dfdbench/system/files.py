@@ -9,8 +9,6 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import filelock
-
 from dfdbench.errors import DfdbenchError, ResultError, reason_of, room_or
 
 #: The largest file that is text: results, lists, configurations. Results have some 30 KB.
@@ -155,6 +153,9 @@ def hold(path: Path, taken: DfdbenchError) -> Iterator[None]:
     """
     # Absolute: the block may change the working directory.
     place = os.path.abspath(path)
+    # Here: it takes longer to import than most verbs to say what they know.
+    import filelock
+
     lock = filelock.FileLock(place, timeout=0)
     try:
         lock.acquire()

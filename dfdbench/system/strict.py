@@ -4,13 +4,18 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from dfdbench.errors import InputError, Problem
 
 Made = TypeVar("Made")
+#: A length, a distance or a ratio: finite and above zero.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+#: A part of the light; a channel's curve has some at even steps of r^2, from the middle on.
+Share = Annotated[float, Field(ge=0.01, le=100)]
+STEPS = Field(min_length=2, max_length=100)
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
 _LONGEST = 80
 
@@ -18,7 +23,8 @@ _LONGEST = 80
 class Record(BaseModel):
     """A frozen record that refuses fields it does not know."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # Put together when it is first used: of most, never.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class StrictRecord(Record):

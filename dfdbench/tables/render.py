@@ -1,19 +1,21 @@
 """A table in each of its forms: terminal, Markdown, LaTeX, CSV, JSON."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from rich import box
-from rich.console import Console
-from rich.table import Table as RichTable
-from rich.text import Text
-
 from dfdbench.tables.table import Format, Link, Marked, Table
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+    from rich.text import Text
 
 # What a spreadsheet takes for the beginning of a formula.
 _FORMULA = tuple("=+-@")
@@ -56,6 +58,8 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
     'a,n\nx,1\n'
     """
     if format is Format.table:
+        from rich.console import Console
+
         # Captured, there is no terminal to fit: lines are as long as they need be.
         console = Console(file=io.StringIO(), width=width or 400, color_system=None)
         with console.capture() as captured:
@@ -88,6 +92,10 @@ def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
 
     They are apart because Rich would wrap a title and a caption at the table's width.
     """
+    from rich import box
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
     notes = [Text(spelt_out(note), style="dim italic") for note in table.notes]
     shown = RichTable(box=box.SIMPLE_HEAD)
     for column, side in zip(table.columns, table.align, strict=True):
@@ -105,6 +113,8 @@ def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
 
 
 def _rich_cell(text: str) -> Text:
+    from rich.text import Text
+
     styles = {"best": "bold", "second": "underline"}
     return Text(spelt_out(text), styles[text.mark] if isinstance(text, Marked) else "")
 

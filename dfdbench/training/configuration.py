@@ -14,10 +14,9 @@ from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
 from dfdbench.system.files import read_as
-from dfdbench.system.strict import Record, problems_of
+from dfdbench.system.strict import Positive, Record, problems_of
 from dfdbench.system.text import parse_toml
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
 Expansion = Literal["eight", "basic", "one"]
 #: Wider than this no configuration can mean.

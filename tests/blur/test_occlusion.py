@@ -10,9 +10,10 @@ from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
 from dfdbench.blur.occlusion import GAP, composite_layers, without_tails
-from dfdbench.blur.point_spread import DISK, point_spread_functions
+from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import blur_by_level, synthesize
+from dfdbench.blur.tracks import DISK
 from dfdbench.building.sources.demo import SCENES
 from dfdbench.errors import InputError
 from dfdbench.simulation.photographs import photograph

@@ -5,8 +5,9 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import gamma
 
-from dfdbench.blur.point_spread import DISK, point_spread_functions
+from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
 
 SIZE = 27

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from dfdbench.blur.point_spread import DISK, point_spread_functions
+from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import blur_by_level, synthesize
+from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
 
 Image = NDArray[np.uint8]

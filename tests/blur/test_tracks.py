@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from dfdbench.blur.formation import uniform_numbers
-from dfdbench.blur.point_spread import DISK
-from dfdbench.blur.tracks import CLEAN, STACKS, TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.tracks import CLEAN, DISK, STACKS, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from dfdbench.datasets.catalog import (
     is_place,
     own_stores,
     place_of,
+    released_headings,
     released_manifests,
 )
 from dfdbench.errors import InputError, ManifestError, UnknownNameError
@@ -31,6 +33,13 @@ def test_brighter_is_nearer_in_every_set() -> None:
 def test_unknown_names_show_near_misses(ask: Callable[[], object], told: str) -> None:
     with pytest.raises(UnknownNameError, match=told):
         ask()
+
+
+def test_a_heading_says_what_the_manifest_does() -> None:
+    for heading, manifest in zip(released_headings(), released_manifests(), strict=True):
+        for name, value in asdict(heading).items():
+            assert getattr(manifest, name) == value
+        assert heading.stem == manifest.stem
 
 
 def test_a_manifest_is_found_by_each_of_its_names() -> None:
