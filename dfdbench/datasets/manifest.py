@@ -129,6 +129,8 @@ class Depth(StrictRecord):
         scale = self.scale
         ends = (scale.near_level, scale.far_level) if unit == "levels" else (scale.near, scale.far)
         first, last = sorted(map(float, ends))
+        import numpy as np
+
         step = np.float32((last - first) / 1000)
         reach = np.maximum(sigma, step)
         low = np.clip(depth - reach, first, last - step)

@@ -48,15 +48,14 @@ def test_it_finds_depth_for_a_blur_that_it_was_not_trained_on() -> None:
     depth = np.full((96, 128), 70, np.uint8)
     depth[:, 64:] = 180
     depth[30:70, 20:50] = 230
-    rng = np.random.default_rng(0)
-    image = np.kron(rng.integers(40, 216, (48, 64, 3)), np.ones((2, 2, 1))).astype(np.uint8)
-    train = pair_of(image, depth)
+    train = pair_of(texture(5, 96, 128), depth)
     method = VolumeNetMethod(device="cpu")
     method.restore(dict(method.fit([train])))  # type: ignore[misc]
     found, sigma = method(train.infocus, train.defocus)
     assert found.shape == sigma.shape == depth.shape
-    assert np.sqrt(np.mean((found - depth) ** 2)) < 0.5 * depth.std()
-    assert 0.8 < (np.abs(found - depth) <= 1.645 * sigma).mean() < 0.97
+    # A constant is off by 55 at the least.
+    assert np.median(np.abs(found - depth)) < 8
+    assert 0.85 < (np.abs(found - depth) <= 1.645 * sigma).mean() < 0.95
 
 
 def test_without_a_fit_it_says_what_to_do() -> None:
