@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.errors import MethodError
 from dfdbench.methods.choices import energy_of, shares_of
 from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread
 from dfdbench.methods.law_cost import MOST_NATS, all_blurred, law_cost
@@ -206,7 +205,8 @@ class VolumeNetMethod(Solver):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         rows, columns = infocus.shape[:2]
         count, multiple = self._network.levels, 2 * self._network.multiple
-        volume, told = halved_costs(self._laws(), infocus, images, count, multiple)
+        laws = [found.law for found in self.calibrations]
+        volume, told = halved_costs(laws, infocus, images, count, multiple)
         prior = -self.chosen.energy[levels_of(count)].astype(np.float32)
         guide = _padded(guide_of(infocus), multiple)
         told = np.log1p(told)[np.newaxis]
@@ -220,12 +220,6 @@ class VolumeNetMethod(Solver):
             found = mean_and_variance(logits, mask, depths)
         mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
         return np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
-
-    def _laws(self) -> list[BlurLaw]:
-        laws = [law for law in self.blurs if isinstance(law, BlurLaw)]
-        if len(laws) < len(self.blurs):
-            raise MethodError("it reads the volume of a fitted law", where="volume-net")
-        return laws
 
 
 def _padded(image: Array, multiple: int) -> Array:

@@ -37,6 +37,8 @@ Array = NDArray[Any]
 ROOMS = "rooms of unseen-0 from 1000 on, seen by random lenses"
 #: Levels of the volumes.
 COUNT = 32
+#: In so many steps of a nat it is kept how much can be told.
+TOLD_STEPS = 20
 #: Cameras by how their images come about, and rooms that each sees.
 LENSES, MADE, STACKS = (20, 12), (22, 8), (4, 6)
 # Rays a pixel: the law is fitted to what noise they leave.
@@ -60,7 +62,7 @@ class Example:
     paths : ndarray of uint8, shape (level, y / 2, x / 2)
         Roots of the costs along paths.
     told : ndarray of uint8, shape (y / 2, x / 2)
-        Twenty times the logarithm of one more than what can be told.
+        `TOLD_STEPS` times the logarithm of one more than what can be told.
     guide : ndarray of float16, shape (y, x)
     levels : ndarray of int16, shape (y, x)
         -1 where the depth is not known.
@@ -105,7 +107,7 @@ def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
             Example(
                 roots_of(volume),
                 roots_of(along_paths(volume)),
-                np.rint(np.minimum(20 * np.log1p(told), 255)).astype(np.uint8),
+                np.rint(np.minimum(TOLD_STEPS * np.log1p(told), 255)).astype(np.uint8),
                 guide_of(sharp).astype(np.float16),
                 np.where(capture.valid, capture.levels.astype(np.int16), np.int16(-1)),
                 -energy_of(others)[levels_of(COUNT)].astype(np.float32),

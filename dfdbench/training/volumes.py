@@ -31,8 +31,9 @@ from dfdbench.results.environment import describe_environment
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import precision_for
 from dfdbench.training.learner import DivergedError, EndedBy
+from dfdbench.training.task import same_threads
 from dfdbench.training.trainer import WEIGHTS, Log, TrainingFolder
-from dfdbench.training.volume_examples import COUNT, Example, nats_of
+from dfdbench.training.volume_examples import COUNT, TOLD_STEPS, Example, nats_of
 
 #: Cameras of rendered rooms that only test, by name.
 HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
@@ -122,7 +123,7 @@ def _crop(examples: Sequence[Example], random: np.random.Generator) -> tuple[NDA
         np.minimum(nats_of(turned(roots[half])) * stretch, np.float32(MOST))
         for roots in (example.roots, example.paths)
     )
-    told = turned(example.told[half]) / np.float32(20) + np.log(stretch)
+    told = turned(example.told[half]) / np.float32(TOLD_STEPS) + np.log(stretch)
     return (
         volume,
         paths,
@@ -163,7 +164,7 @@ def error_of(network: VolumeNet, example: Example, depths: Tensor) -> float:
     given = (
         nats_of(example.roots[half]),
         nats_of(example.paths[half]),
-        example.told[half][np.newaxis] / np.float32(20),
+        example.told[half][np.newaxis] / np.float32(TOLD_STEPS),
         example.guide[np.newaxis, :rows, :columns].astype(np.float32),
         example.prior,
     )
@@ -233,11 +234,12 @@ def train_volume_net(
         state, log = files.load(identity)
         seconds = state.pop("seconds")
         learner.restore(state)
+    else:
+        # Report a folder that cannot be written now, not after the first minute.
+        files.save(identity, {**learner.state(), "seconds": seconds}, log)
     begin, saved, ended = time.monotonic() - seconds, time.monotonic(), ""
     while not ended:
-        part = learner.step / steps
-        if max_seconds is not None:
-            part = max(part, seconds / max_seconds)
+        part = max(learner.step / steps, seconds / max_seconds if max_seconds else 0.0)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         loss = learner.learn(rate)
         log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
@@ -255,14 +257,17 @@ def train_volume_net(
             files.save(identity, {**learner.state(), "seconds": seconds}, log)
             saved = now
     path = folder / WEIGHTS
-    card = _card_of(learner, trained_on, log, seconds, ended)
+    card = _card_of(learner, trained_on, steps, log, seconds, ended)
     save_weights(path, learner.averaged, card)
     return path, card, log
 
 
-def _card_of(learner: _Learner, trained_on: str, log: Log, seconds: float, ended: str) -> Card:
+def _card_of(
+    learner: _Learner, trained_on: str, steps: int, log: Log, seconds: float, ended: str
+) -> Card:
     scores = {name: value for name, value in (log.scores or [{}])[-1].items() if name != "step"}
-    environment = describe_environment()
+    with same_threads():
+        environment = describe_environment()
     return Card(
         method="volume-net",
         architecture={"levels": COUNT},
@@ -271,14 +276,20 @@ def _card_of(learner: _Learner, trained_on: str, log: Log, seconds: float, ended
         started_from=learner.started_from,
         dataset=trained_on,
         fingerprint="",
-        recipe="",
-        configuration={"crop": CROP, "crops_per_step": CROPS, "learning_rate": RATE},
+        recipe="of each camera by itself, fitted",
+        configuration={
+            "crop": CROP,
+            "crops_per_step": CROPS,
+            "learning_rate": RATE,
+            "steps": steps,
+        },
         seed=learner.seed,
         steps=learner.step,
         seconds=round(seconds, 1),
         ended_by=ended,
         scored_on=f"cameras held out: {', '.join(learner.held)}" if learner.held else "nothing",
-        scores={"nrmse": fmean(scores.values())} if scores else {},
+        scores={},
+        further_scores={"valid": {"nrmse": fmean(scores.values())}} if scores else {},
         environment={
             "processor": environment.cpu,
             "threads": str(torch.get_num_threads()),

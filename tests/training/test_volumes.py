@@ -8,6 +8,7 @@ import torch
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.methods.volume_net import levels_of
+from dfdbench.training import volumes
 from dfdbench.training.volume_examples import COUNT, Example
 from dfdbench.training.volumes import (
     CROP,
@@ -73,26 +74,32 @@ def test_the_loss_is_least_at_the_truth_and_does_not_see_unknown_pixels() -> Non
 
 
 def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
-    cameras: Mapping[str, list[Example]], tmp_path: Path
+    cameras: Mapping[str, list[Example]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(volumes, "_SAVE_SECONDS", 0.0)
     whole, card, log = train_volume_net(cameras, "made", tmp_path / "whole", steps=3)
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
-    assert log.scores[-1][HELD_OUT[0]] == card.scores["nrmse"]
+    assert log.scores[-1][HELD_OUT[0]] == card.further_scores["valid"]["nrmse"]
 
     def stop(step: int, steps: int | None) -> None:
-        raise KeyboardInterrupt
+        if step == 2:
+            raise KeyboardInterrupt
 
     part = tmp_path / "part"
-    train_volume_net(cameras, "made", part, steps=3, max_seconds=1e-9)
     with pytest.raises(KeyboardInterrupt):
         train_volume_net(cameras, "made", part, steps=3, on_step=stop)
     resumed, _, after = train_volume_net(cameras, "made", part, steps=3)
-    # The first step was timed: its learning rate is that of the end.
-    assert [row["step"] for row in after.losses] == [1, 2, 3]
-    for path in (whole, resumed):
-        network, _ = load_weights(path, "volume-net")
-        assert all(tensor.isfinite().all() for tensor in network.state_dict().values())
+    assert after.losses == log.losses
+    before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
+    assert all(torch.equal(before[name], again[name]) for name in before)
+
+
+def test_time_that_is_up_ends_a_training(
+    cameras: Mapping[str, list[Example]], tmp_path: Path
+) -> None:
+    _, card, _ = train_volume_net(cameras, "made", tmp_path, max_seconds=1e-9)
+    assert (card.ended_by, card.steps) == ("its time limit", 1)
 
 
 def test_a_checkpoint_of_another_training_is_refused(

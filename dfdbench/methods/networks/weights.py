@@ -218,14 +218,14 @@ def card_as_markdown(card: Card) -> str:
         "parameters": f"{card.parameters:,}",
         "trained on": card.trained_on,
         "started from": card.started_from or "random weights",
-        "data set": f"{card.dataset}, fingerprint {card.fingerprint}",
+        "data set": ", fingerprint ".join(filter(None, (card.dataset, card.fingerprint))),
         "recipe": card.recipe or "none: captured defocus",
         "seed": str(card.seed),
         "steps": f"{card.steps:,}, ended by {card.ended_by}",
         "time": f"{card.seconds / 60:.1f} minutes",
         "machine": ", ".join(f"{name} {value}" for name, value in card.environment.items()),
         "configuration": _as_text(card.configuration),
-        f"scores on {card.scored_on}": _scores_as_text(card.scores),
+        f"scores on {card.scored_on}": _scores_as_text(card.scores) or "–",
     } | {
         f"under the protocol `{protocol}`": _scores_as_text(scores)
         for protocol, scores in card.further_scores.items()
