@@ -256,10 +256,9 @@ def train_volume_net(
         if ended or now - saved >= _SAVE_SECONDS:
             files.save(identity, {**learner.state(), "seconds": seconds}, log)
             saved = now
-    path = folder / WEIGHTS
     card = _card_of(learner, trained_on, steps, log, seconds, ended)
-    save_weights(path, learner.averaged, card)
-    return path, card, log
+    save_weights(folder / WEIGHTS, learner.averaged, card)
+    return folder / WEIGHTS, card, log
 
 
 def _card_of(
