@@ -34,6 +34,8 @@ from dfdbench.tables.table import Table, as_html, counted
 
 #: The leaderboard's folder in a clone.
 LEADERBOARD = Path("leaderboard")
+#: The package of the wheel that holds a copy of it.
+_SHIPPED = "dfdbench.rows"
 README = "README.md"
 NOTE = "note.md"
 SEEDS = "seeds.json"
@@ -254,13 +256,26 @@ class Board:
         }
 
 
+def leaderboard_folder() -> Path:
+    """Return ``leaderboard`` in the working directory, a clone's root; elsewhere what is shipped.
+
+    Examples
+    --------
+    >>> (leaderboard_folder() / "methods" / "constant.toml").is_file()
+    True
+    """
+    # A wheel is unpacked: what is in it lies in a folder.
+    shipped = Path(str(resources.files(_SHIPPED)))
+    return LEADERBOARD if (LEADERBOARD / RESULTS).is_dir() else shipped
+
+
 def leaderboard(path: Path | str | None = None) -> Board:
     """Read a leaderboard: every row's file, checked.
 
     Parameters
     ----------
     path : Path or str, optional
-        Its folder; default: ``leaderboard`` in the working directory, a clone's root.
+        Its folder; default: `leaderboard_folder`.
 
     Raises
     ------
@@ -272,7 +287,7 @@ def leaderboard(path: Path | str | None = None) -> Board:
     >>> board = leaderboard()  # doctest: +SKIP
     >>> board.table("demo").head(3)  # doctest: +SKIP
     """
-    folder = LEADERBOARD if path is None else Path(path)
+    folder = leaderboard_folder() if path is None else Path(path)
     require_leaderboard(folder)
     rows: dict[Path, Row] = {}
     problems: list[Problem] = []

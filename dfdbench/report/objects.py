@@ -17,6 +17,7 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
+from dfdbench.report.verdict import verdict
 from dfdbench.results.differences import change_tables
 from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
@@ -144,6 +145,13 @@ class Run:
         store = self._first.store
         scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
         return all_tables(summarise(self.result, self.protocol), scenes, splits)
+
+    def verdict(self) -> str:
+        """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
+
+        A line each, as ``dfdbench run`` ends with them; of a run on tracks, that on clean images.
+        """
+        return verdict(self._first, self.protocol)
 
     @property
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
