@@ -15,6 +15,7 @@ import pandas as pd
 from pydantic import TypeAdapter
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board import LEADERBOARD
 from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
 from dfdbench.board.published import PUBLISHED, load_published, published_summary, published_table
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
@@ -32,8 +33,6 @@ from dfdbench.system.strict import Record
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table, as_html, counted
 
-#: The leaderboard's folder in a clone.
-LEADERBOARD = Path("leaderboard")
 README = "README.md"
 NOTE = "note.md"
 SEEDS = "seeds.json"

@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 import dfdbench
-from dfdbench.board.board import LEADERBOARD
+from dfdbench.board import LEADERBOARD
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
 from dfdbench.cli import screen

@@ -229,6 +229,7 @@ class _Journal:
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
         self._first: EvaluatedElsewhere | None = None
+        self._predictions = run_folder.Predictions(folder, plan.store.manifest)
 
     def note(self, pair: Pair, evaluated: EvaluatedElsewhere) -> None:
         """Write down what became of a pair; the first comes twice, and is compared."""
@@ -240,9 +241,9 @@ class _Journal:
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
             run_folder.keep_identity(self._folder, self._known.content)
-        depth, sigma = evaluated.answer.depth, evaluated.answer.sigma
-        if depth is not None and plan.options.keep_predictions:
-            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, depth, sigma)
+        answer = evaluated.answer
+        if answer.depth is not None and plan.options.keep_predictions:
+            self._predictions.keep(pair, answer.depth, answer.sigma)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.submission import submit
+from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
@@ -229,6 +228,8 @@ class Run:
         ResultError
             If the leaderboard would refuse the row.
         """
+        from dfdbench.board.submission import submit
+
         return submit(list(self.results.values()), leaderboard)
 
 
