@@ -9,10 +9,10 @@ from dfdbench.board import LEADERBOARD, board, cards, row_file
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.evaluation.run import without_folder, without_folders
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
+from dfdbench.results.wording import without_folder, without_folders
 from dfdbench.system.files import write_whole
 
 
