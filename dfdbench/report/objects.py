@@ -11,13 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.submission import submit
+from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
-from dfdbench.report.verdict import verdict
 from dfdbench.results.differences import change_tables
 from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
@@ -151,6 +149,8 @@ class Run:
 
         A line each, as ``dfdbench run`` ends with them; of a run on tracks, that on clean images.
         """
+        from dfdbench.report.verdict import verdict  # it reads rows, for which a run need not wait
+
         return verdict(self._first, self.protocol)
 
     @property
@@ -237,6 +237,8 @@ class Run:
         ResultError
             If the leaderboard would refuse the row.
         """
+        from dfdbench.board.submission import submit
+
         return submit(list(self.results.values()), leaderboard)
 
 

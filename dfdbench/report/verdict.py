@@ -4,8 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from dfdbench.board.board import leaderboard_folder
-from dfdbench.board.row_file import RESULTS, read_row
+from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
 from dfdbench.datasets.catalog import part_name
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError
@@ -35,7 +34,7 @@ def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> st
     protocol : str
         Under which protocol.
     leaderboard : Path, optional
-        The folder of the rows to compare with; see `dfdbench.board.board.leaderboard_folder`.
+        The folder of the rows to compare with; see `dfdbench.board.row_file.leaderboard_folder`.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import dfdbench as dfd
-from dfdbench.board.board import leaderboard_folder
+from dfdbench.board.row_file import leaderboard_folder
 
 
 def lines(run: dfd.Run) -> dict[str, str]:
@@ -47,9 +47,7 @@ def test_a_part_of_the_pairs_is_held_against_the_same_pairs_of_the_rows(
     assert f"{best}, given the blur: NRMSE {means[best]:.4f}, yours is " in found["best"]
 
 
-def test_where_no_row_is_given_as_little_the_best_of_all_is_named(
-    demo_store: dfd.Dataset,
-) -> None:
+def test_where_no_row_is_given_as_little_the_best_of_all_is_named(demo_store: dfd.Dataset) -> None:
     found = dfd.run(inverted, demo_store, "Market", limit=1).verdict()
     assert "no row is given nothing, as yours is" in found
     assert "worst" not in found
