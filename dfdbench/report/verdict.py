@@ -152,10 +152,10 @@ def _best(result: Result, own: float, title: str, others: dict[_Row, float]) -> 
     alike = [row for row in means if _kind(row.result) == _kind(result)]
     best = min(alike or means, key=means.__getitem__)
     given = _kind(best.result)
-    text = f"{best.name}, given {given}: {title} {score_text(means[best])}"
+    text = f"{best.name}: {title} {score_text(means[best])}"
     if not alike:
-        return {"best row": f"{text}; no row is given {_kind(result)}, as yours is"}
-    return {"best row": f"{text}, {_beside(own, means[best])}"}
+        return {"best row": f"{text}, but it was given {given}, and yours {_kind(result)}"}
+    return {"best row": f"{text}, given as much ({given}); {_beside(own, means[best])}"}
 
 
 def _worst(

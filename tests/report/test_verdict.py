@@ -44,12 +44,12 @@ def test_a_part_of_the_pairs_is_held_against_the_same_pairs_of_the_rows(
     # What is given the blur, as `local` is, itself left out.
     given = ["graph-cuts", "graph-cuts-rounded", "guided", "sgm", "s-transform"]
     best = means[means.index.isin(given)].idxmin()
-    assert f"{best}, given the blur: NRMSE {means[best]:.4f}, yours is " in found["best"]
+    assert f"{best}: NRMSE {means[best]:.4f}, given as much (the blur); yours is " in found["best"]
 
 
 def test_where_no_row_is_given_as_little_the_best_of_all_is_named(demo_store: dfd.Dataset) -> None:
     found = dfd.run(inverted, demo_store, "Market", limit=1).verdict()
-    assert "no row is given nothing, as yours is" in found
+    assert ", but it was given the blur, and yours nothing" in found
     assert "worst" not in found
 
 
