@@ -38,6 +38,7 @@ from dfdbench.results.record import (
     average,
     save_result,
 )
+from dfdbench.results.wording import without_folder, without_folders
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -229,6 +230,7 @@ class _Journal:
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
         self._first: EvaluatedElsewhere | None = None
+        self._predictions = run_folder.Predictions(folder, plan.store.manifest)
 
     def note(self, pair: Pair, evaluated: EvaluatedElsewhere) -> None:
         """Write down what became of a pair; the first comes twice, and is compared."""
@@ -240,9 +242,9 @@ class _Journal:
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
             run_folder.keep_identity(self._folder, self._known.content)
-        depth, sigma = evaluated.answer.depth, evaluated.answer.sigma
-        if depth is not None and plan.options.keep_predictions:
-            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, depth, sigma)
+        answer = evaluated.answer
+        if answer.depth is not None and plan.options.keep_predictions:
+            self._predictions.keep(pair, answer.depth, answer.sigma)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
@@ -456,27 +458,3 @@ def _of_machines(environments: Sequence[Environment], evaluated: list[PairResult
 
 def _warned(pairs: list[PairResult], begins: str) -> int:
     return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
-
-
-def without_folders(value: Any) -> Any:
-    """Return a parameter as results show it: of a file its name only, as for entries."""
-    if isinstance(value, list):
-        return [without_folders(part) for part in value]
-    if isinstance(value, dict):
-        return {name: without_folders(part) for name, part in value.items()}
-    is_file = isinstance(value, str) and Path(value).is_absolute()
-    return Path(value).name if is_file else value
-
-
-def without_folder(entry: str) -> str:
-    """Return a method's entry as results show it: an absolute path's file name only.
-
-    Where a file lies on one machine is no business of those who read the result.
-
-    Examples
-    --------
-    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
-    ('mine.py:predict', 'mine.py:predict')
-    """
-    place, _, attribute = entry.rpartition(":")
-    return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

@@ -28,8 +28,7 @@ def stores(
     manifest = with_track(tiny_store.manifest, "gain-3")
     on_track = store_of(manifest, tiny_folder, tmp_path / "gain.zarr")
     found = {"tiny-1": tiny_store, "tiny-1@gain-3": on_track}
-    released = (tiny_store.manifest,)
-    monkeypatch.setattr("dfdbench.board.row_file.released_manifests", lambda: released)
+    monkeypatch.setattr("dfdbench.board.row_file._manifest_of", lambda _: tiny_store.manifest)
     monkeypatch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
     return found
 
