@@ -51,7 +51,7 @@ def leaderboard_folder() -> Path:
     """
     # A wheel is unpacked: what is in it lies in a folder.
     shipped = Path(str(resources.files(_SHIPPED)))
-    return LEADERBOARD if (LEADERBOARD / RESULTS).is_dir() else shipped
+    return LEADERBOARD if LEADERBOARD.is_dir() else shipped
 
 
 class RowRun(Record):

@@ -286,6 +286,9 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
             environment = environment or describe_environment()
             journal.note(pair, EvaluatedElsewhere(record, answer, plan.method.used, environment))
         return
+    if to_do and plan.method.warm_up:
+        # Here, once: each worker would compile the same at the same time.
+        PairEvaluator(plan.store, plan.method, plan.options.seed).warm_up(to_do[0])
     remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(to_do), _BATCH):
         pool.map(remote, to_do[start : start + _BATCH], on_outcome=journal.note)

@@ -171,20 +171,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             f"{counted(whole.unanswered, 'pair')} without an answer for every pixel: no mean and "
             "no rank but under protocol sure"
         )
-    if fitted := result.method.fitted_on:
-        notes.append(f"fitted on {fitted}, in {result.method.fit_seconds:.1f} s")
-    if chosen := result.method.chosen:
-        notes.append("chosen by the fit: " + listed(f"{k} {v:g}" for k, v in chosen.items()))
-    if sure := (result.averages or {}).get(SURE):
-        means = (f"{find_metric(name).title} {score_text(value)}" for name, value in sure.items())
-        notes.append(f"how sure it is, by protocol {SURE}: {'; '.join(means)}")
-    numbers: dict[str, list[float]] = {}
-    for pair in result.pairs:
-        for name, value in pair.numbers.items():
-            numbers.setdefault(name, []).append(value)
-    if numbers:
-        means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
-        notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
+    notes += _notes_of_method(result)
     by_error: dict[str, list[str]] = {}
     for pair in result.pairs:
         if pair.status == "failed":
@@ -201,6 +188,25 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             "an incomplete run has no score and no rank: means in brackets are of what ran"
         )
     return notes + [f"warning: {text}" for text in result.warnings]
+
+
+def _notes_of_method(result: Result) -> list[str]:
+    notes = []
+    if fitted := result.method.fitted_on:
+        notes.append(f"fitted on {fitted}, in {result.method.fit_seconds:.1f} s")
+    if chosen := result.method.chosen:
+        notes.append("chosen by the fit: " + listed(f"{k} {v:g}" for k, v in chosen.items()))
+    if sure := (result.averages or {}).get(SURE):
+        means = (f"{find_metric(name).title} {score_text(value)}" for name, value in sure.items())
+        notes.append(f"how sure it is, by protocol {SURE}: {'; '.join(means)}")
+    numbers: dict[str, list[float]] = {}
+    for pair in result.pairs:
+        for name, value in pair.numbers.items():
+            numbers.setdefault(name, []).append(value)
+    if numbers:
+        means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
+        notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
+    return notes
 
 
 def _labels(result: Result) -> list[str]:

@@ -48,7 +48,7 @@ def test_the_whole_way(
     assert score.endswith("(protocol valid, split test, only 1 of 7 pairs)")
     assert then == f"next         dfdbench run --dataset {store} --split test --method constant"
     one = dfdbench(f"run --method mymodule:nan --dataset {store} --limit 1 --out one")
-    assert "\n1 pair failed; the same command tries it again\n" in one.err
+    assert "1 pair failed; the same command tries it again\n" in one.err
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(

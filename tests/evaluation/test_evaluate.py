@@ -212,6 +212,25 @@ def test_millimetres_for_metres_are_scored_and_told(in_metres_store: Path, tmp_p
     assert any("are these metres?" in text for text in done.result.warnings)
 
 
+def test_what_knows_pairs_and_stacks_is_warmed_up_on_a_pair(
+    in_metres_store: Path, tmp_path: Path
+) -> None:
+    warmed = []
+
+    class Both:
+        def warm_up(self, infocus: Any, defocus: Any) -> None:
+            warmed.append(infocus.shape == defocus.shape)
+
+        def __call__(self, infocus: Any, defocus: Any) -> Any:
+            raise AssertionError
+
+        def from_stack(self, stack: Any) -> Any:
+            return np.full(stack.shape[1:3], 90.0)
+
+    evaluate(Both(), str(in_metres_store), out=tmp_path / "run")
+    assert warmed == [True]
+
+
 def test_a_fit_on_a_set_of_one_s_own_knows_its_scale(in_metres_store: Path, tmp_path: Path) -> None:
     evaluate("s-transform", str(in_metres_store), out=tmp_path / "run")
     assert "0.5 m" in DepthPredictor(None, tmp_path / "run").meaning
