@@ -32,18 +32,6 @@ def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
         assert np.ptp(image) == 255
 
 
-def test_axes_are_labelled_and_colours_tell_apart() -> None:
-    figure = runs.score_figure(
-        make_result({("a", 1, 1, e): 0.1 * (e + 1) for e in (0, 1)}), "thesis"
-    )
-    assert figure is not None
-    labels = [axis.get_ylabel() for axis in figure.axes]
-    assert labels[0] == "NRMSE (lower is better)"
-    assert labels[2] == "SSIM (higher is better)"
-    lines = figure.axes[0].get_lines()
-    assert len({line.get_marker() for line in lines}) == len(lines) == 2
-
-
 def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> None:
     # One's images have 24 x 30 pixels, Two's 24 x 31, Three's 24 x 32.
     places = [(scene, 1, 1, exposure) for scene in ("One", "Two", "Three") for exposure in (0, 1)]
