@@ -37,6 +37,7 @@ PAGES = sorted(
 NUMBER = re.compile(r"(?<![\w.])(?:[01]\.\d{4,5}|\d+\.\d+ %|\d,\d{3},\d{3})(?![\w.])")
 #: By the mark of a block, how it is compared.
 PRINTED, WRITTEN = "<!-- printed by: ", "<!-- written by docs/"
+CHECKED = "<!-- checked by tests/test_readme.py"
 
 
 @dataclass(frozen=True)
@@ -264,14 +265,14 @@ def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:
         if mark == WRITTEN:
             yield named, range(at, lines.index("<!-- end -->", at))
         else:
-            last = "```" if lines[at + 2] == "```" else ""
+            last = "```" if lines[at + 2].startswith("```") else ""
             yield named, range(at + 2, lines.index(last, at + 3))
 
 
 def compared_lines(page: str) -> set[int]:
     lines = (ROOT / page).read_text("utf-8").splitlines()
     found: set[int] = set()
-    for mark in (PRINTED, WRITTEN):
+    for mark in (PRINTED, WRITTEN, CHECKED):
         for _, block in blocks(page, mark):
             found |= set(block)
     heads = [quoted.head for quoted in QUOTED if quoted.page == page] + COMPARED.get(page, [])

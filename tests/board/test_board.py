@@ -152,7 +152,5 @@ def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> Non
     leaderboard(tmp_path)
     content["runs"][0]["scores"]["valid"]["nrmse"][5] = None
     path.write_text(json.dumps(content))
-    with pytest.raises(
-        ResultError, match=r"two has no nrmse under valid.*illumination2/exposure2"
-    ):
+    with pytest.raises(ResultError, match=r"two has no nrmse under valid.*illumination2/exposure2"):
         leaderboard(tmp_path)
