@@ -8,8 +8,7 @@ from dfdbench.building.sources.folder import FolderScenes
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import Download, MiddleburyScenes, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.building.sources.rendered_rooms import Rooms
-from dfdbench.building.sources.simulated_rig import SimulatedRig
+from dfdbench.building.sources.simulated import Rooms, SimulatedRig
 from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.packages import offered_as
