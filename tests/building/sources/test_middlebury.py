@@ -176,15 +176,6 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
 
 
-def test_an_image_of_another_size_is_refused(
-    manifest: Manifest, site: Site, tmp_path: Path
-) -> None:
-    other = site.folder / BELOW / "Two/Illum1/Exp0/view1.png"
-    (site.folder / BELOW / "One/Illum1/Exp0/view1.png").write_bytes(other.read_bytes())
-    with pytest.raises(SourceError, match="size differs"):
-        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
-
-
 def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     image = done.folder / "One/Illum1/Exp0/view1.png"
