@@ -150,17 +150,6 @@ def test_a_file_that_is_not_the_one_known_is_refused(folder: Path) -> None:
         source.signature("door")
 
 
-def test_dfd_indoor_pairs_in_sorted_order_and_knows_every_file() -> None:
-    manifest = find_manifest("dfd-indoor")
-    assert [len(manifest.pairs(split)) for split in ("train", "test")] == [81, 29]
-    assert len(manifest.checksums) == 330
-    for split in ("train", "test"):
-        scenes = [scene for scene in manifest.scenes if scene.name.startswith(split)]
-        for role in ("image", "depth"):
-            times = [scene.names[role] for scene in scenes]
-            assert times == sorted(set(times))
-
-
 @pytest.fixture
 def dfd_indoor(shared_data: Path) -> Path:
     folder = shared_data / "dfd_indoor"

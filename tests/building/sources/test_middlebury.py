@@ -201,18 +201,6 @@ def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_pat
     assert not (tmp_path / "in/tiny-1.lock").exists()
 
 
-def test_a_mirror_stands_for_the_site(
-    manifest: Manifest, site: Site, reference: str, tmp_path: Path
-) -> None:
-    with served(tmp_path / "server/data") as mirror:
-        done = middlebury.download_middlebury(
-            manifest, tmp_path / "in", [mirror.address], patience=QUICK
-        )
-        assert len(mirror.requests) == FILES
-    assert site.requests == []
-    assert fingerprint(manifest, done, tmp_path) == reference
-
-
 def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     wrong = f"{site.address}/nothing"
     done = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
