@@ -28,7 +28,7 @@ from dfdbench.evaluation.evaluate import (
 from dfdbench.evaluation.fitting import camera_note, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import RunDone
+from dfdbench.evaluation.run import OnPair, RunDone
 from dfdbench.evaluation.tuning import cross_validate
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
@@ -223,7 +223,7 @@ def run(
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | None = None,
-    on_pair: Progress | None = None,
+    on_pair: OnPair | None = None,
 ) -> Run:
     """Run a method on a split of a built data set, as ``dfdbench run`` does.
 
@@ -262,7 +262,7 @@ def run(
     cache : Path, optional
         The cache folder.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+        Called with (pairs done, pairs to do, the mean score of those done, as text).
 
     Raises
     ------

@@ -87,9 +87,9 @@ def run(
         )
     then = ""
     if limit is not None and not done.result.complete and not done.failed:
-        words: tuple[str, ...] = ("run", "--dataset", dataset, "--split", split, "--method", method)
-        words += tuple(word for each in param for word in ("--param", each))
-        then = shlex.join(("dfdbench", *words))
+        words = ["run", "--dataset", dataset, "--split", split, "--method", method]
+        words += [word for each in param for word in ("--param", each)]
+        then = shlex.join(["dfdbench", *words])
     _show(done, format, None if no else figure_format or (), submit, tables, then)
 
 

@@ -17,7 +17,7 @@ from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.pair import blank_record, record_of
 from dfdbench.evaluation.plan import RunOptions, protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
-from dfdbench.evaluation.run import RunDone, compose, run_method
+from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.metrics.protocol import Unit
@@ -37,7 +37,7 @@ def evaluate(
     given_blur: bool = False,
     pool: Pool | None = None,
     check: Callable[[Method, Dataset], None] | None = None,
-    on_pair: Callable[[int, int], None] | None = None,
+    on_pair: OnPair | None = None,
 ) -> tuple[RunDone, Calibration | None]:
     """Load a method for a data set and run it; return also what its fit measured of the blur.
 

@@ -25,7 +25,8 @@ from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
-from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of
+from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
 from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
@@ -36,9 +37,10 @@ from dfdbench.results.record import (
     PairResult,
     Result,
     average,
+    first_protocol,
     save_result,
 )
-from dfdbench.results.wording import without_folder, without_folders
+from dfdbench.results.wording import score_text, without_folder, without_folders
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -86,6 +88,10 @@ class RunDone:
         return notes
 
 
+#: Pairs done, pairs to do, and the mean score of those done, as text.
+OnPair = Callable[[int, int, str], None]
+
+
 def run_method(
     store: Dataset,
     method: Method,
@@ -94,7 +100,7 @@ def run_method(
     options: RunOptions | None = None,
     pool: Pool | None = None,
     warnings: Sequence[str] = (),
-    on_pair: Callable[[int, int], None] | None = None,
+    on_pair: OnPair | None = None,
 ) -> RunDone:
     """Evaluate a method on a split; go on where an earlier call was stopped.
 
@@ -124,7 +130,7 @@ def run_method(
         What the result is to say besides, such as
         `dfdbench.audit.leaks.coverage_warnings` of training and test.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+        Called with (pairs done, pairs to do, the mean score of those done, as text).
 
     Raises
     ------
@@ -220,9 +226,7 @@ def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None
 class _Journal:
     """The records of a run's pairs, each written down as it comes."""
 
-    def __init__(
-        self, plan: RunPlan, folder: Path, known: _Known, on_pair: Callable[[int, int], None] | None
-    ) -> None:
+    def __init__(self, plan: RunPlan, folder: Path, known: _Known, on_pair: OnPair | None) -> None:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
         places = range(len(known.environments))
         found = run_folder.read_journal(folder)
@@ -249,7 +253,14 @@ class _Journal:
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
         if self._on_pair:
-            self._on_pair(self.done, len(plan.chosen))
+            self._on_pair(self.done, len(plan.chosen), self._so_far())
+
+    def _so_far(self) -> str:
+        """Return the mean of what is done, by the metric that ranks on this data set."""
+        protocol = first_protocol(self._plan.store.manifest.short)
+        metric = ranked_by(protocol)[0]
+        found = (each.scores.get(protocol, {}).get(metric) for each in self._finished.values())
+        return f"{find_metric(metric).title} {score_text(mean_of(found))}"
 
     def _keep(self, record: PairResult) -> None:
         self._finished[record.id] = record

@@ -165,13 +165,13 @@ def _best(
     alike = [row for row in means if _kind(row.result) == _kind(result)]
     best = min(alike or means, key=means.__getitem__)
     given = _kind(best.result)
-    text = f"{best.name}, given {given}: {title} {score_text(means[best])}"
+    text = f"{best.name}: {title} {score_text(means[best])}"
     if alike:
-        text += f", {_beside(own, means[best])}"
+        text += f", given as much ({given}); {_beside(own, means[best])}"
     else:
-        text += f"; no row is given {_kind(result)}, as yours is"
-    facts = {"row": best.name, "given": given, "comparable": bool(alike), metric: means[best]}
-    return {"best_row": facts | {"text": text}}
+        text += f", but it was given {given}, and yours {_kind(result)}"
+    facts = {"row": best.name, "given": given, "given_as_much": bool(alike)}
+    return {"best_row": facts | {metric: means[best], "text": text}}
 
 
 def _worst(

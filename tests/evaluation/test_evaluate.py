@@ -129,9 +129,11 @@ def test_a_changed_function_is_another_method(tiny_store: Dataset, tmp_path: Pat
 
 
 def test_depth_maps_live_as_long_as_the_run_or_in_out(tiny_store: Dataset, tmp_path: Path) -> None:
-    done: list[tuple[int, int]] = []
+    done: list[tuple[int, int, str]] = []
     run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
-    assert done == [(1, 2), (2, 2)]
+    scores = [pair.scores["valid"]["nrmse"] or 0 for pair in run.result.pairs if pair.scores]
+    means = [f"NRMSE {np.mean(scores[:count]):.4f}" for count in (1, 2)]
+    assert done == [(1, 2, means[0]), (2, 2, means[1])]
     images, prediction = run.images(run.result.pairs[0].id)
     np.testing.assert_allclose(prediction, grey(images.infocus, images.defocus), rtol=1e-6)
     folder = run.folder

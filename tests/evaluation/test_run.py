@@ -136,7 +136,7 @@ def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path)
     (tmp_path / "coef.json").write_text("10")
     loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
 
-    def edit(done: int, _: int) -> None:
+    def edit(done: int, *_: object) -> None:
         (tmp_path / "coef.json").write_text(str(done))
 
     run = run_method(tiny_store, loaded, "test", tmp_path / "out", on_pair=edit)

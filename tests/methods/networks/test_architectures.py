@@ -7,6 +7,7 @@ import torch
 
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import (
+    PUBLISHED_MEANS,
     DfDNet,
     UNet,
     fold_batch_norm,
@@ -53,13 +54,6 @@ def test_dfd_net_has_the_published_number_of_parameters() -> None:
 @pytest.mark.parametrize("size", range(1, 7))
 def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
     assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
-
-
-def test_the_particle_swarm_begins_with_a_sigmoid() -> None:
-    network = DfDNet(SMALL, first_activation="sigmoid")
-    kinds = [type(module).__name__ for module in network.modules()]
-    assert kinds.count("Sigmoid") == 1
-    assert kinds.count("PReLU") == 8
 
 
 #: Counted from the widths by hand; of ``pso``, from its author's generated headers.
@@ -128,10 +122,6 @@ def test_filters_that_do_not_fit_are_named() -> None:
     for few in (SMALL[:-1], (*SMALL[:-1], 100)):
         with pytest.raises(InputError, match="18 positive numbers"):
             DfDNet(few)
-    with pytest.raises(InputError, match="relu, prelu, sigmoid"):
-        DfDNet(SMALL, first_activation="maxout")
-    with pytest.raises(InputError, match="2 means instead of 6"):
-        DfDNet(SMALL, channel_means=(1.0, 2.0))
 
 
 def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
@@ -178,3 +168,10 @@ def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
     # What is small in the images is as large in the answers as all else.
     deviations = network.first(network.pixels(pixels)).std((0, 2, 3))
     assert torch.allclose(deviations, torch.ones_like(deviations), atol=1e-3)
+
+
+def test_means_are_taken_off_and_255_is_nearly_1() -> None:
+    network = DfDNet(SMALL)
+    means = torch.tensor(PUBLISHED_MEANS).reshape(1, 6, 1, 1).expand(1, 6, 4, 4)
+    assert torch.equal(network.pixels(means), torch.zeros(1, 6, 4, 4))
+    assert torch.allclose(network.pixels(means + 64), torch.full((1, 6, 4, 4), 0.25))
