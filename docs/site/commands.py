@@ -14,11 +14,9 @@ HEAD = """# Every command
 Written from the program itself when this site is built: `dfdbench COMMAND --help` says the same.
 `dfdbench --install-completion` teaches your shell the commands, data sets and methods.
 
-| status | means |
-|:---|:---|
-| 0 | done |
-| 1 | done, and something failed or was found: a pair, a verification, a test that is not fair |
-| 2 | not done: a mistake in what was asked, or something lacking; the message says what to do |
+`--format json`, and the statuses that commands end with: [scripts and agents](../scripts.md).
+
+## The commands
 
 """
 

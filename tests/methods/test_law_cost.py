@@ -160,6 +160,6 @@ def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(5, 30), slice(40, 64)])
 def test_some_rows_have_the_costs_they_have_in_the_whole(blur: Any, rows: slice) -> None:
     pair = plane(120)
-    whole = level_costs([blur], pair.infocus, [pair.defocus], 50)
-    some = level_costs([blur], pair.infocus, [pair.defocus], 50, rows)
+    whole = law_cost.level_costs([blur], pair.infocus, [pair.defocus], 50)
+    some = law_cost.level_costs([blur], pair.infocus, [pair.defocus], 50, rows)
     assert np.array_equal(some, whole[rows])

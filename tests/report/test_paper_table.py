@@ -32,7 +32,7 @@ def test_the_best_of_each_metric_is_marked_and_the_data_are_named(tmp_path: Path
     marks = [[getattr(cell, "mark", "") for cell in row[2:]] for row in table.rows]
     # SSIM is the larger the better; seconds of several machines have no best.
     assert marks == [["best"] * 3 + [""], ["second"] * 3 + [""], [""] * 4]
-    assert table.title.startswith("demo-1, split test (54 pairs of 3 scenes), protocol thesis")
+    assert table.title.startswith("demo-1, split test (54 pairs of 3 scenes), protocol valid")
     assert f"data {'2' * 16}" in table.title
     assert r"\textbf{0.1000} & \textbf{0.0500} & \textbf{0.9000}" in as_latex(table)
     assert table.records[0]["fingerprint"] == "2" * 64
@@ -62,9 +62,9 @@ def test_columns_are_chosen_and_other_data_is_another_table(tmp_path: Path) -> N
         ["seconds", "ssim", "seconds"],
     )
     labels = [table.label for table in tables]
-    assert labels == ["demo-1 test thesis 22222222", "demo-1 test thesis 55555555"]
+    assert labels == ["demo-1 test valid 22222222", "demo-1 test valid 55555555"]
     assert [table.columns[2:] for table in tables] == [("seconds per pair", "SSIM ↑")] * 2
     with pytest.raises(UnknownNameError, match="unknown metric"):
         paper_tables(saved(tmp_path, other), "valid", ["nrms"])
     with pytest.raises(UnknownNameError):
-        paper_tables(saved(tmp_path, other), "valid")
+        paper_tables(saved(tmp_path, other), "thesis")
