@@ -204,7 +204,7 @@ def card_table(card: Card) -> Table:
             for name, value in scores.items()
         ),
     ]
-    return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")
+    return Table(f"{card.method}, seed {card.seed}", ("what", "found"), tuple(rows), "ll")
 
 
 def patches_table(drawn: Selections) -> Table:
@@ -214,7 +214,7 @@ def patches_table(drawn: Selections) -> Table:
     for name, number in (("least", int(patches.argmin())), ("most", int(patches.argmax()))):
         rows.append((name, f"{patches[number]:,}", drawn.pairs[number]))
     title = f"{patches.sum():,} patches drawn, by pair"
-    return Table(title, ("", "patches", "pair"), tuple(rows), "lrl")
+    return Table(title, ("which", "patches", "pair"), tuple(rows), "lrl")
 
 
 def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:

@@ -87,6 +87,9 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
         json.loads(dfdbench("leaderboard --format json").out)["tables"][0]["rows"][0]["rank"] == 1
     )
     assert "constant" in dfdbench("leaderboard").out
+    again = dfdbench.fine("leaderboard verify", path, "--pairs", "2", "--format", "json")
+    (row,) = json.loads(again.out)["rows"]
+    assert (row["verified"], len(row["pairs"]), row["drawn_from"]) == (True, 2, 54)
 
 
 @pytest.mark.usefixtures("demo_built")
