@@ -19,7 +19,6 @@ from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import DfdbenchError, StoreError
-from dfdbench.results.wording import plain
 from dfdbench.system.text import parse_json
 
 _FAMILIES = {"pair": "unseen", "stack": "unseen-stack"}
@@ -74,10 +73,9 @@ def run_rows(limit: float) -> Iterator[str]:
 
 
 def _run(words: tuple[str, ...], card: Card, limit: float) -> str:
-    params = [f"--param={name}={plain(value)}" for name, value in card.parameters.items()]
-    given = ["--given-blur"] * (card.given_blur and words[0] == "tracks")
+    method = card.arguments(on_tracks=words[0] == "tracks")
     try:
-        status = _dfdbench(*words, "--submit", "--method", card.entry, *params, *given, limit=limit)
+        status = _dfdbench(*words, "--submit", *method, limit=limit)
     except subprocess.TimeoutExpired:
         return f"stopped after {limit:g} minutes"
     return "failed, see above" if status else ""

@@ -1,17 +1,29 @@
 """The documentation site: what is made of the code is whole; it builds without a warning."""
 
+import gzip
 import importlib
+import inspect
+import io
 import json
+import pkgutil
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
+from selenium.webdriver.common.keys import Keys
 
+import dfdbench.figures
+from dfdbench.board.board import Board, leaderboard
 from dfdbench.cli import VERBS
+from dfdbench.methods.registry import find_entry
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import submit
+from tests.board.made_boards import add, scored, submit
 from tests.board.made_tracks import make_tracks
+from tests.made_results import make_demo_result
 from tests.report import test_browser
 
 chromium = test_browser.chromium
@@ -52,24 +64,130 @@ def test_every_field_of_a_result_is_told(made: Any) -> None:
     assert fields["warnings"] == "list of string"
 
 
-@pytest.mark.slow
-def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any) -> None:
-    page = made("board").board_page(ROOT / "leaderboard")
+@pytest.fixture(scope="module")
+def board() -> Board:
+    return leaderboard(ROOT / "leaderboard")
+
+
+def rows_of(page: str) -> Any:
     (text,) = re.findall(r'id="board-data">(.*?)</script>', page, re.S)
-    boards = json.loads(text)
-    files = {row["file"] for board in boards for row in board["rows"]}
-    assert all((ROOT / "leaderboard" / name).is_file() for name in files)
-    results = {
-        path.relative_to(ROOT / "leaderboard").as_posix()
-        for path in (ROOT / "leaderboard/results").rglob("*.json")
-    }
-    assert files == results
-    for board in boards:
-        assert all(len(row["scores"]) == len(board["metrics"]) for row in board["rows"])
-    demo = next(b for b in boards if (b["set"], b["protocol"]) == ("demo-1, split test", "thesis"))
+    return json.loads(text)["boards"]
+
+
+@pytest.mark.slow
+def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any, board: Board) -> None:
+    page = made("board").board_page(board)
+    boards = rows_of(page)
+    files = {row["file"] for one in boards for row in one["rows"]}
+    assert files == {path.relative_to(board.folder).as_posix() for path in board.rows}
+    for one in boards:
+        assert all(len(row["scores"]) == len(one["metrics"]) for row in one["rows"])
+    demo = next(one for one in boards if one["set"] == "demo-1, split test")
     shown = (ROOT / "leaderboard/README.md").read_text("utf-8")
     first = demo["rows"][0]
     assert f"| 1 | {first['method']} | {first['given']} | {first['scores'][0]:.4f} |" in shown
+    # Without scripts the page has a table of each headline ranking.
+    before = page.partition("<script")[0]
+    assert f"| 1 | {first['method']} | {first['scores'][0]:.4f} | {first['given']} |" in before
+
+
+@pytest.mark.slow
+def test_the_command_of_each_row_is_one_that_is_accepted(made: Any, board: Board) -> None:
+    commands = {
+        row["command"]: row
+        for one in rows_of(made("board").board_page(board))
+        for row in one["rows"]
+    }
+    for command, row in commands.items():
+        name, verb, *words = shlex.split(command)
+        context = VERBS[verb].load(verb).make_context(verb, words)
+        card = board.cards[row["method"]]
+        assert name == "dfdbench"
+        assert context.params["method"] == card.entry
+        assert len(context.params["param"] or ()) == len(card.parameters)
+    on_tracks = next(c for c in commands if c.startswith("dfdbench tracks") and c.endswith("local"))
+    assert on_tracks == (
+        "dfdbench tracks --dataset demo --split test --track=noise --track=psf --track=law "
+        "--track=occlusion --track=shift --track=gain --track=camera --method local"
+    )
+
+
+@pytest.mark.slow
+def test_the_frame_to_download_is_the_boards(made: Any, board: Board) -> None:
+    content = made("board").scores_csv(board)
+    assert content == made("board").scores_csv(board)
+    text = io.BytesIO(gzip.decompress(content))
+    read = pd.read_csv(text, converters={"coordinates": json.loads})
+    pd.testing.assert_frame_equal(read, board.scores, check_dtype=False, rtol=1e-15)
+
+
+@pytest.mark.slow
+def test_every_method_has_a_page_with_pictures_parameters_and_rows(made: Any, board: Board) -> None:
+    module = made("cards")
+    pages = dict(module.method_pages(board))
+    assert {Path(place).stem for place in pages} == {"index", *board.cards}
+    for name, card in board.cards.items():
+        page = pages[f"method/{name}.md"]
+        for picture in re.findall(r"!\[[^\]]+\]\(\.\./(.+?)\)", page):
+            assert (ROOT / "docs" / picture).stat().st_size <= 40_000, picture
+        assert f"demo/{name}.jpg" in page
+        assert f"[**{name}**]({name}.md)" in pages["method/index.md"]
+        rows = [path for path in board.rows if path.stem == name]
+        linked = set(re.findall(r"\(\.\./board/(results/.+?)\)", page))
+        assert linked == {path.relative_to(board.folder).as_posix() for path in rows}
+        place, _, attribute = find_entry(card.entry).partition(":")
+        target = getattr(importlib.import_module(place), attribute)
+        section = page.partition("## Parameters")[2].partition("\n## ")[0]
+        told = dict(re.findall(r"^\| `(\w+)` \| .+? \| (.*) \|$", section, re.M))
+        assert list(told) == list(inspect.signature(target).parameters)
+        assert all(told.values()), (name, told)
+    # Worst first: a network that knows one blur, behind another lens.
+    breaks = pages["method/dfd-net-demo.md"].partition("## Where it breaks")[2]
+    shares = [float(share) for share in re.findall(r" (\d+\.\d\d) \|$", breaks, re.M)]
+    assert len(shares) == 6
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] > 1
+
+
+@pytest.mark.slow
+def test_every_data_set_has_a_page_that_says_whose_it_is(made: Any, board: Board) -> None:
+    module = made("datasheets")
+    pages = dict(module.dataset_pages(board))
+    manifests = module.newest_manifests()
+    assert set(pages) == {"datasets/index.md", *(f"datasets/{m.short}.md" for m in manifests)}
+    for manifest in manifests:
+        page = pages[f"datasets/{manifest.short}.md"]
+        for picture in re.findall(r"!\[[^\]]+\]\(\.\./(.+?)\)", page):
+            assert (ROOT / "docs" / picture).is_file(), picture
+        facts = dict(re.findall(r"^\| ([\w ,()]+) \| (.+) \|$", page, re.M))
+        assert facts["licence (license)"]
+        assert facts["cite"]
+    demo = pages["datasets/demo.md"]
+    (known,) = json.loads((board.folder / "fingerprints.json").read_text("utf-8"))["demo-1"]
+    assert f"| fingerprint | `{known}` |" in demo
+    measured = json.loads((module.PICTURES / "measured.json").read_text("utf-8"))
+    assert measured["demo"]["fingerprint"] == known
+    assert "## What was measured of it" in demo
+
+
+def test_the_gallery_holds_every_figure_that_the_package_draws(made: Any) -> None:
+    gallery = made("gallery")
+    drawn = set()
+    for found in pkgutil.iter_modules(dfdbench.figures.__path__):
+        module = importlib.import_module(f"dfdbench.figures.{found.name}")
+        drawn |= {
+            name
+            for name, each in inspect.getmembers(module, inspect.isfunction)
+            if each.__module__ == module.__name__
+            and re.fullmatch(r"[a-z]\w*_figures?|show", name)
+            and name != "write_figure"
+        }
+    shown = [one for figures in gallery.GALLERY.values() for one in figures]
+    assert {one.function for one in shown} | gallery.NOT_SHOWN.keys() == drawn
+    for one in shown:
+        assert one.picture.stat().st_size <= 100_000, one
+    page = gallery.gallery_page()
+    assert all(one.command in page and f"gallery/{one.picture.name}" in page for one in shown)
 
 
 def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:
@@ -80,17 +198,44 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
         pairs = [pair.model_copy(update={"seconds": 2.0}) for pair in runs[label].pairs]
         runs[label] = runs[label].model_copy(update={"method": method, "pairs": pairs})
     submit(list(runs.values()), tmp_path)
-    (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
-    (row,) = [row for board in json.loads(text) for row in board["rows"]]
+    (row,) = [
+        row
+        for one in rows_of(made("board").board_page(leaderboard(tmp_path)))
+        for row in one["rows"]
+    ]
     assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
+
+
+def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(
+    made: Any, tmp_path: Path
+) -> None:
+    module = made("board")
+    add(tmp_path, "mine", 0.1)
+    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
+    for words in (module.TRACKS_NOTE, module.SCORED_NOTE):
+        assert words not in text
+    result = make_demo_result(lambda pair: 0.1, "far")
+    metres = dict.fromkeys(
+        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
+    )
+    pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
+    protocols = [RELEASED["metric"].as_dict()]
+    submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
+    submit(list(make_tracks("tracked").values()), tmp_path)
+    submit(scored("elsewhere", 0.01), tmp_path)
+    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
+    assert module.TRACKS_NOTE in text
+    ranked, below = text.split(module.SCORED_NOTE, 1)
+    assert "elsewhere" not in ranked.partition("---\n\n")[2]
+    assert "[elsewhere](results/" in below
 
 
 def test_links_lead_where_the_site_has_what_they_name(made: Any) -> None:
     pytest.importorskip("mkdocs", reason="needs the extra docs")
-    relinked = made("hooks")._relinked
+    relinked = made("links").relinked
     text = "[a](../CONTRIBUTING.md#b) [c](../leaderboard/README.md) [d](tracks.md) [e](#f)"
     assert relinked(text, "docs/x.md", "x.md") == (
-        "[a](contributing.md#b) [c](board/tables.md) [d](tracks.md) [e](#f)"
+        "[a](contributing.md#b) [c](board/index.md) [d](tracks.md) [e](#f)"
     )
     text = "[a](results/x/y.json) [b](../docs/metres.md) [c](https://example.org/a.md)"
     assert relinked(text, "leaderboard/README.md", "board/tables.md") == (
@@ -135,30 +280,116 @@ def test_the_site_asks_no_other_server_and_answers_what_newcomers_ask(site: Path
 
 
 @pytest.mark.slow
+def test_every_page_is_described_small_and_listed_for_language_models(site: Path) -> None:
+    listed = (site / "llms.txt").read_text("utf-8")
+    assert listed.startswith("# dfdbench\n")
+    for page in site.rglob("*.html"):
+        place = page.relative_to(site)
+        html = page.read_text("utf-8")
+        (description,) = re.findall(r'<meta name="description" content="([^"]+)"', html)
+        assert 20 < len(description) <= 200, place
+        assert len(html) < 300_000 or place.parts[0] == "board", place
+    for name in ("method/local/", "datasets/demo/", "board/", "reference/commands/"):
+        (line,) = re.findall(rf"\]\({name}\): (.+)", listed)
+        assert line
+    found = json.loads((site / "search/search_index.json").read_text("utf-8"))["docs"]
+    about = [entry["location"] for entry in found if "license" in entry["text"]]
+    assert {"licence/", "datasets/", "datasets/demo/"} <= set(about)
+
+
+def test_pages_have_the_addresses_that_the_package_names(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config_module = pytest.importorskip("mkdocs.config", reason="needs the extra docs")
+    hooks = made("hooks")
+    named = {"project": {"urls": {"Documentation": "https://example.org/dfdbench"}}}
+    monkeypatch.setattr(hooks.tomllib, "loads", lambda text: named)
+    monkeypatch.setattr(hooks, "load_cards", lambda folder: {"mine": None})
+    config = hooks.on_config(config_module.load_config(str(ROOT / "mkdocs.yml")))
+    assert config.site_url == "https://example.org/dfdbench/"
+    (methods,) = [section["Methods"] for section in config.nav if "Methods" in section]
+    at = methods.index("method/index.md")
+    assert methods[at + 1] == "method/mine.md"
+
+
+def column(page: Any, number: int) -> list[str]:
+    cells = page.find_elements("css selector", f"#board tbody td:nth-child({number})")
+    return [cell.text.removesuffix("\nhow") for cell in cells]
+
+
+@pytest.mark.slow
 def test_the_leaderboard_sorts_and_filters(site: Path, chromium: Any) -> None:
-    chromium.get((site / "board/index.html").as_uri())
-    choose = (
-        "const [set, protocol] = document.querySelectorAll('#board select');"
-        "set.value = 'demo-1, split test'; set.dispatchEvent(new Event('change'));"
-    )
-    chromium.execute_script(choose)
-
-    def column(number: int) -> list[str]:
-        cells = f"#board tbody td:nth-child({number})"
-        return [cell.text for cell in chromium.find_elements("css selector", cells)]
-
-    assert column(1) == sorted(column(1), key=int)
-    ranked = column(2)
+    chromium.get((site / "board/index.html").as_uri() + "?set=demo-1, split test")
+    ranks = [int(rank) for rank in column(chromium, 1)]
+    assert ranks == sorted(ranks)
+    ranked = column(chromium, 2)
+    assert chromium.find_element("css selector", "#board th:nth-child(3)").text == "NRMSE ↓"
     seconds = chromium.find_element("css selector", "#board th:nth-child(7) button")
     assert seconds.text == "seconds per pair"
     seconds.click()
-    assert column(2)[0] == "constant"
-    assert sorted(column(2)) == sorted(ranked)
+    assert column(chromium, 2)[0] == "constant"
+    assert sorted(column(chromium, 2)) == sorted(ranked)
     chromium.find_element("css selector", "#board input").send_keys("graph")
-    assert column(2) == [name for name in column(2) if "graph" in name]
-    link = chromium.find_element("css selector", "#board tbody a").get_attribute("href")
-    assert Path(link.removeprefix("file://")).is_file()
+    shown = column(chromium, 2)
+    assert shown == [name for name in shown if "graph" in name]
+    for link in chromium.find_elements("css selector", "#board tbody a"):
+        place = Path(link.get_attribute("href").removeprefix("file://"))
+        assert place.is_file() or (place / "index.html").is_file()
     marks = chromium.find_elements("css selector", ".board-plot circle")
-    assert len(marks) == len(column(2))
+    assert len(marks) == len(shown)
     # Search needs a server: from a file it finds no index.
     assert [said for said in test_browser.complaints(chromium) if "search" not in said] == []
+
+    # The address shows the same to whoever opens it.
+    address = chromium.current_url
+    chromium.get("about:blank")
+    chromium.get(address)
+    assert column(chromium, 2) == shown
+    ordered = chromium.find_element("css selector", "#board th:nth-child(7)")
+    assert ordered.get_attribute("aria-sort") == "ascending"
+
+
+@pytest.mark.slow
+def test_depth_maps_lie_on_each_other_under_a_slider(site: Path, chromium: Any) -> None:
+    chromium.get(
+        (site / "board/index.html").as_uri() + "?set=demo-1, split test&left=local&right=constant"
+    )
+    under, over = chromium.find_elements("css selector", ".board-pictures img")
+    assert under.get_attribute("src").endswith("/constant.jpg")
+    assert over.get_attribute("alt") == "Kitchen of the demo set: local"
+    assert test_browser.ask(chromium, "arguments[0].naturalWidth", over) == 320
+    before = over.value_of_css_property("clip-path")
+    slider = chromium.find_element("css selector", ".board-maps input")
+    slider.send_keys(Keys.ARROW_RIGHT)
+    assert over.value_of_css_property("clip-path") != before
+
+
+#: A page of each kind.
+KINDS = (
+    "index.html",
+    "tutorial/index.html",
+    "method/index.html",
+    "method/graph-cuts/index.html",
+    "datasets/index.html",
+    "datasets/demo/index.html",
+    "gallery/index.html",
+    "board/index.html",
+    "board/demo-1-test/index.html",
+    "reference/commands/index.html",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+def test_no_page_is_wider_than_its_window(site: Path, chromium: Any, width: int) -> None:
+    size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+    chromium.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    for place in KINDS:
+        chromium.get((site / place).as_uri())
+        assert test_browser.ask(chromium, "document.documentElement.scrollWidth") <= width, place
+        unnamed = "[...document.images].filter(image => !image.alt.trim()).length"
+        assert test_browser.ask(chromium, unnamed) == 0, place
+        if place == "board/index.html":
+            score = chromium.find_element("css selector", "#board tbody td:nth-child(3)")
+            assert score.rect["x"] + score.rect["width"] <= width
+    chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
-from dfdbench.board.published import PUBLISHED, load_published, published_summary, published_table
+from dfdbench.board.published import PUBLISHED
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import (
     CLEAN_SUITE,
@@ -27,7 +27,7 @@ from dfdbench.board.row_file import (
     read_row,
     row_problems,
 )
-from dfdbench.board.tables import further_tables, ranking_table, records_of
+from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.catalog import of_seed
 from dfdbench.datasets.rendered import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
@@ -203,62 +203,33 @@ class Board:
 
     def readme(self) -> str:
         """Return what the README is to say: the newest seed, then the headline rankings."""
-        return self._page(whole=False)
-
-    def page(self) -> str:
-        """Return every table of the leaderboard, as the documentation's site shows them."""
-        return self._page(whole=True)
-
-    def _page(self, whole: bool) -> str:
-        published = load_published(self.folder)
         template = resources.files("dfdbench.board") / "leaderboard.md.jinja"
         # Markdown, not HTML: as_markdown escapes what comes from files, table by table.
         environment = jinja2.Environment(
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
-        shown = [b for b in self.boards if b.headline] if whole else self.headlines
-        drawn = ((draw, _of_seed(draw, shown)) for draw in self.draws)
+        drawn = ((draw, _of_seed(draw, self.headlines)) for draw in self.draws)
         draw, newest = next(((draw, found) for draw, found in drawn if found), (None, []))
-        compared = dict.fromkeys(table.compare for table in published if table.compare)
-        others = [
-            board
-            for board in (self.boards if whole else self.headlines)
-            if not any(board is one for one in newest)
-            and (whole or seeded(board.result.dataset.name) is None)
-        ]
-        contexts = [self._context(board, whole) for board in others]
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
-            whole=whole,
             draw=draw,
-            newest=[self._context(board, whole=False) for board in newest],
-            cards=as_markdown(cards_table(self.cards, in_repository=not whole)),
-            note=_text(self.folder / NOTE).rstrip(),
-            boards=[c for c in contexts if c["suite"] == CLEAN and not c["scored"]],
-            tracks=[c for c in contexts if c["suite"] != CLEAN],
-            scored=[c for c in contexts if c["scored"]],
-            summaries=[as_markdown(published_summary(published, name)) for name in compared],
-            published=[
-                (escape_markdown(f"{t.name}: {t.title}"), as_markdown(published_table(t)))
-                for t in published
+            newest=[self._context(board) for board in newest],
+            cards=as_markdown(cards_table(self.cards, in_repository=True)),
+            boards=[
+                self._context(board)
+                for board in self.headlines
+                if board.suite == CLEAN
+                and not board.result.method.scored
+                and seeded(board.result.dataset.name) is None
             ],
-            citation=escape_markdown(published[0].citation) if published else "",
-            doi=published[0].doi if published else "",
         )
         return text.rstrip("\n") + "\n"
 
-    def _context(self, board: ScoreBoard, whole: bool) -> dict[str, Any]:
+    def _context(self, board: ScoreBoard) -> dict[str, Any]:
         ranking = ranking_table(board, self.folder)
-        others = further_tables(board, self.folder) if whole else []
         return {
-            "suite": board.suite,
-            "scored": bool(board.result.method.scored),
-            "seeded": seeded(board.result.dataset.name) is not None,
             "heading": escape_markdown(ranking.title),
             "fingerprint": board.result.dataset.fingerprint,
-            "headline": board.headline,
-            "tables": [
-                as_markdown(table) for table in (replace(ranking, title="ranking"), *others)
-            ],
+            "table": as_markdown(replace(ranking, title="ranking")),
         }
 
 

@@ -11,7 +11,7 @@ from dfdbench.datasets.manifest import Name
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Line
-from dfdbench.results.wording import NOTHING
+from dfdbench.results.wording import NOTHING, plain
 from dfdbench.system.files import read_text
 from dfdbench.system.strict import StrictRecord, problems_of
 from dfdbench.system.text import parse_toml
@@ -29,9 +29,9 @@ class Card(StrictRecord):
 
     `entry` is what follows ``--method``, or the name that handed-in depth maps go by; `parameters`
     are the ``--param``. `code` is an address, or a file of this repository. `given` says what the
-    method gets beside the images, `trained_on` and `fitted_on` what it learns from. `takes`
-    says what it is run on: pairs, stacks or both; with `given_blur` it is run on tracks with
-    ``--given-blur``.
+    method gets beside the images, `trained_on` and `fitted_on` what it learns from, `limits` where
+    it breaks. `takes` says what it is run on: pairs, stacks or both; with `given_blur` it is run
+    on tracks with ``--given-blur``.
     """
 
     title: Line
@@ -46,6 +46,13 @@ class Card(StrictRecord):
     fitted_on: Line | None = None
     takes: list[Takes] = Field(default_factory=lambda: [*_PAIRS])
     given_blur: bool = False
+    limits: Line | None = None
+
+    def arguments(self, on_tracks: bool = False) -> list[str]:
+        """Return the method as words of the command line, after ``run`` or ``tracks``."""
+        settings = [f"--param={name}={plain(value)}" for name, value in self.parameters.items()]
+        given = ["--given-blur"] * (self.given_blur and on_tracks)
+        return ["--method", self.entry, *settings, *given]
 
     def is_of(self, name: str, entry: str, parameters: Mapping[str, Any]) -> bool:
         """Return whether a method of this name, entry and parameters is the card's."""

@@ -1,11 +1,13 @@
-/* The leaderboard's page: choose, sort, filter; accuracy against seconds. */
+/* The leaderboard's page: choose, sort, filter; depth maps side by side; accuracy against seconds.
+   The address keeps what is chosen: ?set=&protocol=&given=&method=&sort=&left=&right= */
 "use strict";
 
 (() => {
   const place = document.getElementById("board");
   const source = document.getElementById("board-data");
   if (!place || !source) return;
-  const boards = JSON.parse(source.textContent);
+  const { boards, drawn } = JSON.parse(source.textContent);
+  const asked = new URLSearchParams(location.search);
 
   const element = (name, attributes = {}, ...children) => {
     const made = document.createElement(name);
@@ -35,6 +37,8 @@
   const holder = element("div", { class: "board-table", tabindex: "0", role: "region", "aria-label": "ranking" });
   const plot = element("div", { class: "board-plot" });
   const machines = element("p", { class: "board-count" });
+  const maps = element("div", { class: "board-maps" });
+  const mapsTitle = element("h2", { id: "depth-maps" }, "Depth maps side by side");
   let sorted = { column: 0, falls: false };
 
   const board = () =>
@@ -43,19 +47,32 @@
   const seconds = (value) =>
     value === null ? "–" : value < 0.001 ? "< 0.001" : value.toFixed(3);
 
+  const score = (metric, at) => ({
+    title: metric.title,
+    of: (row) => row.scores[at],
+    text: (row) => number(row.scores[at]),
+    right: true,
+    falls: metric.falls,
+  });
+  // The score that ranks stands before what a phone has no room for.
   const columns = () => [
     { title: "", of: (row) => row.rank, text: (row) => row.rank ?? "–", right: true },
-    { title: "method", of: (row) => row.method, text: (row) => row.method, link: true },
+    { title: "method", of: (row) => row.method, text: (row) => row.method, cell: (row) => named(row) },
+    score(board().metrics[0], 0),
     { title: "given", of: (row) => row.given, text: (row) => row.given },
-    ...board().metrics.map((metric, at) => ({
-      title: metric.title,
-      of: (row) => row.scores[at],
-      text: (row) => number(row.scores[at]),
-      right: true,
-      falls: metric.falls,
-    })),
+    ...board().metrics.slice(1).map((metric, at) => score(metric, at + 1)),
     { title: "seconds per pair", of: (row) => row.seconds, text: (row) => seconds(row.seconds), right: true },
     { title: "version", of: (row) => row.version, text: (row) => row.version },
+  ];
+  const named = (row) => [
+    element("a", { href: `../method/${row.method}/` }, row.method),
+    element(
+      "details",
+      {},
+      element("summary", {}, "how"),
+      element("code", {}, row.command),
+      element("a", { href: row.file }, "scores of every pair"),
+    ),
   ];
 
   const refill = (select, values) => {
@@ -65,12 +82,12 @@
   };
 
   const shown = () => {
-    const asked = words.value.trim().toLowerCase();
+    const typed = words.value.trim().toLowerCase();
     const { column, falls } = sorted;
     const { of } = columns()[column];
     const kept = board().rows.filter(
       (row) =>
-        row.method.toLowerCase().includes(asked) &&
+        row.method.toLowerCase().includes(typed) &&
         (chosenGiven.value === "all" || row.given === chosenGiven.value),
     );
     // What has no value stands last, whichever way it is sorted.
@@ -98,9 +115,8 @@
         "tr",
         {},
         ...columns().map((column) => {
-          const text = String(column.text(row));
-          const inside = column.link ? element("a", { href: row.file }, text) : text;
-          return element("td", { class: column.right ? "right" : "" }, inside);
+          const inside = column.cell ? column.cell(row) : [String(column.text(row))];
+          return element("td", { class: column.right ? "right" : "" }, ...inside);
         }),
       ),
     );
@@ -168,23 +184,98 @@
     return picture;
   };
 
+  // Two pictures on each other; a slider says how much of the left one is seen.
+  const compared = () => {
+    const known = board().rows.map((row) => row.method).filter((name) => drawn.includes(name));
+    const choices = ["truth", "infocus", ...new Set(known)];
+    mapsTitle.hidden = maps.hidden = !board().drawn || !known.length;
+    if (maps.hidden) return maps.replaceChildren();
+    const [leftLabel, left] = chooser("left", choices);
+    const [rightLabel, right] = chooser("right", choices);
+    const pick = (select, name, other) => {
+      select.value = choices.includes(asked.get(name)) ? asked.get(name) : other;
+    };
+    pick(left, "left", known[0]);
+    pick(right, "right", "truth");
+    const picture = () => element("img", { width: 320, height: 240, alt: "" });
+    const [under, over] = [picture(), picture()];
+    const slider = element("input", { type: "range", min: 0, max: 100, value: 50, "aria-label": "share of the left picture" });
+    const show = () => {
+      for (const [image, select] of [[over, left], [under, right]]) {
+        image.src = `../assets/pictures/demo/${select.value}.jpg`;
+        image.alt = `Kitchen of the demo set: ${select.value}`;
+      }
+      over.style.clipPath = `inset(0 ${100 - slider.value}% 0 0)`;
+    };
+    slider.addEventListener("input", show);
+    for (const [select, name] of [[left, "left"], [right, "right"]]) {
+      select.addEventListener("change", () => { asked.set(name, select.value); keep(); show(); });
+    }
+    show();
+    return maps.replaceChildren(
+      element("div", { class: "board-choice" }, leftLabel, rightLabel),
+      element("div", { class: "board-pictures" }, under, over),
+      slider,
+      element("p", { class: "board-count" }, "Kitchen of the demo set, bright is near; a method of stacks alone has the same view as a stack of nine."),
+    );
+  };
+
+  const csvOf = (rows) => {
+    const heads = columns();
+    const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`;
+    const value = (column, row) => column.of(row) ?? "";
+    const lines = [heads.map((column) => quoted(column.title || "rank")), ...rows.map((row) => heads.map((column) => quoted(value(column, row))))];
+    return lines.map((line) => line.join(",")).join("\r\n") + "\r\n";
+  };
+  const download = element("a", { download: "ranking.csv" }, "this table as CSV");
+
+  const keep = () => {
+    const said = { set: chosenSet.value, protocol: chosenProtocol.value, given: chosenGiven.value, method: words.value.trim() };
+    const first = { set: sets[0], protocol: boards.find((one) => one.set === chosenSet.value).protocol, given: "all", method: "" };
+    for (const [name, value] of Object.entries(said)) {
+      if (value === first[name]) asked.delete(name);
+      else asked.set(name, value);
+    }
+    if (sorted.column || sorted.falls) asked.set("sort", `${sorted.falls ? "-" : ""}${sorted.column}`);
+    else asked.delete("sort");
+    const query = asked.toString();
+    history.replaceState(null, "", `${location.pathname}${query && "?"}${query}${location.hash}`);
+  };
+
   const draw = () => {
     const rows = shown();
     const all = board().rows.length;
-    count.textContent = `${rows.length} of ${all} methods`;
+    count.replaceChildren(`${rows.length} of ${all} methods; `, download);
+    download.href = `data:text/csv;charset=utf-8,${encodeURIComponent(csvOf(rows))}`;
     holder.replaceChildren(table(rows));
     plot.replaceChildren(drawing(rows));
     const used = [...new Set(board().rows.flatMap((row) => row.machines))];
     machines.textContent = `Seconds: the median over pairs. Compare them only on one machine. Here: ${used.join("; ")}.`;
+    keep();
   };
   const changeProtocol = () => {
     refill(chosenGiven, ["all", ...new Set(board().rows.map((row) => row.given))]);
     sorted = { column: 0, falls: false };
+    compared();
     draw();
   };
   const changeSet = () => {
     refill(chosenProtocol, boards.filter((one) => one.set === chosenSet.value).map((one) => one.protocol));
     changeProtocol();
+  };
+  // What the address asks for, as far as it is there.
+  const restore = () => {
+    const wanted = Object.fromEntries(asked);
+    const choose = (select, name, changed) => {
+      if ([...select.options].some((option) => option.value === wanted[name])) select.value = wanted[name];
+      changed();
+    };
+    words.value = wanted.method ?? "";
+    choose(chosenSet, "set", changeSet);
+    choose(chosenProtocol, "protocol", changeProtocol);
+    const column = Math.abs(parseInt(wanted.sort, 10)) || 0;
+    if (column < columns().length) sorted = { column, falls: (wanted.sort ?? "").startsWith("-") };
+    choose(chosenGiven, "given", draw);
   };
 
   chosenSet.addEventListener("change", changeSet);
@@ -195,9 +286,11 @@
     element("div", { class: "board-choice" }, setLabel, protocolLabel, givenLabel, wordsLabel),
     count,
     holder,
+    mapsTitle,
+    maps,
     element("h2", { id: "accuracy-against-seconds" }, "Accuracy against seconds"),
     plot,
     machines,
   );
-  changeSet();
+  restore();
 })();

@@ -1,77 +1,253 @@
-"""The leaderboard as data, for the page that sorts, filters and draws it."""
+"""The leaderboard on the site: a page that sorts, filters and draws it, its tables, its frame."""
 
 from __future__ import annotations
 
+import gzip
 import json
-from collections.abc import Callable, Sequence
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from links import relinked
 
-from dfdbench.blur.tracks import CLEAN
-from dfdbench.board.board import leaderboard
-from dfdbench.board.ranking import Entry, ScoreBoard
-from dfdbench.board.tables import link_to, plain, tracks_of
+from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
+from dfdbench.board.board import NOTE, Board
+from dfdbench.board.cards import Card, cards_table
+from dfdbench.board.published import load_published, published_summary, published_table
+from dfdbench.board.ranking import Entry, ScoreBoard, Standing
+from dfdbench.board.tables import further_tables, link_to, plain, ranking_table, tracks_of
+from dfdbench.datasets.catalog import part_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.wording import given_to, machine_of
+from dfdbench.results.wording import NOTHING, given_to, machine_of, seconds_text
+from dfdbench.tables.render import as_markdown, escape_markdown
+from dfdbench.tables.table import Table
+
+PICTURES = Path(__file__).parents[1] / "assets/pictures/demo"
+#: What the pictures are of; other sets have none.
+DRAWN = "demo-1"
+SCORES, TABLES_PLACE = "board/scores.csv.gz", "board/tables.md"
 
 PAGE = """---
 hide: [navigation, toc]
+description: Rankings of depth from defocus methods by data set; sort, filter, link, download.
 ---
 
 # Leaderboard
 
-Choose a data set and a protocol; press a heading to sort; type to filter. A method's name opens its
-result file, with the scores of every pair. Compare like with like: what *given* and the
-other columns mean, [the questions](../questions.md#what-does-given-mean) say;
-[how to read it](../leaderboard.md#how-to-read-it) says more. [All tables](tables.md), with
-intervals, lightings, scenes and machines, are on a page of their own, beside what the thesis
-prints. [Add a row](../submit.md).
+Choose a data set and a protocol; press a heading to sort; type to filter. The address keeps what
+you chose, so a link shows the same. A method's name opens what is known of it, *how* shows the
+command that makes the row and the file with the scores of every pair. Compare like with like:
+[what *given* means](../questions.md#what-does-given-mean),
+[how to read it](../leaderboard.md#how-to-read-it). [All tables](tables.md) have intervals,
+lightings, scenes and machines. [Every score as CSV](scores.csv.gz), {rows:,} rows, for
+`pandas.read_csv`. [Add a row](../submit.md).
 
-<div id="board"><p>This table needs JavaScript; <a href="tables/">all tables</a> do not.</p></div>
+<div id="board" markdown>
+
+{tables}
+
+</div>
 <script type="application/json" id="board-data">{data}</script>
+"""
+TABLES = """---
+search: {{ exclude: true }}
+description: Every ranking of the leaderboard, and the numbers that the thesis prints.
+---
+
+# All tables
+
+| data set | rankings |
+|:---|:---|
+{listed}
+
+{note}
+
+## Methods
+
+{cards}
+
+## Published numbers
+
+From {citation}, doi [{doi}](https://doi.org/{doi}). The copy that they were carried over from has
+no page numbers, so each says its table and section.
+
+{published}
+"""
+TRACKS_NOTE = """Each track makes the same scenes harder in one way, at three severities:
+[tracks](../tracks.md). Nobody is given the blur; what is hidden may be learned from the training
+pairs. A row is ranked in the suite of tracks that it ran.
+"""
+SCORED_NOTE = """Depth maps that somebody made elsewhere and handed in, scored as runs are, without
+ranks. We cannot tell how they were made, on what machine, or with what knowledge of the truth.
 """
 
 
-def board_page(folder: Path) -> str:
-    """Return the page: its text, and the rows as JSON."""
-    found = [_board(board, folder) for board in leaderboard(folder).boards]
-    text = json.dumps(found, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return PAGE.replace("{data}", text.replace("<", "\\u003c"))
+def board_files(board: Board) -> Iterator[tuple[str, str | bytes]]:
+    """Yield the board's pages and the frame, each with its place on the site."""
+    yield "board/index.md", board_page(board)
+    yield TABLES_PLACE, _index(board)
+    for name, members in _by_set(board).items():
+        yield f"board/{name}.md", _set_page(members, board.folder)
+    yield SCORES, scores_csv(board)
 
 
-def _board(board: ScoreBoard, folder: Path) -> dict[str, Any]:
-    dataset, metric = board.result.dataset, find_metric(board.metric)
+def scores_csv(board: Board) -> bytes:
+    """Return the board's frame as gzipped CSV, coordinates as JSON; the same bytes every time."""
+    scores = board.scores
+    told = scores.assign(coordinates=scores["coordinates"].map(json.dumps))
+    return gzip.compress(told.to_csv(index=False).encode(), mtime=0)
+
+
+def board_page(board: Board) -> str:
+    """Return the page: its text, tables for readers without scripts, and the rows as JSON."""
+    found = [_ranking(one, board) for one in _newest_first(board)]
+    drawn = [*(name for name in board.cards if (PICTURES / f"{name}.jpg").exists())]
+    data = {"boards": found, "drawn": drawn}
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    tables = [as_markdown(_short_table(one)) for one in _newest_first(board) if one.headline]
+    return PAGE.format(
+        rows=len(board.scores), tables="\n".join(tables), data=text.replace("<", "\\u003c")
+    )
+
+
+def command_of(entry: Entry, suite: str, card: Card | None) -> str:
+    """Return the command that makes a row."""
+    run = entry.result
+    name, _ = part_name(run.dataset.short)
+    place = ["--dataset", name, "--split", run.dataset.split]
+    if run.method.scored:
+        words = ["score", "FOLDER", *place, "--method", run.method.name]
+    elif len(labels := SUITES.get(suite, ())) > 1:
+        tracks = dict.fromkeys(find_degradation(label).track.name for label in labels)
+        words = ["tracks", *place, *(f"--track={track}" for track in tracks)]
+    else:
+        words = ["run", "--dataset", run.dataset.short, *place[2:]]
+    own = card.arguments(on_tracks=words[0] == "tracks") if card and not run.method.scored else []
+    return shlex.join(["dfdbench", *words, *own])
+
+
+def _newest_first(board: Board) -> list[ScoreBoard]:
+    """Return the rankings, those of the newest seed first."""
+    seeds = [str(draw.seed) for draw in board.draws]
+
+    def age(one: ScoreBoard) -> int:
+        return next((n for n, seed in enumerate(seeds[:1]) if seed in one.result.dataset.name), 1)
+
+    return sorted(board.boards, key=age)
+
+
+def _by_set(board: Board) -> dict[str, list[ScoreBoard]]:
+    found: dict[str, list[ScoreBoard]] = {}
+    for one in _newest_first(board):
+        name, _ = part_name(one.result.dataset.name)
+        found.setdefault(f"{name}-{one.result.dataset.split}", []).append(one)
+    return found
+
+
+def _index(board: Board) -> str:
+    published = load_published(board.folder)
+    compared = dict.fromkeys(table.compare for table in published if table.compare)
+    parts = [as_markdown(published_summary(published, name)) for name in compared]
+    parts += [
+        _folded(f"{table.name}: {table.title}", as_markdown(published_table(table)))
+        for table in published
+    ]
+    note, source = board.folder / NOTE, f"leaderboard/{NOTE}"
+    return TABLES.format(
+        listed="\n".join(f"| [{n}]({n}.md) | {len(each)} |" for n, each in _by_set(board).items()),
+        note=relinked(note.read_text("utf-8"), source, TABLES_PLACE) if note.exists() else "",
+        cards=as_markdown(cards_table(board.cards, in_repository=False)),
+        citation=escape_markdown(published[0].citation) if published else "",
+        doi=published[0].doi if published else "",
+        published="\n".join(parts),
+    )
+
+
+def _set_page(members: Sequence[ScoreBoard], folder: Path) -> str:
+    data = members[0].result.dataset
+    title = f"{part_name(data.name)[0]}, split {data.split}"
+    parts = [
+        "---\nsearch: { exclude: true }\n"
+        f"description: Every ranking of methods on {title}, with intervals and machines.\n---\n\n"
+        f"# {title}\n"
+    ]
+    for one in members:
+        ranking = ranking_table(one, folder)
+        tables = [replace(ranking, title="ranking"), *further_tables(one, folder)]
+        notes = {True: SCORED_NOTE, False: TRACKS_NOTE if one.suite != CLEAN else ""}
+        text = f"{notes[bool(one.result.method.scored)]}\n" + "\n".join(map(as_markdown, tables))
+        text = f"Data fingerprint `{one.result.dataset.fingerprint}`.\n\n{text}"
+        if one.headline or one.suite != CLEAN:
+            parts.append(f"## {escape_markdown(ranking.title)}\n\n{text}")
+        else:
+            parts.append(_folded(ranking.title, text))
+    return "\n".join(parts)
+
+
+def _folded(title: str, text: str) -> str:
+    summary = escape_markdown(title)
+    return f"<details markdown>\n<summary>{summary}</summary>\n\n{text}\n</details>\n"
+
+
+def _short_table(board: ScoreBoard) -> Table:
+    """Return a ranking by one metric, for readers without scripts."""
+    rows = tuple(
+        (
+            NOTHING if standing.rank is None else str(standing.rank),
+            standing.entry.label,
+            board.shown(row, board.metric),
+            "; ".join(_each(given_to, standing.entry.ranked_runs)),
+            seconds_text(standing.entry.seconds),
+        )
+        for row, standing in enumerate(board.standings)
+    )
+    columns = ("", "method", find_metric(board.metric).heading, "given", "seconds per pair")
+    return Table(_set_of(board) + f", protocol {_protocol_of(board)}", columns, rows, "rlrlr")
+
+
+def _set_of(board: ScoreBoard) -> str:
+    return f"{board.result.dataset.label}, split {board.result.dataset.split}"
+
+
+def _protocol_of(board: ScoreBoard) -> str:
     protocol = title_of(board.protocol)
     if board.result.method.scored:
         protocol = f"{protocol}: {SCORED}"
+    return protocol if board.suite == CLEAN else f"{protocol}, over {board.suite}"
+
+
+def _ranking(board: ScoreBoard, whole: Board) -> dict[str, Any]:
+    metric = find_metric(board.metric)
     if board.suite == CLEAN:
         names = [board.metric, *(n for n in metrics_of(board.protocol) if n != board.metric)]
         heads = [(find_metric(name).heading, find_metric(name).larger_is_better) for name in names]
         scores = [[standing.scores.get(name) for name in names] for standing in board.standings]
     else:
         tracks = pd.DataFrame(tracks_of(board).xs(board.metric, level="metric"))
-        protocol = f"{protocol}, over {board.suite}"
         heads = [(f"mean {metric.heading}", False), *((str(name), False) for name in tracks)]
         scores = [
             [standing.scores[board.metric], *map(plain, tracks.loc[row])]
             for row, standing in enumerate(board.standings)
         ]
     return {
-        "set": f"{dataset.label}, split {dataset.split}",
-        "protocol": protocol,
+        "set": _set_of(board),
+        "drawn": part_name(board.result.dataset.name)[0] == DRAWN,
+        "protocol": _protocol_of(board),
         "metrics": [{"title": title, "falls": falls} for title, falls in heads],
         "rows": [
-            {"rank": standing.rank, "scores": own, **_facts(standing.entry, folder)}
+            {"rank": standing.rank, "scores": own, **_facts(standing, board, whole)}
             for standing, own in zip(board.standings, scores, strict=True)
         ],
     }
 
 
-def _facts(entry: Entry, folder: Path) -> dict[str, Any]:
+def _facts(standing: Standing, board: ScoreBoard, whole: Board) -> dict[str, Any]:
+    entry = standing.entry
     runs = entry.ranked_runs
     return {
         "method": entry.label,
@@ -79,7 +255,8 @@ def _facts(entry: Entry, folder: Path) -> dict[str, Any]:
         "seconds": entry.seconds,
         "machines": _each(machine_of, runs),
         "version": "; ".join(_each(lambda run: run.environment.versions.get("dfdbench", ""), runs)),
-        "file": link_to(entry.path, folder),
+        "file": link_to(entry.path, whole.folder),
+        "command": command_of(entry, board.suite, whole.cards.get(entry.label)),
     }
 
 

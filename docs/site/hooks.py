@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import posixpath
 import re
 import sys
 import tomllib
@@ -13,90 +12,97 @@ from urllib.parse import urlsplit
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.nav import Navigation
 
 from dfdbench.board.board import leaderboard
+from dfdbench.board.cards import load_cards
 from dfdbench.datasets.croissant import croissant_text
 
 sys.path.insert(0, str(Path(__file__).parent))
-from board import board_page
+from board import board_files
+from cards import method_pages
 from commands import commands_page
-from datasheets import datasheets_page, newest_manifests
+from datasheets import dataset_pages, newest_manifests
+from discovery import description_of, llms_text
 from formats import formats_page
+from gallery import gallery_page
+from links import COPIED, relinked
 
 ROOT = Path(__file__).parents[2]
-#: Pages that are files of the repository, or parts of them, by where the site has them.
-COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
-#: The leaderboard's README and, in its place on the site, all of its tables.
-BOARD, TABLES = "leaderboard/README.md", "board/tables.md"
 SCHEMAS = ROOT / "dfdbench/results/schemas"
 #: Sections of CONTRIBUTING.md that are a page of their own.
 SUBMITTING = ("Submit a result", "Review a submission")
-_LINK = re.compile(r"(?<=\]\()([^)#:\s]*)(#[^)\s]*)?(?=\))")
+#: Words that people search for and our texts spell otherwise.
+LICENCE = """# Licence
+
+The code is under the MIT licence (license) below. Each data set has a licence (license) of its
+own: [all data sets](datasets/index.md). A method's is on its page: [all methods](method/index.md).
+
+"""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Link to the repository from every page, if pyproject.toml has its address."""
+    """Put the addresses of pyproject.toml on every page, and the made pages into the navigation."""
     urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
     if address := urls.get("Repository"):
         config.repo_url = address
         config.repo_name = urlsplit(address).path.strip("/")
+    if address := urls.get("Documentation"):
+        config.site_url = f"{address.rstrip('/')}/"
+    made = {
+        "method/index.md": [f"method/{name}.md" for name in load_cards(ROOT / "leaderboard")],
+        "datasets/index.md": [f"datasets/{each.short}.md" for each in newest_manifests()],
+    }
+    for pages in (each for section in config.nav or [] for each in section.values()):
+        for index, members in made.items():
+            if isinstance(pages, list) and index in pages:
+                pages[pages.index(index) + 1 : pages.index(index) + 1] = members
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made from the code, and the files that pages link to."""
 
-    def add(place: str, content: str) -> None:
+    def add(place: str, content: str | bytes) -> None:
         files.append(File.generated(config, place, content=content))
 
+    board = leaderboard(ROOT / "leaderboard")
+    for place, content in (*board_files(board), *method_pages(board), *dataset_pages(board)):
+        add(place, content)
     add("reference/commands.md", commands_page())
     add("reference/formats.md", formats_page())
-    add("reference/datasets.md", datasheets_page())
+    add("gallery.md", gallery_page())
     for manifest in newest_manifests():
         add(f"files/{manifest.stem}.croissant.json", croissant_text(manifest))
-    add("board/index.md", board_page(ROOT / "leaderboard"))
-    add(TABLES, _relinked(leaderboard(ROOT / "leaderboard").page(), BOARD, TABLES))
-    add("submit.md", _relinked(_submitting(), "CONTRIBUTING.md", "submit.md"))
+    add("submit.md", relinked(_submitting(), "CONTRIBUTING.md", "submit.md"))
     for name, place in COPIED.items():
-        add(place, _relinked((ROOT / name).read_text("utf-8"), name, place))
+        text = (ROOT / name).read_text("utf-8")
+        add(place, LICENCE + text if name == "LICENSE" else relinked(text, name, place))
     for path in sorted((ROOT / "leaderboard/results").rglob("*.json")):
         inside = path.relative_to(ROOT / "leaderboard").as_posix()
         files.append(File.generated(config, f"board/{inside}", abs_src_path=str(path)))
     for path in sorted(SCHEMAS.glob("*.json")):
         files.append(File.generated(config, f"files/{path.name}", abs_src_path=str(path)))
     for path in sorted((ROOT / "docs/notebooks").glob("*.ipynb")):
-        add(f"notebooks/{path.stem}.md", _notebook(path))
+        place = f"notebooks/{path.stem}.md"
+        add(place, relinked(_notebook(path), f"docs/{place}", place))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Lead links that leave `docs/` to the pages that stand for those files here."""
+    """Describe a page, and lead links that leave `docs/` to the pages of those files."""
+    said = page.meta.get("description") or description_of(markdown)
+    # The theme writes it into an attribute as it is.
+    page.meta["description"] = re.sub("[<>]", "", said).replace('"', "'")
     place = page.file.src_uri
-    made = place in {*COPIED.values(), "submit.md"} or place.startswith(("reference/", "board/"))
-    return markdown if made else _relinked(markdown, f"docs/{place}", place)
+    return markdown if page.file.generated_by else relinked(markdown, f"docs/{place}", place)
 
 
-def _relinked(markdown: str, source: str, place: str) -> str:
-    """Return a file's text with its links as they lead from its place on the site."""
-
-    def lead(found: re.Match[str]) -> str:
-        target, anchor = found[1], found[2] or ""
-        if not target:
-            return anchor
-        wanted = posixpath.normpath(posixpath.join(posixpath.dirname(source), target))
-        there = _on_site(wanted)
-        return posixpath.relpath(there, posixpath.dirname(place) or ".") + anchor
-
-    # GitHub reads Markdown inside HTML as it is; here it has to be asked for.
-    return _LINK.sub(lead, markdown).replace("<details>", "<details markdown>")
-
-
-def _on_site(name: str) -> str:
-    if name in COPIED or name == BOARD:
-        return COPIED.get(name, TABLES)
-    if name.startswith("leaderboard/results/"):
-        return name.replace("leaderboard/", "board/", 1)
-    return name.removeprefix("docs/")
+def on_page_context(context: Any, page: Any, config: MkDocsConfig, nav: Navigation) -> None:
+    """Write `llms.txt` with the first page: by then every page has its description."""
+    if page.is_homepage:
+        text = llms_text(config, nav)
+        (Path(config.site_dir) / "llms.txt").write_text(text, "utf-8")
 
 
 def _submitting() -> str:

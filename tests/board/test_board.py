@@ -9,8 +9,7 @@ import pytest
 from dfdbench.board.board import leaderboard
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError, UnknownNameError
-from dfdbench.metrics.protocol import RELEASED
-from tests.board.made_boards import add, add_card, scored, submit
+from tests.board.made_boards import add, add_card, submit
 from tests.board.made_tracks import make_tracks
 from tests.made_results import make_demo_result
 
@@ -45,7 +44,7 @@ def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
     rows = [line for line in text.splitlines() if line.startswith("| [mine-")]
     assert len(rows) == len(NAMES)
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {7}
-    targets = re.findall(r"\]\((results/.*?)\)", leaderboard(tmp_path).page())
+    targets = leaderboard(tmp_path).table("demo")["result"]
     assert len(targets) == len(NAMES)
     assert all((tmp_path / target).exists() for target in targets)
 
@@ -59,27 +58,6 @@ def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) 
     path.write_text(path.read_text("utf-8").replace("0.1016", "0.0100", 1))
     with pytest.raises(ResultError, match=r"README.md, line \d+"):
         leaderboard(tmp_path).require_written()
-
-
-def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: Path) -> None:
-    add(tmp_path, "mine", 0.1)
-    text = leaderboard(tmp_path).page()
-    for words in ("## Tracks", "## Scored"):
-        assert words not in text
-    result = make_demo_result(lambda pair: 0.1, "far")
-    metres = dict.fromkeys(
-        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
-    )
-    pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
-    protocols = [RELEASED["metric"].as_dict()]
-    submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
-    submit(list(make_tracks("tracked").values()), tmp_path)
-    submit(scored("elsewhere", 0.01), tmp_path)
-    text = leaderboard(tmp_path).page()
-    assert "## Tracks: nobody is given the blur" in text
-    ranked, below = text.partition("## Public truth")[2].split("## Scored, not run")
-    assert "elsewhere" not in ranked
-    assert "[elsewhere](results/" in below
 
 
 def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path: Path) -> None:
@@ -108,7 +86,7 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     assert "unseen-7-1" not in text
     assert "### demo-1, split test, protocol valid: public truth" in public
     assert "protocol thesis" not in public
-    assert "### unseen-7-1, split test, protocol valid\n" in leaderboard(tmp_path).page()
+    assert "unseen-7-1" in {one.result.dataset.name for one in leaderboard(tmp_path).boards}
 
 
 def test_without_rows_it_says_so(tmp_path: Path) -> None:
