@@ -20,17 +20,9 @@ from scipy.ndimage import correlate1d
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.methods.mrf import (
-    Energy,
-    Quality,
-    Solution,
-    coarse_to_fine,
-    expansion,
-    split,
-    truncated_absolute,
-)
 from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths, rounded_cost
 from tests.benchmarks.test_blur import separable, stack
 
@@ -124,10 +116,10 @@ def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) 
 def test_repairs_against_expansion(benchmark: Any, scene: Any) -> None:
     """Compare how graph-cuts-rounded is minimised with a sweep of expansions, on one energy."""
     infocus, defocus, _ = scene
-    smoothness = truncated_absolute(256, 8, 4)
+    smoothness = mrf.truncated_absolute(256, 8, 4)
     unary, offset = rounded_cost(infocus, defocus, RECIPES["published"].kernels(), 4, 129)
-    energy = Energy(unary, smoothness, offset=offset)
-    small = Energy(unary[:8, :8].copy(), smoothness)
+    energy = mrf.Energy(unary, smoothness, offset=offset)
+    small = mrf.Energy(unary[:8, :8].copy(), smoothness)
     for warm in (from_blocks, sweep):
         warm(small)
     own, peer = cpu(lambda: from_blocks(energy)), cpu(lambda: sweep(energy))
@@ -135,12 +127,12 @@ def test_repairs_against_expansion(benchmark: Any, scene: Any) -> None:
     print(f"\nfrom blocks: {own / peer:.2f} of a sweep's time, {100 * excess:+.2f} % of its energy")
 
 
-def from_blocks(energy: Energy) -> Solution:
-    return coarse_to_fine(energy, best_paths, REPAIRS)
+def from_blocks(energy: mrf.Energy) -> mrf.Solution:
+    return mrf.coarse_to_fine(energy, best_paths, REPAIRS)
 
 
-def sweep(energy: Energy) -> Solution:
-    return expansion(energy, energy.unary.argmin(2), max_sweeps=1)
+def sweep(energy: mrf.Energy) -> mrf.Solution:
+    return mrf.expansion(energy, energy.unary.argmin(2), max_sweeps=1)
 
 
 # One method in a process of its own, so that nothing but it counts. What the system tells of used
@@ -175,17 +167,17 @@ def test_peak_memory(benchmark: Any, method: str) -> None:
 
 
 @pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])
-def photograph(request: pytest.FixtureRequest, demo_store: Dataset) -> Energy:
+def photograph(request: pytest.FixtureRequest, demo_store: Dataset) -> mrf.Energy:
     """The published energy of a demo pair, and of the two published pairs with step 0.01."""
     if request.param != "demo":
-        aloe: Callable[[int], Energy] = request.getfixturevalue("aloe")
+        aloe: Callable[[int], mrf.Energy] = request.getfixturevalue("aloe")
         return aloe(int(request.param[-1]))
     images = demo_store.read(demo_store.manifest.pairs("test")[2])
     return GraphCuts().energy(images.infocus, images.defocus)
 
 
 def test_against_pymaxflow(
-    benchmark: Any, request: pytest.FixtureRequest, photograph: Energy
+    benchmark: Any, request: pytest.FixtureRequest, photograph: mrf.Energy
 ) -> None:
     """Compare with PyMaxflow's alpha-expansion to convergence; a minute and more a pair."""
     maxflow = pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
@@ -203,8 +195,11 @@ def test_against_pymaxflow(
     reached = energy.evaluate(found["peer"])
     print(f"\n{request.node.name}: aexpansion_grid {seconds:.1f} s CPU, energy {reached}")
     solvers: dict[str, Callable[[], Any]] = {
-        **{f"split {quality}": partial(split, energy, quality) for quality in get_args(Quality)},
-        "expansion": lambda: expansion(energy),
+        **{
+            f"split {quality}": partial(mrf.split, energy, quality)
+            for quality in get_args(mrf.Quality)
+        },
+        "expansion": lambda: mrf.expansion(energy),
     }
     solvers["split fast"]()
     for name, solve in solvers.items():
