@@ -109,6 +109,7 @@ class RowRun(Record):
                 machine=self.machine[at] if self.machine else 0,
                 prediction_sha256=self.prediction_sha256[at],
                 answered=self.answered[at] if self.answered else 1.0,
+                regions={},  # what is left out is looked up anew each time
                 scores={
                     label: {name: column[at] for name, column in columns.items()}
                     for label, columns in self.scores.items()
