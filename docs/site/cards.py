@@ -193,7 +193,7 @@ def _breaks(name: str, card: Card, means: pd.Series, pair: dict[str, float | Non
         for at in shares.index[:_WORST]
     )
     lost = int((shares >= 1).sum())
-    said = f"no better than a constant depth map on {lost}" if lost else "better than one on all"
+    said = f"no better than it on {lost}" if lost else "better than it on all"
     columns = ("where", "NRMSE ↓", "a constant's", "share")
     table = Table("", columns, rows, "lrrr")
     return (
