@@ -41,16 +41,15 @@ demo-nets: $(STAMPS)/installed ## The networks' rows beside those of `make demo`
 	@$(call run_each,$(DEMO_METHODS) $(DEMO_NETS))
 	@$(call tell)
 
-# A line a method; its own tables stay beside its result, what it said is shown where it fails. The
-# figures are the report's. Meanwhile the other core compiles, once, what graph cuts need.
+# A line a method; what it said is shown where it fails. The figures are the report's. Meanwhile the
+# other core compiles, once, what graph cuts need.
 define run_each
 mkdir -p results; \
 $(BIN)/python -c $(COMPILE) > /dev/null 2>&1 & \
 for method in $(1); do \
   words=$$(echo $$method | tr ',' ' '); printf '  %-28s' "$$words"; begun=$$(date +%s); \
-  $(BIN)/dfdbench run --dataset demo --split $(DEMO_SPLIT) --no-figures --method $$words > results/tables.txt 2> results/log.txt || \
+  $(BIN)/dfdbench run --dataset demo --split $(DEMO_SPLIT) --no-figures --method $$words > results/log.txt 2>&1 || \
     { echo failed; cat results/log.txt; exit 1; }; \
-  mv results/tables.txt $(DEMO)/$$(echo $$method | sed 's/,--param,/-/g')/; \
   echo "$$(( $$(date +%s) - begun )) s"; \
 done; rm results/log.txt
 endef

@@ -1,5 +1,6 @@
-"""Find the packages, and add the manifests, which lie elsewhere: pyproject.toml cannot do both."""
+"""Find the packages, and add two that lie elsewhere: pyproject.toml cannot do both."""
 
 from setuptools import find_packages, setup
 
-setup(packages=[*find_packages(include=["dfdbench", "dfdbench.*"]), "dfdbench.manifests"])
+_ELSEWHERE = ["dfdbench.manifests", "dfdbench.rows"]
+setup(packages=[*find_packages(include=["dfdbench", "dfdbench.*"]), *_ELSEWHERE])

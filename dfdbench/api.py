@@ -14,8 +14,6 @@ from typing import Any
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.board.submission import require_fit_to_submit, require_submittable
-from dfdbench.building.obtaining import build_dataset
 from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
@@ -30,7 +28,7 @@ from dfdbench.evaluation.evaluate import (
 from dfdbench.evaluation.fitting import camera_note, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import RunDone
+from dfdbench.evaluation.run import OnPair, RunDone
 from dfdbench.evaluation.tuning import cross_validate
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
@@ -42,10 +40,14 @@ from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
+from dfdbench.system.files import write_whole
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Shown, Threads
-from dfdbench.tables.table import counted
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, counted
 
+#: The file in a run's folder that has all of its tables.
+TABLES = "tables.md"
 Progress = Callable[[int, int], None]
 
 
@@ -105,6 +107,9 @@ def build(
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
+    # Here: what reads and fetches files takes longer to import than a short run takes.
+    from dfdbench.building.obtaining import build_dataset
+
     report = build_dataset(
         name,
         Path(source) if source else None,
@@ -187,6 +192,21 @@ def load_method(name: str, **parameters: Any) -> Method:
     return _load_method(name, parameters, {"seed": lambda: 0}, {"recipe": lambda: None})
 
 
+def _check_for_board(split: str, limit: int | None = None) -> Callable[..., None]:
+    """Return the check of a store and a method that a run for the leaderboard begins with.
+
+    Raises
+    ------
+    InputError
+        If there can be no row of such a run.
+    """
+    # Few runs are for the leaderboard, whose libraries take as long to import as a short run.
+    from dfdbench.board.submission import require_fit_to_submit, require_submittable
+
+    require_submittable(limit)
+    return partial(require_fit_to_submit, split=split)
+
+
 def run(
     method: str | Callable[..., Any],
     dataset: str | Dataset,
@@ -203,7 +223,7 @@ def run(
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | None = None,
-    on_pair: Progress | None = None,
+    on_pair: OnPair | None = None,
 ) -> Run:
     """Run a method on a split of a built data set, as ``dfdbench run`` does.
 
@@ -242,7 +262,7 @@ def run(
     cache : Path, optional
         The cache folder.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+        Called with (pairs done, pairs to do, the mean score of those done, as text).
 
     Raises
     ------
@@ -262,15 +282,13 @@ def run(
     """
     if limit is not None and limit < 1:
         raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
-    if for_board:
-        require_submittable(limit)
-        if fitted is not None:
-            what = "the leaderboard takes no run with the fit of another"
-            raise InputError(what, where="fitted", fix="let the method be fitted here")
+    check = _check_for_board(split, limit) if for_board else None
+    if for_board and fitted is not None:
+        what = "the leaderboard takes no run with the fit of another"
+        raise InputError(what, where="fitted", fix="let the method be fitted here")
     store = _opened(dataset, cache)
     store.manifest.scenes_of(split)
     shown = protocol_on(store.manifest, protocol)
-    check = partial(require_fit_to_submit, split=split) if for_board else None
     learned = None if fitted is None else Path(fitted)
     options = RunOptions(limit, keep_predictions, fresh, seed, learned)
     with _folder(out, str(store.path)) as folder:
@@ -342,8 +360,7 @@ def run_tracks(
     >>> found = run_tracks("local", "demo", tracks=["noise"])  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
-    if for_board:
-        require_submittable(None)
+    check = _check_for_board(split) if for_board else None
     plain = without_track(dataset)
     plain.scenes_of(split)
     protocol = protocol_on(plain, protocol)
@@ -351,7 +368,6 @@ def run_tracks(
     # What cannot be run is said before anything is built or run for long.
     if isinstance(method, str):
         find_entry(method)
-    check = partial(require_fit_to_submit, split=split) if for_board else None
     options = RunOptions(keep_predictions=False, seed=seed)
     with _folder(out, source, replaces=False) as folder:
         stores = {CLEAN: built_track(plain, dataset, CLEAN, source, cache, shown)}
@@ -543,7 +559,7 @@ def score(
         With everything that is wrong with the files.
     """
     if for_board:
-        require_submittable(None)
+        _check_for_board(split)
     store = _opened(dataset, cache)
     store.manifest.scenes_of(split)
     if for_board:
@@ -594,6 +610,7 @@ def _run_of(
     elif calibration and change.has_shadow:
         notes.append(f"the fit found the defocus images {change.words()}")
     made = Run(runs, protocol, notes, calibration)
+    write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
     return made

@@ -2,8 +2,7 @@
 
 `python docs/tracks_rows.py [DATASET-SPLIT]`, by default demo-1-test, after
 `dfdbench tracks --method NAME --submit` of each method, or `python leaderboard/rerun.py --rows`:
-docs/classical.md's table, a row a track and severity; the table and the picture of docs/tracks.md,
-a row and a line a method. NRMSE under protocol `valid`.
+the table and the picture of docs/tracks.md, a row and a line a method, by NRMSE under `valid`.
 """
 
 from __future__ import annotations
@@ -25,32 +24,25 @@ from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
 
-PAGE = Path(__file__).with_name("classical.md")
-SUMMARY = Path(__file__).with_name("tracks.md")
+PAGE = Path(__file__).with_name("tracks.md")
 PICTURE = Path(__file__).with_name("tracks_methods.png")
-METHODS = ("constant", "s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local")
 HARDEST = "camera-3"
 GIVEN = "-given-blur"
 BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 
 
 def main(place: str) -> None:
-    """Write each page's table between its two marks, and draw the picture."""
+    """Write the page's table between its two marks, and draw the picture."""
     boards = {
         f"{board.result.dataset.name}-{board.result.dataset.split}": board
         for board in leaderboard().boards
         if len(SUITES.get(board.suite, ())) > 1
     }
-    means = means_of(boards[place]) if place in boards else {}
-    there = {name: means[name] for name in METHODS if name in means}
-    if lacking := [name for name in METHODS if name not in means]:
-        print(f"no runs on tracks of {place}: {', '.join(lacking)}", file=sys.stderr)
-    if not there:
-        sys.exit("nothing is written; dfdbench tracks --method NAME --submit")
-    _write_between(PAGE, table_of(there, place))
-    _write_between(SUMMARY, summary_of(boards))
+    if place not in boards:
+        sys.exit(f"no runs on tracks of {place}: dfdbench tracks --method NAME --submit")
+    _write_between(PAGE, summary_of(boards))
     title = f"{place}, protocol {TRACKS_PROTOCOL}, best mean first"
-    write_figure(tracks_figure(means, RANKED_BY, title), PICTURE)
+    write_figure(tracks_figure(means_of(boards[place]), RANKED_BY, title), PICTURE)
 
 
 def means_of(board: ScoreBoard) -> dict[str, pd.DataFrame]:
@@ -97,18 +89,6 @@ def summary_of(boards: dict[str, ScoreBoard]) -> Table:
     columns = ("", *(text for head in heads for text in (head, HARDEST, "mean of tracks")))
     align = "l" + "r" * (len(columns) - 1)
     return Table(f"NRMSE, protocol {TRACKS_PROTOCOL}", columns, tuple(rows), align)
-
-
-def table_of(means: dict[str, pd.DataFrame], place: str) -> Table:
-    """Return a row a track and severity, a column a method."""
-    first = next(iter(means.values()))
-    rows = [(CLEAN, *(score_text(found[0].iloc[0]) for found in means.values()))]
-    for track in first.index:
-        for severity in first.columns[1:]:
-            scores = (score_text(found[severity][track]) for found in means.values())
-            rows.append((f"{track}-{severity}", *scores))
-    title = f"NRMSE, {place}, protocol {TRACKS_PROTOCOL}"
-    return Table(title, ("", *means), tuple(rows), "l" + "r" * len(means))
 
 
 def _write_between(page: Path, table: Table) -> None:

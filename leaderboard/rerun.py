@@ -13,7 +13,8 @@ import sys
 from collections.abc import Iterator
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.board.board import LEADERBOARD, draw_seed
+from dfdbench.board import LEADERBOARD
+from dfdbench.board.board import draw_seed
 from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
 from dfdbench.datasets.dataset import open_dataset

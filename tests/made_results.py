@@ -80,7 +80,7 @@ def make_demo_result(
     name: str = "mine",
     parameters: dict[str, Any] | None = None,
     fingerprint: str = "2" * 64,
-    protocols: tuple[str, ...] = ("thesis",),
+    protocols: tuple[str, ...] = ("valid",),
     dataset: str = "demo",
     split: str = "test",
 ) -> Result:

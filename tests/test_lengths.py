@@ -10,6 +10,7 @@ _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and c
 REASONS = {
     "dfdbench/api.py": "every public function, each with its docstring",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
+    "dfdbench/blur/occlusion.py:_composite": _KERNEL,
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

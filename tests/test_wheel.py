@@ -14,7 +14,11 @@ from dfdbench import __version__
 
 ROOT = Path(__file__).parents[1]
 #: Where a file of the checkout lies in the wheel, by how its path begins.
-PACKAGES = {"dfdbench/": "dfdbench/", "manifests/": "dfdbench/manifests/"}
+PACKAGES = {
+    "dfdbench/": "dfdbench/",
+    "manifests/": "dfdbench/manifests/",
+    "leaderboard/": "dfdbench/rows/",
+}
 BUILT_FROM = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
 
 

@@ -108,8 +108,6 @@ def smallest_step(
     >>> smallest_step(flat, depth, depth > 0, RECIPES["published"]).share_above(1)
     1.0
     """
-    if not (isinstance(noise, int | np.integer) and noise >= 0):
-        raise InputError(f"noise is whole grey levels, 0 or more, not {noise}", where="noise")
     here = synthesize(infocus, depth, recipe).astype(np.int16)
     found = np.full(depth.shape, UNSEEN, np.int64)
     for step in STEPS:

@@ -1,19 +1,28 @@
 """What training and test share: scenes, textures, images."""
 
+from __future__ import annotations
+
+import re
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
-import imagehash
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from dfdbench.audit.sides import Side
-from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.system.strict import Record
 
+if TYPE_CHECKING:
+    from dfdbench.audit.sides import Side
+    from dfdbench.datasets.dataset import Dataset
+
+#: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
+#: scene that was left out.
+FORM = '"MANIFEST, split NAME" or "MANIFEST, all but FOLD"'
+NAMED = re.compile(r"(?P<manifest>[\w.@-]+), (?P<how>split|all but) (?P<name>[\w.-]+)(,.*)?")
 _HASH_SIDE = 16
 #: Bits of 256 in which two images may differ and still count as one. Other exposures, sizes and
 #: narrow crops of one image stay below; images of different scenes differ in about 128.
@@ -21,6 +30,36 @@ NEAR_DUPLICATE_BITS = 48
 
 #: The hash of each image of a scene, by the image's name.
 Hashes = Mapping[str, NDArray[np.bool_]]
+
+
+def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
+    """Return the manifest and the scenes that a method was trained on; None if none are named.
+
+    Parameters
+    ----------
+    trained_on : str
+        In the form of `FORM`; the author may add anything after another comma.
+
+    Raises
+    ------
+    DfdbenchError
+        If it names a data set or a split that does not exist.
+
+    Examples
+    --------
+    >>> scenes_trained_on("demo-1, all but Attic")[1][:2]
+    ('Barn', 'Cabin')
+    """
+    if not (said := NAMED.fullmatch(trained_on.strip())):
+        return None
+    manifest = find_manifest(said["manifest"])
+    return manifest, scenes_said(manifest, said)
+
+
+def scenes_said(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:
+    """Return the scenes of a manifest that a text names, from a match of `NAMED`."""
+    scenes = training_of if said["how"] == "all but" else Manifest.scenes_of
+    return scenes(manifest, said["name"])
 
 
 class LeakError(DfdbenchError):
@@ -60,6 +99,9 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     >>> int((image_hash(image) != image_hash(darker)).sum()) < NEAR_DUPLICATE_BITS
     True
     """
+    import imagehash
+    from PIL import Image
+
     found = imagehash.phash(Image.fromarray(image), hash_size=_HASH_SIDE)
     return np.asarray(found.hash.ravel(), bool)
 

@@ -1,21 +1,15 @@
 """What a method says it was trained on, compared with the depths that it is tested on."""
 
-import re
 from enum import StrEnum
 
 from dfdbench.audit.coverage import Criterion, share_of, uncovered
-from dfdbench.audit.leaks import manifest_leaks
+from dfdbench.audit.leaks import FORM, NAMED, manifest_leaks, scenes_said
 from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
-from dfdbench.datasets.catalog import find_manifest, part_name
+from dfdbench.datasets.catalog import part_name
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import Manifest, training_of
+from dfdbench.datasets.manifest import training_of
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.table import percent
-
-#: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
-#: scene that was left out.
-FORM = '"MANIFEST, split NAME" or "MANIFEST, all but FOLD"'
-_PATTERN = re.compile(r"(?P<manifest>[\w.@-]+), (?P<how>split|all but) (?P<name>[\w.-]+)(,.*)?")
 
 
 class Training(StrEnum):
@@ -94,42 +88,13 @@ def _usual_training(store: Dataset, split: str) -> tuple[str, tuple[str, ...]]:
     return f"all but {split}", others
 
 
-def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest and the scenes that a method was trained on; None if none are named.
-
-    Parameters
-    ----------
-    trained_on : str
-        In the form of `FORM`; the author may add anything after another comma.
-
-    Raises
-    ------
-    DfdbenchError
-        If it names a data set or a split that does not exist.
-
-    Examples
-    --------
-    >>> scenes_trained_on("demo-1, all but Attic")[1][:2]
-    ('Barn', 'Cabin')
-    """
-    if not (said := _PATTERN.fullmatch(trained_on.strip())):
-        return None
-    manifest = find_manifest(said["manifest"])
-    return manifest, _scenes_of(manifest, said)
-
-
-def _scenes_of(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:
-    scenes = training_of if said["how"] == "all but" else Manifest.scenes_of
-    return scenes(manifest, said["name"])
-
-
 def training_side(trained_on: str, store: Dataset) -> Side | None:
     """Return the depths that a method was trained on, or None if the text names none.
 
     Parameters
     ----------
     trained_on : str
-        As of `scenes_trained_on`.
+        As of `dfdbench.audit.leaks.scenes_trained_on`.
     store : Dataset
         The data set in use; another one is looked for where `build` puts it.
 
@@ -138,7 +103,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     DfdbenchError
         If it names a data set or a split that does not exist.
     """
-    if not (said := _PATTERN.fullmatch(trained_on.strip())):
+    if not (said := NAMED.fullmatch(trained_on.strip())):
         return None
     # The depths of a set are the same on every track of it.
     own, base = store.manifest, part_name(said["manifest"])[0]
@@ -146,7 +111,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     training = store if base in known else open_dataset(said["manifest"])
     name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
     inverted = training.manifest.depth.grows_with != own.depth.grows_with
-    scenes = _scenes_of(training.manifest, said)
+    scenes = scenes_said(training.manifest, said)
     return side_of(training, scene_histograms(training), name, scenes, inverted)
 
 

@@ -1,10 +1,13 @@
 """Blur as light does where depth jumps: layers, composited from back to front."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import reaches, require_kernels
 from dfdbench.system.compiled import compiled
+from dfdbench.system.vectors import LANES, all_of, load, plus, store, times, where_below
 
 #: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
 #: thousandth of its light.
@@ -12,6 +15,11 @@ TAIL = 1e-3
 #: Depths further apart than this are different surfaces where they meet; nearer ones are one that
 #: slants.
 GAP = 8
+
+# Pixels of a level whose light is spread together: so many, as far apart in a row as this.
+_TOGETHER, _APART = 4, LANES
+# Colours that are spread at once, beside the layer's cover: all stay in a processor's registers.
+_COLOURS = 3
 
 
 def without_tails(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,9 +79,9 @@ def composite_layers(
     Level by level instead, without surfaces, a slanted plane would cover itself: of the many thin
     layers that reach a pixel the nearer ones would weigh up to e times as much as the farther ones.
 
-    A pixel's light is spread over its neighbours, layer by layer, and each layer is added
-    where it reaches: the work grows with the kernels' area, not with the number of levels. The
-    order of the sums is fixed, so that the last bit is the same on any machine.
+    Row by row, the pixels in reach spread their light, layer by layer and a few at a time: the work
+    grows with the kernels' area, not with the number of levels. The order of the sums is fixed, so
+    that the last bit is the same on any machine.
 
     Examples
     --------
@@ -86,166 +94,228 @@ def composite_layers(
     """
     require_kernels(image, depth, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
-    reach = reaches(kernels)
-    radius, centre = int(reach[np.unique(depth)].max()), kernels.shape[1] // 2
-    around = ((radius, radius), (radius, radius))
-    window = slice(centre - radius, centre + radius + 1)
-    pixels = np.pad(channels, (*around, (0, 0)), mode="edge").reshape(-1, channels.shape[2])
-    padded = np.pad(depth, around, mode="edge").astype(np.int16)
-    levels = padded.ravel()
-    starts = np.searchsorted(np.sort(levels), np.arange(len(kernels) + 1))
-    covered = _composite(
-        np.ascontiguousarray(pixels, dtype=np.float64),
-        padded,
-        np.argsort(levels, kind="stable"),
-        starts,
-        np.ascontiguousarray(kernels[:, centre:, centre:], dtype=np.float64),
-        np.ascontiguousarray(kernels[:, window, window], dtype=np.float64),
-        channels.shape[:2],
-        radius,
-    )
-    return np.asarray(covered[..., 1:], dtype=np.float64).reshape(image.shape)
+    colours = channels.shape[2]
+    if colours > _COLOURS:
+        parts = np.split(channels, range(_COLOURS, colours, _COLOURS), axis=2)
+        return np.concatenate([composite_layers(part, depth, kernels) for part in parts], axis=2)
+    present = np.flatnonzero(np.bincount(depth.ravel(), minlength=len(kernels)))
+    radius = int(reaches(kernels[present]).max())
+    # A vector may begin at the last column.
+    around = ((radius, radius), (radius, radius + LANES))
+    levels = np.pad(depth, around, mode="edge").astype(np.int16)
+    # What a layer covers and its colours are planes alike, two or four of them.
+    light = np.zeros((*levels.shape, 2 if colours == 1 else 1 + _COLOURS), np.float64)
+    light[..., 0] = 1
+    light[..., 1 : 1 + colours] = np.pad(channels, (*around, (0, 0)), mode="edge")
+    centre = kernels.shape[1] // 2
+    quadrants = kernels[:, centre : centre + radius + 1, centre : centre + radius + 1]
+    quadrants = np.ascontiguousarray(quadrants, dtype=np.float64)
+    covered = _composite(light, levels, present, quadrants, channels.shape[:2])
+    return np.asarray(covered[..., 1 : 1 + colours], dtype=np.float64).reshape(image.shape)
 
 
 @compiled()
 def _composite(
-    pixels: NDArray[np.float64],
+    light: NDArray[np.float64],
     depth: NDArray[np.int16],
-    order: NDArray[np.int64],
-    starts: NDArray[np.int64],
+    present: NDArray[np.int64],
     quadrants: NDArray[np.float64],
-    whole: NDArray[np.float64],
     shape: tuple[int, int],
-    radius: int,
 ) -> NDArray[np.float64]:
-    # The pixels of a level are order[starts[level]:starts[level + 1]], numbers of pixels of the
-    # padded image. What a layer covers and its colours lie side by side, as one more channel.
     height, width = shape
-    planes = pixels.shape[1] + 1
-    layer = np.zeros((height, width * planes), np.float64)
-    surface = np.zeros((height, width * planes), np.float64)
-    total = np.zeros((height, width * planes), np.float64)
-    # The nearest and the farthest depth of each pixel's surface so far.
-    latest = np.zeros((height, width), np.int64)
-    begun = np.zeros((height, width), np.int64)
-    seen = np.empty(whole.shape[1], np.float64)
-    first, last = np.empty(height, np.int64), np.empty(height, np.int64)
-    for level in range(quadrants.shape[0]):
-        own = order[starts[level] : starts[level + 1]]
-        if own.size:
-            first[:], last[:] = width, 0
-            _spread(pixels, own, quadrants[level], layer, first, last, radius, planes)
-            for y in range(height):
-                for x in range(first[y], last[y]):
-                    if layer[y, x * planes] != 0.0:
-                        if surface[y, x * planes] == 0.0:
-                            begun[y, x] = level
-                        elif level - latest[y, x] > GAP:
-                            behind = 0.0
-                            if total[y, x * planes] != 0.0:
-                                near = latest[y, x]
-                                behind = _behind(depth, y, x, begun[y, x], whole[near], seen)
-                            _lay_over(surface[y], total[y], x * planes, planes, behind)
-                            begun[y, x] = level
-                        for i in range(x * planes, (x + 1) * planes):
-                            surface[y, i] += layer[y, i]
-                            layer[y, i] = 0.0
-                        latest[y, x] = level
+    planes, radius = light.shape[2], quadrants.shape[1] - 1
+    starts, places, lights = _groups(depth, light, len(quadrants), radius)
+    halves, weights = _rows_of(quadrants, present)
+    # A row each, a plane after the other.
+    room = (width + LANES - 1) // LANES * LANES
+    layer = np.zeros((planes, room), np.float64)
+    surface = np.zeros((planes, room), np.float64)
+    total = np.zeros((planes, room), np.float64)
+    # The farthest and the nearest depth of each pixel's surface so far.
+    ends = np.zeros((2, room), np.int64)
+    seen = np.zeros(2 * radius + 1 + LANES, np.float64)
+    out = np.empty((height, width, planes), np.float64)
     for y in range(height):
+        centre = (y + radius) * depth.shape[1] + radius
+        for level in present:
+            reach = halves[level, 0]
+            groups = starts[level, y + radius - reach], starts[level, y + radius + reach + 1]
+            first, last = _spread(places, lights, groups, y, level, halves, weights, width, layer)
+            for x in range(first, min(last, width)):
+                if layer[0, x] != 0.0:
+                    if surface[0, x] == 0.0:
+                        ends[0, x] = level
+                    elif level - ends[1, x] > GAP:
+                        behind = 0.0
+                        if total[0, x] != 0.0:
+                            behind = _behind(
+                                depth, centre + x, ends[0, x], ends[1, x], halves, weights, seen
+                            )
+                        _lay_over(surface, total, x, behind)
+                        ends[0, x] = level
+                    ends[1, x] = level
+            for plane in range(planes):
+                for i in range(plane * room + first, plane * room + last, LANES):
+                    store(surface, i, plus(load(surface, i), load(layer, i)))
+                    store(layer, i, all_of(0.0))
         for x in range(width):
             behind = 0.0
-            if total[y, x * planes] != 0.0:
-                behind = _behind(depth, y, x, begun[y, x], whole[latest[y, x]], seen)
-            _lay_over(surface[y], total[y], x * planes, planes, behind)
-    return total.reshape((height, width, planes))
+            if total[0, x] != 0.0:
+                behind = _behind(depth, centre + x, ends[0, x], ends[1, x], halves, weights, seen)
+            _lay_over(surface, total, x, behind)
+            for plane in range(planes):
+                out[y, x, plane], total[plane, x] = total[plane, x], 0.0
+    return out
 
 
 @compiled()
-def _spread(
-    pixels: NDArray[np.float64],
-    own: NDArray[np.int64],
-    quadrant: NDArray[np.float64],
-    layer: NDArray[np.float64],
-    first: NDArray[np.int64],
-    last: NDArray[np.int64],
-    radius: int,
-    planes: int,
-) -> None:
-    """Add each pixel's light, and the pixel itself, to the layer; note which columns it reaches."""
-    height, width = layer.shape[0], layer.shape[1] // planes
-    halves, weights = _rows_of(quadrant, planes)
-    reach = halves[0]
-    light = np.empty(weights.shape[1], np.float64)
-    for number in own:
-        y = number // (width + 2 * radius) - radius
-        x = number % (width + 2 * radius) - radius
-        if x + reach < 0 or x - reach >= width:
-            continue
-        for i in range(0, (2 * reach + 1) * planes, planes):
-            light[i] = 1.0
-            for plane in range(1, planes):
-                light[i + plane] = pixels[number, plane - 1]
-        for row in range(max(0, y - reach), min(height, y + reach + 1)):
-            j = abs(row - y)
-            left, right = max(0, x - halves[j]), min(width, x + halves[j] + 1)
-            if left >= right:
-                continue
-            first[row], last[row] = min(first[row], left), max(last[row], right)
-            begin, count = (left - x + halves[j]) * planes, (right - left) * planes
-            target = layer[row, left * planes : right * planes]
-            row_weights = weights[j, begin : begin + count]
-            for i in range(count):
-                target[i] += row_weights[i] * light[i]
+def _groups(
+    depth: NDArray[np.int16], light: NDArray[np.float64], levels: int, radius: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Gather pixels of one level that lie close together in a row, by level and then by row.
+
+    Returns which groups each level and row has, from one number to the next; the columns of a
+    group's pixels and their row; and their light by plane, 0 where a group is not full.
+    """
+    height, width, planes = light.shape
+    starts = np.zeros((levels, height + 1), np.int64)
+    number = np.zeros(levels, np.int64)
+    places = np.empty((0, _TOGETHER + 1), np.int64)
+    lights = np.empty((0, planes, _TOGETHER), np.float64)
+    # Counted first, then filled.
+    for fills in range(2):
+        following = starts.copy()
+        for y in range(height):
+            begun = np.full(levels, -_APART, np.int64)
+            for x in range(width):
+                level = depth[y, x]
+                if x - begun[level] >= _APART or number[level] == _TOGETHER:
+                    begun[level], number[level] = x, 0
+                    following[level, y] += 1
+                if fills:
+                    group = following[level, y] - 1
+                    for i in range(number[level], _TOGETHER):
+                        places[group, i] = x - radius
+                    places[group, _TOGETHER] = y - radius
+                    for plane in range(planes):
+                        lights[group, plane, number[level]] = light[y, x, plane]
+                number[level] += 1
+        if not fills:
+            count = 0
+            for level in range(levels):
+                for y in range(height + 1):
+                    starts[level, y] = count
+                    count += following[level, y]
+            places = np.empty((count, _TOGETHER + 1), np.int64)
+            lights = np.zeros((count, planes, _TOGETHER), np.float64)
+    return starts, places, lights
 
 
 @compiled()
 def _rows_of(
-    quadrant: NDArray[np.float64], planes: int
+    quadrants: NDArray[np.float64], present: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return a kernel's rows from its middle on, a weight a plane, and half of each one's width."""
-    size = quadrant.shape[0]
-    halves = np.zeros(size, np.int64)
-    weights = np.empty((size, (2 * size - 1) * planes), np.float64)
-    for j in range(size):
-        for i in range(size):
-            if quadrant[j, i] != 0.0:
-                halves[j] = i
-        for i in range(2 * halves[j] + 1):
-            weights[j, i * planes : (i + 1) * planes] = quadrant[j, abs(i - halves[j])]
+    """Return half of each row's width, and the rows from the middle one on, zeros around them."""
+    size = quadrants.shape[1]
+    centre = size - 1 + _APART + LANES
+    halves = np.zeros((len(quadrants), size), np.int64)
+    weights = np.zeros((len(quadrants), size, 2 * centre + 1), np.float64)
+    for level in present:
+        for j in range(size):
+            for i in range(size):
+                if quadrants[level, j, i] != 0.0:
+                    halves[level, j] = i
+                    weights[level, j, centre - i] = quadrants[level, j, i]
+                    weights[level, j, centre + i] = quadrants[level, j, i]
     return halves, weights
+
+
+@compiled()
+def _spread(
+    places: NDArray[np.int64],
+    lights: NDArray[np.float64],
+    groups: tuple[int, int],
+    y: int,
+    level: int,
+    halves: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    width: int,
+    layer: NDArray[np.float64],
+) -> tuple[int, int]:
+    """Add groups' light, and the pixels themselves, to a row; return which columns they reach."""
+    # Whole arrays and places in them: of every slice, compiled code counts references.
+    size, stride = weights.shape[1:]
+    planes, room = layer.shape
+    begin, end = width, 0
+    for group in range(groups[0], groups[1]):
+        away = abs(places[group, _TOGETHER] - y)
+        first = max(0, places[group, 0] - halves[level, away]) // LANES * LANES
+        last = min(width, places[group, _TOGETHER - 1] + halves[level, away] + 1)
+        if first >= last:
+            continue
+        begin, end = min(begin, first), max(end, last)
+        middle = (level * size + away) * stride + stride // 2
+        x0, x1 = middle - places[group, 0], middle - places[group, 1]
+        x2, x3 = middle - places[group, 2], middle - places[group, 3]
+        a, b = _four(lights, group, 0), _four(lights, group, 1)
+        c, d = _four(lights, group, planes - 2), _four(lights, group, planes - 1)
+        for x in range(first, last, LANES):
+            w0, w1 = load(weights, x0 + x), load(weights, x1 + x)
+            row = w0, w1, load(weights, x2 + x), load(weights, x3 + x)
+            _add(layer, x, row, a)
+            _add(layer, room + x, row, b)
+            if planes > 2:
+                _add(layer, 2 * room + x, row, c)
+                _add(layer, 3 * room + x, row, d)
+    return begin, (end + LANES - 1) // LANES * LANES
+
+
+@compiled()
+def _four(lights: NDArray[np.float64], group: int, plane: int) -> Any:
+    first, second = all_of(lights[group, plane, 0]), all_of(lights[group, plane, 1])
+    return first, second, all_of(lights[group, plane, 2]), all_of(lights[group, plane, 3])
+
+
+@compiled()
+def _add(layer: NDArray[np.float64], at: int, row: Any, light: Any) -> None:
+    sums = load(layer, at)
+    for one in range(_TOGETHER):
+        sums = plus(sums, times(row[one], light[one]))
+    store(layer, at, sums)
+
+
+@compiled()
+def _lay_over(
+    surface: NDArray[np.float64], total: NDArray[np.float64], x: int, behind: float
+) -> None:
+    """Put a pixel's surface over what lies behind it, and empty it for the next."""
+    own = surface[0, x]
+    share = own / (own + behind)
+    for plane in range(len(surface)):
+        total[plane, x] = (1.0 - share) * total[plane, x] + share / own * surface[plane, x]
+        surface[plane, x] = 0.0
 
 
 @compiled()
 def _behind(
     depth: NDArray[np.int16],
-    y: int,
-    x: int,
-    level: int,
-    kernel: NDArray[np.float64],
+    centre: int,
+    far: int,
+    near: int,
+    halves: NDArray[np.int64],
+    weights: NDArray[np.float64],
     seen: NDArray[np.float64],
 ) -> float:
-    """Return how much of a kernel around a pixel falls on what is farther than a level."""
-    # Row by row of the window into one row, which vectorises.
-    size = kernel.shape[0]
-    seen[:] = 0.0
-    for j in range(size):
-        weights, row = kernel[j], depth[y + j, x : x + size]
-        for i in range(size):
-            seen[i] += weights[i] if row[i] < level else 0.0
+    """Return how much of a level's kernel around a pixel falls on what is farther than another."""
+    size, stride = weights.shape[1:]
+    reach, middle = halves[near, 0], near * size * stride + stride // 2
+    for i in range(-reach, reach + 1, LANES):
+        sums = all_of(0.0)
+        for j in range(-reach, reach + 1):
+            row = load(weights, middle + abs(j) * stride + i)
+            sums = plus(sums, where_below(depth, centre + j * depth.shape[1] + i, far, row))
+        store(seen, i + reach, sums)
     total = 0.0
-    for i in range(size):
+    for i in range(2 * reach + 1):
         total += seen[i]
     return total
-
-
-@compiled()
-def _lay_over(
-    surface: NDArray[np.float64], total: NDArray[np.float64], begin: int, planes: int, behind: float
-) -> None:
-    """Put a pixel's surface over what lies behind it, and empty it for the next."""
-    own = surface[begin]
-    if own != 0.0:
-        share = own / (own + behind)
-        for i in range(begin, begin + planes):
-            total[i] = (1.0 - share) * total[i] + share / own * surface[i]
-            surface[i] = 0.0

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.compiled import compiled
+from dfdbench.system.vectors import LANES, all_of, load, plus, store, times
 
 
 def blur_by_level(
@@ -49,14 +50,23 @@ def blur_by_level(
     """
     require_kernels(image, levels, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
-    radius = kernels.shape[1] // 2
+    blurred = _gather(
+        _padded_rows(channels, kernels.shape[1] // 2),
+        np.asarray(levels, dtype=np.int64),
+        np.ascontiguousarray(kernels, dtype=np.float64),
+        reaches(kernels),
+        channels.shape[2],
+    )
+    return np.asarray(blurred[:, : image.shape[1] * channels.shape[2]]).reshape(image.shape)
+
+
+def _padded_rows(channels: NDArray[Any], radius: int) -> NDArray[np.float64]:
+    """Return rows with their edge pixels repeated, and room for a vector that begins in them."""
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
-    rows = np.ascontiguousarray(padded, dtype=np.float64).reshape(padded.shape[0], -1)
-    # A weight a channel, so that a row of the window is one run of products.
-    spread = np.repeat(np.asarray(kernels, dtype=np.float64), channels.shape[2], axis=2)
-    own = np.asarray(levels, dtype=np.int64)
-    blurred: NDArray[np.float64] = _gather(rows, own, spread, reaches(kernels), channels.shape[2])
-    return blurred.reshape(image.shape)
+    height, width, count = padded.shape
+    rows = np.zeros((height, width * count + LANES), dtype=np.float64)
+    rows[:, : width * count] = padded.reshape(height, -1)
+    return rows
 
 
 def require_kernels(
@@ -90,30 +100,28 @@ def _gather(
     reach: NDArray[np.int64],
     channels: int,
 ) -> NDArray[np.float64]:
-    # Row by row of the window into one row of products, which vectorises; no fast-math.
+    # The window is added up column by column, for a few pixels at once; pixels of one level that
+    # lie side by side are done together. The order of the sums is fixed.
     height, width = levels.shape
-    radius = kernels.shape[1] // 2
-    out = np.empty((height, width * channels), np.float64)
-    column = np.empty(kernels.shape[2], np.float64)
+    stride, radius = rows.shape[1], kernels.shape[1] // 2
+    out = np.empty((height, width * channels + LANES), np.float64)
     for y in range(height):
-        for x in range(width):
-            level = levels[y, x]
-            near = reach[level]
-            span = (2 * near + 1) * channels
-            first = (radius - near) * channels
-            left = x * channels + first
-            for i in range(span):
-                column[i] = 0.0
-            for j in range(radius - near, radius + near + 1):
-                weights = kernels[level, j, first : first + span]
-                pixels = rows[y + j, left : left + span]
-                for i in range(span):
-                    column[i] += weights[i] * pixels[i]
-            for channel in range(channels):
-                total = 0.0
-                for i in range(channel, span, channels):
-                    total += column[i]
-                out[y, x * channels + channel] = total
+        begin = 0
+        while begin < width:
+            end = begin + 1
+            while end < width and levels[y, end] == levels[y, begin]:
+                end += 1
+            kernel, near = kernels[levels[y, begin]], reach[levels[y, begin]]
+            for i in range(begin * channels, end * channels, LANES):
+                total = all_of(0.0)
+                for column in range(radius - near, radius + near + 1):
+                    place, sums = i + column * channels, all_of(0.0)
+                    for j in range(radius - near, radius + near + 1):
+                        pixels = load(rows, (y + j) * stride + place)
+                        sums = plus(sums, times(all_of(kernel[j, column]), pixels))
+                    total = plus(total, sums)
+                store(out, y * out.shape[1] + i, total)
+            begin = end
     return out
 
 
@@ -167,12 +175,10 @@ def blur_by_recipe(
     """Blur as `synthesize` does, in any unit and not rounded; the arguments are not checked."""
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = recipe.kernel_size // 2
-    padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
-    rows = np.ascontiguousarray(padded, dtype=np.float64).reshape(padded.shape[0], -1)
     levels = np.asarray(recipe.level_of_depth(depth.astype(np.int64)))
     half = np.ascontiguousarray(recipe.kernels()[:, radius:])
-    blurred: NDArray[np.float64] = _blur_pixels(rows, levels, half, channels.shape[2])
-    return blurred.reshape(image.shape)
+    blurred = _blur_pixels(_padded_rows(channels, radius), levels, half, channels.shape[2])
+    return np.asarray(blurred[:, : image.shape[1] * channels.shape[2]]).reshape(image.shape)
 
 
 def rounded(image: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -205,14 +211,14 @@ def _blur_pixels(
     half_kernels: NDArray[np.float64],
     channels: int,
 ) -> NDArray[np.float64]:
-    # The window is folded vertically first (all its columns at once, which vectorises), then
-    # horizontally; pixels of one level that lie side by side share their columns. The order of the
-    # sums is fixed and no fast-math is allowed, so the bytes do not depend on the machine or on who
-    # else is running.
+    # The window is folded vertically first (all its columns at once), then horizontally; pixels of
+    # one level that lie side by side share their columns. The order of the sums is fixed, so the
+    # bytes do not depend on the machine or on who else is running.
     height, width = levels.shape
-    radius = half_kernels.shape[1] - 1
-    out = np.empty((height, width * channels), np.float64)
-    folded = np.empty((width + 2 * radius) * channels, np.float64)
+    stride, radius = rows.shape[1], half_kernels.shape[1] - 1
+    middle = radius * channels
+    out = np.empty((height, width * channels + LANES), np.float64)
+    folded = np.zeros(stride + LANES, np.float64)
     for y in range(height):
         begin = 0
         while begin < width:
@@ -220,25 +226,20 @@ def _blur_pixels(
             while end < width and levels[y, end] == levels[y, begin]:
                 end += 1
             kernel = half_kernels[levels[y, begin]]
-            left, right = begin * channels, (end + 2 * radius) * channels
-            centre = rows[y + radius, left:right]
-            for i in range(right - left):
-                folded[i] = kernel[0] * centre[i]
-            for offset in range(1, radius + 1):
-                above = rows[y + radius - offset, left:right]
-                below = rows[y + radius + offset, left:right]
-                weight = kernel[offset]
-                for i in range(right - left):
-                    folded[i] += weight * (above[i] + below[i])
-            count = (end - begin) * channels
-            middle = radius * channels
-            for i in range(count):
-                out[y, left + i] = kernel[0] * folded[middle + i]
-            for offset in range(1, radius + 1):
-                step = offset * channels
-                weight = kernel[offset]
-                for i in range(count):
-                    before, after = folded[middle - step + i], folded[middle + step + i]
-                    out[y, left + i] += weight * (before + after)
+            for i in range(begin * channels, (end + 2 * radius) * channels, LANES):
+                centre = (y + radius) * stride + i
+                total = times(all_of(kernel[0]), load(rows, centre))
+                for offset in range(1, radius + 1):
+                    above = load(rows, centre - offset * stride)
+                    both = plus(above, load(rows, centre + offset * stride))
+                    total = plus(total, times(all_of(kernel[offset]), both))
+                store(folded, i, total)
+            for i in range(begin * channels, end * channels, LANES):
+                total = times(all_of(kernel[0]), load(folded, middle + i))
+                for offset in range(1, radius + 1):
+                    before = load(folded, middle - offset * channels + i)
+                    both = plus(before, load(folded, middle + offset * channels + i))
+                    total = plus(total, times(all_of(kernel[offset]), both))
+                store(out, y * out.shape[1] + i, total)
             begin = end
     return out

@@ -1,1 +1,9 @@
 """Rows of runs: submitted, ranked, verified, shown; printed numbers beside them."""
+
+from pathlib import Path
+
+#: The leaderboard's folder in a clone.
+LEADERBOARD = Path("leaderboard")
+#: How far a score may be off if the depth map is not the very same: filters in float32 differ in
+#: the last digits between processors.
+SCORE_TOLERANCE = 1e-3

@@ -4,7 +4,7 @@ import datetime
 import functools
 import json
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -18,12 +18,19 @@ from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
 from dfdbench.board.published import PUBLISHED
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
-from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_list, read_row, row_problems
+from dfdbench.board.row_file import (
+    CLEAN_SUITE,
+    RESULTS,
+    Row,
+    leaderboard_folder,
+    read_list,
+    read_row,
+    row_problems,
+)
 from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.catalog import of_seed
 from dfdbench.datasets.rendered import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
-from dfdbench.results.environment import describe_environment
 from dfdbench.results.frame import scores_of
 from dfdbench.results.record import Line
 from dfdbench.results.wording import method_label
@@ -32,8 +39,6 @@ from dfdbench.system.strict import Record
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table, as_html, counted
 
-#: The leaderboard's folder in a clone.
-LEADERBOARD = Path("leaderboard")
 README = "README.md"
 NOTE = "note.md"
 SEEDS = "seeds.json"
@@ -82,9 +87,7 @@ class Board:
         return f"<leaderboard {self.folder}: {count} on {counted(len(sets), 'data set')}>"
 
     def _repr_html_(self) -> str:
-        return "".join(
-            as_html(ranking_table(board, self.folder)) for board in self.boards if board.headline
-        )
+        return "".join(as_html(ranking_table(board, self.folder)) for board in self.headlines)
 
     @functools.cached_property
     def scores(self) -> pd.DataFrame:
@@ -96,6 +99,14 @@ class Board:
     @functools.cached_property
     def boards(self) -> tuple[ScoreBoard, ...]:
         """The rankings: of single runs by data set, then over tracks, then scored depth maps."""
+        return self._boards(headlines=False)
+
+    @functools.cached_property
+    def headlines(self) -> tuple[ScoreBoard, ...]:
+        """Those rankings that are to be looked at first, and no others."""
+        return self._boards(headlines=True)
+
+    def _boards(self, headlines: bool) -> tuple[ScoreBoard, ...]:
         run: list[Entry] = []
         scored: list[Entry] = []
         tracked: dict[str, list[Entry]] = {suite: [] for suite in SUITES}
@@ -111,9 +122,9 @@ class Board:
                 own = tuple(r for r in runs if r.dataset.degradation in labels)
                 tracked[suite].append(Entry(own, path, path.stem))
         return (
-            *boards(run),
-            *(board for suite, entries in tracked.items() for board in boards(entries, suite)),
-            *boards(scored, ranked=False),
+            *boards(run, headlines=headlines),
+            *(b for suite, runs in tracked.items() for b in boards(runs, suite, True, headlines)),
+            *boards(scored, ranked=False, headlines=headlines),
         )
 
     def table(
@@ -197,25 +208,21 @@ class Board:
         environment = jinja2.Environment(
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
-        draw = next((draw for draw in self.draws if self._of_seed(draw)), None)
+        drawn = ((draw, _of_seed(draw, self.headlines)) for draw in self.draws)
+        draw, newest = next(((draw, found) for draw, found in drawn if found), (None, []))
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
             draw=draw,
-            newest=[self._context(board) for board in (self._of_seed(draw) if draw else [])],
+            newest=[self._context(board) for board in newest],
             cards=as_markdown(cards_table(self.cards, in_repository=True)),
             boards=[
                 self._context(board)
-                for board in self.boards
+                for board in self.headlines
                 if board.suite == CLEAN
-                and board.headline
                 and not board.result.method.scored
                 and seeded(board.result.dataset.name) is None
             ],
         )
         return text.rstrip("\n") + "\n"
-
-    def _of_seed(self, draw: Draw) -> list[ScoreBoard]:
-        names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
-        return [b for b in self.boards if b.result.dataset.name in names and b.headline]
 
     def _context(self, board: ScoreBoard) -> dict[str, Any]:
         ranking = ranking_table(board, self.folder)
@@ -226,13 +233,18 @@ class Board:
         }
 
 
+def _of_seed(draw: Draw, shown: Sequence[ScoreBoard]) -> list[ScoreBoard]:
+    names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
+    return [board for board in shown if board.result.dataset.name in names]
+
+
 def leaderboard(path: Path | str | None = None) -> Board:
     """Read a leaderboard: every row's file, checked.
 
     Parameters
     ----------
     path : Path or str, optional
-        Its folder; default: ``leaderboard`` in the working directory, a clone's root.
+        Its folder; default: `leaderboard_folder`.
 
     Raises
     ------
@@ -244,7 +256,7 @@ def leaderboard(path: Path | str | None = None) -> Board:
     >>> board = leaderboard()  # doctest: +SKIP
     >>> board.table("demo").head(3)  # doctest: +SKIP
     """
-    folder = LEADERBOARD if path is None else Path(path)
+    folder = leaderboard_folder() if path is None else Path(path)
     require_leaderboard(folder)
     rows: dict[Path, Row] = {}
     problems: list[Problem] = []
@@ -303,16 +315,24 @@ def _left_out(board: Board) -> Iterator[Problem]:
     What is undefined is undefined by the ground truth, for every method; a method must not choose
     which pairs are averaged.
     """
-    scores = board.scores
-    scores = scores[scores["status"] == "ok"]
-    place = ["dataset", "split", "track", "severity", "capture", "protocol", "metric"]
-    lacking = scores["value"].isna()
-    if lacking.any():
-        defined = scores.groupby(place)["value"].transform("count") > 0
-        for _, row in scores[lacking & defined].iterrows():
-            score = f"{row['metric']} under {row['protocol']}"
-            where = f"{row['dataset']}, split {row['split']}: {row['capture']}"
-            what = f"{row['method']} has no {score}, which other rows have"
+    # By their lists, which are long: a table of all scores takes longer than all other checks.
+    defined: dict[tuple[str, ...], list[bool]] = {}
+    lacking: list[tuple[tuple[str, ...], list[int], str, Row]] = []
+    for path, row in board.rows.items():
+        for run in row.runs:
+            for protocol, columns in run.scores.items():
+                for metric, column in columns.items():
+                    place = (row.dataset, row.split, run.label, protocol, metric)
+                    there = [value is not None for value in column]
+                    before = defined.setdefault(place, there)
+                    defined[place] = [a or b for a, b in zip(before, there, strict=True)]
+                    empty = [n for n, t in enumerate(there) if not t and run.status[n] == "ok"]
+                    lacking += [(place, empty, path.stem, row)] if empty else []
+    for found, empty, method, row in lacking:
+        dataset, split, _, protocol, metric = found
+        for number in (number for number in empty if defined[found][number]):
+            where = f"{dataset}, split {split}: {row.pairs[number]}"
+            what = f"{method} has no {metric} under {protocol}, which other rows have"
             yield Problem(what, where=where, fix="run it again")
 
 
@@ -352,6 +372,8 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     ResultError
         If code was changed since the last commit, so that no commit says what is run.
     """
+    from dfdbench.results.environment import describe_environment
+
     commit = describe_environment().git
     if commit is None or commit.endswith("-dirty"):
         fix = "commit it first: the board says which commit was run"

@@ -149,7 +149,9 @@ class ScoreBoard:
         return NOTHING if np.isnan(mean) else f"({score_text(mean)})"
 
 
-def boards(entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True) -> list[ScoreBoard]:
+def boards(
+    entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True, headlines: bool = False
+) -> list[ScoreBoard]:
     """Rank methods, one ranking for each data set, split, data, manifest and protocol.
 
     Parameters
@@ -160,6 +162,8 @@ def boards(entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True) ->
         What is ranked: single runs (``clean``), or a suite of `dfdbench.blur.tracks.SUITES`.
     ranked : bool
         Whether rows get a rank.
+    headlines : bool
+        Only those to look at first.
     """
     runs = [(number, run) for number, entry in enumerate(entries) for run in entry.runs]
     if not runs:
@@ -172,7 +176,7 @@ def boards(entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True) ->
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             later = protocol != first_protocol(data.short)
-            if suite != CLEAN and protocol != TRACKS_PROTOCOL:
+            if (suite != CLEAN and protocol != TRACKS_PROTOCOL) or (headlines and later):
                 continue
             key = (data.name, data.split, later, order, protocol)
             groups.setdefault((*key, data.fingerprint, data.manifest_sha256), []).append(number)

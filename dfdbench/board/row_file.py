@@ -3,20 +3,20 @@
 import functools
 import json
 from collections.abc import Iterator, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
-from dfdbench.audit.leaks import manifest_leaks
-from dfdbench.audit.trained_on import scenes_trained_on
+from dfdbench.audit.leaks import manifest_leaks, scenes_trained_on
 from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
+from dfdbench.board import LEADERBOARD
 from dfdbench.board.cards import Card
-from dfdbench.datasets.catalog import AT, find_manifest, released_manifests
+from dfdbench.datasets.catalog import AT, find_manifest, released_headings
 from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
-from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results import record, wording
@@ -25,7 +25,10 @@ from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
 _T = TypeVar("_T")
+_Fingerprints = TypeAdapter(dict[str, list[str]])
 RESULTS = "results"
+#: The package of the wheel that holds a copy of a clone's leaderboard.
+_SHIPPED = "dfdbench.rows"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
 #: Runs on clean images alone; the other suites are `dfdbench.blur.tracks.SUITES`.
@@ -36,6 +39,19 @@ _SEVERITIES = tuple(
     for number in range(1, len(track.severities) + 1)
 )
 _LABELS = (CLEAN, *_SEVERITIES)
+
+
+def leaderboard_folder() -> Path:
+    """Return ``leaderboard`` in the working directory, a clone's root; elsewhere what is shipped.
+
+    Examples
+    --------
+    >>> (leaderboard_folder() / "methods" / "constant.toml").is_file()
+    True
+    """
+    # A wheel is unpacked: what is in it lies in a folder.
+    shipped = Path(str(resources.files(_SHIPPED)))
+    return LEADERBOARD if LEADERBOARD.is_dir() else shipped
 
 
 class RowRun(Record):
@@ -78,13 +94,15 @@ class RowRun(Record):
                 record.by_metric({name: end(v, default=None) for name, v in scored.items()})
         return self
 
-    def records(self, pairs: Sequence[Pair]) -> list[record.PairResult]:
+    def records(
+        self, pairs: Sequence[Pair], names: Sequence[str], places: Sequence[dict[str, int]]
+    ) -> list[record.PairResult]:
         """Return what became of each pair. The lists were checked, so this does not check again."""
         return [
             record.PairResult.model_construct(
-                id=pair.id,
+                id=names[at],
                 scene=pair.scene,
-                coordinates=pair.at,
+                coordinates=places[at],
                 status=self.status[at],
                 seconds=self.seconds[at],
                 timed_alone=self.timed_alone,
@@ -173,22 +191,18 @@ class Row(Record):
         UnknownNameError
             If there is none of that name.
         """
-        if drawn := seeded(self.dataset):
-            return unseen_manifest(*drawn)
-        known = {manifest.stem: manifest for manifest in released_manifests()}
-        if self.dataset not in known:
-            raise unknown_name("data set", self.dataset, known)
-        return known[self.dataset]
+        return _manifest_of(self.dataset)
 
     @functools.cached_property
     def results(self) -> tuple[record.Result, ...]:
         """The runs, each as a result of its own; errors of pairs are not kept."""
         manifest = self.manifest
-        pairs = manifest.pairs(self.split)
+        pairs = _pairs_of(self.dataset, self.split)[0]
+        places = [pair.at for pair in pairs]
         method, environment = self.method.model_dump(), self.environment.model_dump()
         found = []
         for run in self.runs:
-            records = run.records(pairs)
+            records = run.records(pairs, self.pairs, places)
             done = sum(status == "ok" for status in run.status)
             on = "" if run.label == CLEAN else f"{AT}{run.label}"
             dataset = record.DatasetRecord.of(
@@ -235,6 +249,15 @@ class Row(Record):
     def place(self, folder: Path, name: str) -> Path:
         """Return where the row of the card of that name is in a leaderboard's folder."""
         return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
+
+
+def _manifest_of(dataset: str) -> Manifest:
+    if drawn := seeded(dataset):
+        return unseen_manifest(*drawn)
+    known = [heading.stem for heading in released_headings()]
+    if dataset not in known:
+        raise unknown_name("data set", dataset, known)
+    return find_manifest(dataset)
 
 
 def row_of(results: Sequence[record.Result], suites: Sequence[str]) -> Row:
@@ -339,6 +362,13 @@ def read_row(path: Path) -> Row:
     return row
 
 
+@functools.lru_cache(maxsize=64)
+def _pairs_of(dataset: str, split: str) -> tuple[tuple[Pair, ...], list[str]]:
+    """Return a split's pairs and their names; many rows are on the same."""
+    pairs = _manifest_of(dataset).pairs(split)
+    return pairs, [pair.id for pair in pairs]
+
+
 def require_pairs(row: Row, where: str) -> None:
     """Refuse a row that is not on all pairs of a released data set's split.
 
@@ -348,7 +378,7 @@ def require_pairs(row: Row, where: str) -> None:
         If there is no such set or split, or the pairs are others.
     """
     try:
-        pairs = [pair.id for pair in row.manifest.pairs(row.split)]
+        pairs = _pairs_of(row.dataset, row.split)[1]
     except DfdbenchError as error:
         raise ResultError(str(error.problems[0]).partition("\n")[0], where=where) from error
     if row.pairs != pairs:
@@ -375,8 +405,8 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
     name = row.method.name
     # Asking what packages offer takes a while, and no package takes a built-in name.
     entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
-    if not row.method.scored and entry and without_folder(entry) != row.method.entry:
-        what = f"{row.method.name} is another method here: {without_folder(entry)}"
+    if not row.method.scored and entry and wording.without_folder(entry) != row.method.entry:
+        what = f"{row.method.name} is another method here: {wording.without_folder(entry)}"
         fix = "name the method by its entry: MODULE:NAME"
         yield Problem(what, where=f"{where}: method.entry", fix=fix)
     for trained_on in dict.fromkeys(result.method.trained_on for result in row.results):
@@ -393,8 +423,7 @@ def known_fingerprints(folder: Path) -> dict[str, list[str]]:
     ResultError
         If the file that lists them cannot be read.
     """
-    path = folder / FINGERPRINTS
-    return read_list(path, TypeAdapter(dict[str, list[str]]), "fingerprints") or {}
+    return read_list(folder / FINGERPRINTS, _Fingerprints, "fingerprints") or {}
 
 
 def read_list(path: Path, kind: TypeAdapter[_T], what: str) -> _T | None:

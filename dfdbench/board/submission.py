@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.board import board, cards, row_file
+from dfdbench.board import LEADERBOARD, board, cards, row_file
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.evaluation.run import without_folder, without_folders
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
+from dfdbench.results.wording import without_folder, without_folders
 from dfdbench.system.files import write_whole
 
 
@@ -27,7 +27,7 @@ def require_submittable(limit: int | None) -> None:
     if limit:
         fix = "leave out --limit; pairs that were run already are taken over"
         raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
-    board.require_leaderboard(board.LEADERBOARD)
+    board.require_leaderboard(LEADERBOARD)
 
 
 def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
@@ -40,7 +40,7 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
         were trained on scenes of the test.
     """
     parameters = without_folders(method.parameters)
-    cards.find_card(board.LEADERBOARD, method.name, without_folder(method.entry), parameters)
+    cards.find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
     require_sound(store)
     saw, where = (method.trained_on, method.weights_sha256), f"--split {split}"
     InputError.raise_if(row_file.training_problems(*saw, store.manifest.stem, split, where))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.board import SCORE_TOLERANCE
 from dfdbench.board.row_file import Row
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, ResultError
@@ -18,10 +19,6 @@ from dfdbench.evaluation.run import trained_on_of
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import SCORED, PairResult, Result
-
-#: How far a score may be off if the depth map is not the very same: filters in float32 differ in
-#: the last digits between processors.
-SCORE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)

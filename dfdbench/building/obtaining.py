@@ -10,7 +10,8 @@ from typing import Any
 
 from dfdbench.building.build import BuildPlan, BuildReport, build_store, plan_build
 from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
-from dfdbench.building.sources import Download, Source, download_middlebury, open_source
+from dfdbench.building.sources import Source, open_source
+from dfdbench.building.sources.middlebury import Download, download_middlebury
 from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest

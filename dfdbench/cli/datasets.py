@@ -319,8 +319,19 @@ _VARIABLES = (
 )  # fmt: skip
 
 
-def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
+def doctor(
+    format: Printed = Format.table,
+    warm: Annotated[
+        bool, Option("--warm", help="First compile all that is compiled, for later commands.")
+    ] = False,
+    cache: Cache = None,
+) -> None:
     """Say what is installed here and what the machine can do: for bug reports."""
+    if warm:
+        from dfdbench.evaluation.warming import warm_up
+
+        with progress("compiling", "the same command compiles what is left") as step:
+            warm_up(step)
     from dfdbench.results.environment import describe_environment
 
     nets = list(_nets())
@@ -381,4 +392,4 @@ def _compiled() -> tuple[str, str]:
 
     # Of one module; unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
-    return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
+    return "compiled code", place or "not cached, so each command compiles: set DFDBENCH_CACHE"

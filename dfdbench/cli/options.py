@@ -81,6 +81,10 @@ Protocol = Annotated[
 ]
 Out = Annotated[str | None, Option(help="Folder; default: below results/ or training/.")]
 Printed = Annotated[Format, Option(help="How the tables are printed.")]
+EveryTable = Annotated[
+    bool,
+    Option("--tables", help="Print all tables: pairs, times, spread, scenes; or see tables.md."),
+]
 Seed = Annotated[int, Option(min=0, max=2**32 - 1, help="Seed of all random draws.")]
 Cache = Annotated[
     Path | None,

@@ -1,27 +1,24 @@
 """The verbs that read results: report, compare, leaderboard."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
 
 import dfdbench
-from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.row_file import read_row
-from dfdbench.board.verification import SCORE_TOLERANCE
+from dfdbench.board import LEADERBOARD, SCORE_TOLERANCE
 from dfdbench.cli import screen
 from dfdbench.cli.options import FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
-from dfdbench.results.output_place import output_place
-from dfdbench.results.record import RESULT, first_protocol
-from dfdbench.results.run_folder import PREVIOUS
-from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
-from dfdbench.system.files import write_whole
-from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
+
+if TYPE_CHECKING:
+    from dfdbench.results.saved_run import SavedRun
 
 _PANELS = 4
 Dataset = Annotated[str | None, Option(help="Store; default: where the runs found it.")]
@@ -51,6 +48,11 @@ def report(
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs, pairs worst first, or a paper's table of them."""
+    from dfdbench.results.output_place import output_place
+    from dfdbench.results.record import RESULT, first_protocol
+    from dfdbench.results.run_folder import PREVIOUS
+    from dfdbench.results.saved_run import distinguished, open_saved_run
+
     _refuse_what_does_not_fit(format, metric, figure, figure_format)
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
@@ -68,6 +70,9 @@ def report(
 
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
+        from dfdbench.system.files import write_whole
+        from dfdbench.tables.render import render
+
         with screen.writing(out):
             write_whole(out, render(tables, Format(format)))
         print(out)
@@ -128,6 +133,8 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
+    from dfdbench.results.output_place import output_place
+
     found = dfdbench.compare(first, second, protocol=protocol, dataset=dataset, most=most)
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
@@ -163,9 +170,11 @@ def leaderboard(
     format: Annotated[
         Format | None, Option(help="How the rankings are printed; default: table.")
     ] = None,
-    folder: Annotated[Path, Option(help="The leaderboard's folder.")] = LEADERBOARD,
+    folder: Annotated[
+        Path | None, Option(help="The leaderboard's folder; outside a clone: the shipped rows.")
+    ] = None,
 ) -> None:
-    """Rank the results of the leaderboard, print the rankings and write its README."""
+    """Rank the results of the leaderboard, print the rankings; in a clone, write its README."""
     if context.invoked_subcommand:
         return
     if check and format:
@@ -175,11 +184,12 @@ def leaderboard(
     board = dfdbench.leaderboard(folder)
     if check:
         board.require_written()
-        print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
+        print(f"{board.folder}: {counted(len(board.rows), 'row')} valid, README up to date")
         return
-    path = board.write()
+    # What is shipped is the clone's to write.
+    path = board.write() if folder or board.folder == LEADERBOARD else None
     screen.print_tables(board.tables(), format)
-    screen.say(f"written      {path}")
+    screen.say(f"written      {path}" if path else f"rows of dfdbench {dfdbench.__version__}")
 
 
 def verify_rows(
@@ -199,6 +209,7 @@ def verify_rows(
     ] = None,
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
+    from dfdbench.board.row_file import read_row
     from dfdbench.board.verification import verify
 
     failed = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -39,6 +40,7 @@ def run(
         int | None, Option(min=1, help="Run only this many pairs, from the first.")
     ] = None,
     format: options.Printed = Format.table,
+    tables: options.EveryTable = False,
     no_predictions: Annotated[
         bool, Option("--no-predictions", help="Save no depth maps and no figures.")
     ] = False,
@@ -82,7 +84,12 @@ def run(
             for_board=submit,
             on_pair=step,
         )
-    _show(done, format, None if no else figure_format or (), submit)
+    then = ""
+    if limit is not None and not done.result.complete and not done.failed:
+        words = ["run", "--dataset", dataset, "--split", split, "--method", method]
+        words += [word for each in param for word in ("--param", each)]
+        then = shlex.join(["dfdbench", *words])
+    _show(done, format, None if no else figure_format or (), submit, tables, then)
 
 
 def tracks(
@@ -222,6 +229,7 @@ def score(
     protocol: options.Protocol = None,
     out: options.Out = None,
     format: options.Printed = Format.table,
+    tables: options.EveryTable = False,
     cache: options.Cache = None,
     figure_format: options.FigureFormats = None,
     submit: options.Submit = False,
@@ -242,7 +250,7 @@ def score(
             for_board=submit,
             on_pair=step,
         )
-    _show(done, format, figure_format or (), submit)
+    _show(done, format, figure_format or (), submit, tables)
 
 
 def folder_name(method: str, param: list[str] | None) -> str:
@@ -253,24 +261,25 @@ def folder_name(method: str, param: list[str] | None) -> str:
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
 
 
-def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
-    """Draw and print a run, say where its files are, put it on the board; status 1 if pairs failed.
+def _show(
+    done: dfdbench.Run,
+    format: Format,
+    also: Sequence[str] | None,
+    submit: bool,
+    every: bool = False,
+    then: str = "",
+) -> None:
+    """Draw and print a run, put it on the board, say what it comes to; status 1 if pairs failed.
 
-    `also` names forms of its figures beside PNG; None for no figures.
+    `also` names forms of its figures beside PNG; None for no figures. `every` prints all tables,
+    `then` is the command that goes on from a part of the pairs.
     """
     for note in done.notes:
         say(note)
     if also is not None:
         done.draw(("png", *also))
-    # A sheet holds one kind of row.
     tables = done.tables()
-    print_tables(tables[:1] if format is Format.csv else tables, format)
-    if fitted := done.result.method.fitted_on:
-        say(f"fitted       on {fitted}, in {done.result.method.fit_seconds:.1f} s")
-    if chosen := done.result.method.chosen:
-        words = ", ".join(f"{name} {value:g}" for name, value in chosen.items())
-        say(f"chosen       {words}, by the fit")
-    say(f"results      {done.folder}")
+    print_tables(tables if every else tables[:1], format)
     if done.failed:
         again = "it" if done.failed == 1 else "them"
         say(f"{counted(done.failed, 'pair')} failed; the same command tries {again} again")
@@ -279,44 +288,12 @@ def _show(done: dfdbench.Run, format: Format, also: Sequence[str] | None, submit
         if not all(result.complete for result in done.results.values()):
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
-        _say_sureness(done.result, done.protocol)
-        say_overall(done.result, done.protocol)
+        say(done.verdict())
+        say(f"next         {then or f'dfdbench report {shlex.quote(str(done.folder))}'}")
+    else:
+        say(f"results      {done.folder}")
     if done.failed and not done.result.method.scored:
         raise typer.Exit(1)
-
-
-def say_overall(result: Result, protocol: str) -> None:
-    """Say last what one wants first: a run's scores over all pairs, or that it has none."""
-    from dfdbench.metrics.metric import find_metric
-    from dfdbench.results.wording import score_text
-
-    data = result.dataset
-    under = f"protocol {protocol}, split {data.split}"
-    averages = (result.averages or {}).get(protocol)
-    if averages is None:
-        missing = sum(pair.status == "missing" for pair in result.pairs)
-        why = f"; {counted(missing, 'pair')} not in the store" if missing else ""
-        done = f"{data.evaluated} of {counted(data.expected, 'pair')}"
-        say(f"overall      no score: {done} were evaluated{why}  ({under})")
-        return
-    if gaps := sum(pair.lacks_answers(protocol) for pair in result.pairs):
-        why = f"{counted(gaps, 'pair')} without an answer for every pixel"
-        say(f"overall      no score: {why}  ({under}; --protocol sure)")
-        return
-    scores = "  ".join(f"{find_metric(n).title} {score_text(v)}" for n, v in averages.items())
-    say(f"overall      {scores}  ({under}, {counted(data.expected, 'pair')})")
-
-
-def _say_sureness(result: Result, protocol: str) -> None:
-    """Say how sure the method is and whether rightly, if it says so and that is not said last."""
-    from dfdbench.metrics.metric import find_metric
-    from dfdbench.metrics.protocol import SURE
-    from dfdbench.results.wording import score_text
-
-    averages = (result.averages or {}).get(SURE)
-    if averages and protocol != SURE:
-        scores = (f"{find_metric(n).title} {score_text(v)}" for n, v in averages.items())
-        say(f"sure         {'  '.join(scores)}")
 
 
 def _say_score(label: str, result: Result, protocol: str) -> None:

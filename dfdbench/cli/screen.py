@@ -133,7 +133,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]:
     """Show a bar while the block runs; without a terminal, print a line a minute for the log.
 
-    The block calls what it is given with (done, total), of a download with its bytes besides.
+    The block calls what it is given with (done, total), with bytes or a score besides.
     Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
     interrupted work has added to the exception, else as `resumed` has it.
     """
@@ -145,10 +145,10 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
     first: int | None = None
     with _bar() as bar:
 
-        def step(done: int, total: int | None, received: int | None = None) -> None:
+        def step(done: int, total: int | None, beside: int | str | None = None) -> None:
             nonlocal said, begun, first
-            size = "" if received is None else f"files, {decimal(received)}"
-            bar.update(task, completed=done, total=total, received=size)
+            more = f"files, {decimal(beside)}" if isinstance(beside, int) else beside or ""
+            bar.update(task, completed=done, total=total, more=more)
             now = time.monotonic()
             if first is None:
                 # Work taken over from an earlier call tells nothing of the speed.
@@ -157,13 +157,13 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
                 return
             said, passed = now, now - begun
             text = f"{name}: {done:,}" + ("" if total is None else f" of {total:,}")
-            text += (f" {size}" if size else "") + f", {_minutes(passed)} so far"
+            text += (f" {more}" if more else "") + f", {_minutes(passed)} so far"
             if total is not None and done > first:
                 text += f", about {_minutes(passed / (done - first) * (total - done))} left"
             print(text, file=sys.stderr, flush=True)
 
         try:
-            task = bar.add_task(name, total=None, received="")
+            task = bar.add_task(name, total=None, more="")
             yield step
         except KeyboardInterrupt as stopped:
             bar.stop()
@@ -179,7 +179,7 @@ def _bar() -> Progress:
         bars.TextColumn("{task.description}"),
         bars.BarColumn(),
         bars.MofNCompleteColumn(),
-        bars.TextColumn("{task.fields[received]}"),
+        bars.TextColumn("{task.fields[more]}"),
         bars.TimeElapsedColumn(),
         bars.TextColumn("left"),
         bars.TimeRemainingColumn(),

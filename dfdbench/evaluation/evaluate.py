@@ -8,7 +8,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
-from dfdbench.building.obtaining import build_dataset
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
@@ -18,12 +17,12 @@ from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.pair import blank_record, record_of
 from dfdbench.evaluation.plan import RunOptions, protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
-from dfdbench.evaluation.run import RunDone, compose, run_method
+from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
-from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
+from dfdbench.results.run_folder import Predictions, keep_store_place, open_run_folder
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool, Shown
 
@@ -38,7 +37,7 @@ def evaluate(
     given_blur: bool = False,
     pool: Pool | None = None,
     check: Callable[[Method, Dataset], None] | None = None,
-    on_pair: Callable[[int, int], None] | None = None,
+    on_pair: OnPair | None = None,
 ) -> tuple[RunDone, Calibration | None]:
     """Load a method for a data set and run it; return also what its fit measured of the blur.
 
@@ -124,6 +123,9 @@ def built_track(
     except StoreError:
         if source is None and not is_made(plain):
             raise
+    # Here: a run of what is built does without what reads and fetches files.
+    from dfdbench.building.obtaining import build_dataset
+
     build_dataset(name, source, cache=cache, shown=shown)
     return open_dataset(name, cache=cache)
 
@@ -179,13 +181,14 @@ def score_predictions(
         set_aside = open_run_folder(folder, identity, goes_on=False)
         keep_store_place(folder, store.path)
         records: dict[str, PairResult] = {}
+        kept = Predictions(folder, store.manifest)
         for number, pair in enumerate(found.files, 1):
             images = store.read(pair)
             depth, sigma = found.read(pair, store.shape_of(pair.scene))
             answer = Prediction(depth, 0.0, sigma=sigma)
             record = record_of(store, images, answer, protocols_on(store))
             records[pair.id] = record.model_copy(update={"seconds": None})
-            keep_prediction(folder, store.manifest, pair, depth, sigma)
+            kept.keep(pair, depth, sigma)
             if on_pair:
                 on_pair(number, len(found.files))
         pairs = [

@@ -76,17 +76,12 @@ class PairEvaluator:
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair."""
-        images = self._store.read(pair).two_of(
-            self._method.two_images(self._store.manifest.pair_images)
-        )
+        images = self._images(pair)
         unit = self._store.manifest.depth.kind
         predict, arguments = self._method.called_on(images)
         # Seeds and standard output belong to the whole process.
         with self._one_at_a_time:
-            if not self._warm and self._method.warm_up:
-                with seeded(self._seed), self._method.sources.watch():
-                    call(self._method.warm_up, *arguments)
-            self._warm = True
+            self._warm_up(images)
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
         if prediction.depth is not None:
@@ -95,6 +90,24 @@ class PairEvaluator:
             depth, sigma = about.answer_of_unit(prediction.depth, prediction.sigma, answered)
             prediction = replace(prediction, depth=depth, sigma=sigma)
         return record_of(self._store, images, prediction, self._protocols), prediction
+
+    def warm_up(self, pair: Pair) -> None:
+        """Let the method load and compile what its first call would, untimed."""
+        with self._one_at_a_time:
+            self._warm_up(self._images(pair))
+
+    def _images(self, pair: Pair) -> Capture:
+        usual = self._store.manifest.pair_images
+        return self._store.read(pair).two_of(self._method.two_images(usual))
+
+    def _warm_up(self, images: Capture) -> None:
+        if self._method.warm_up and not self._warm:
+            if not (images.is_pair or self._method.takes_stack):
+                # A method of pairs that knows stacks, too, is warmed up on a pair.
+                images = images.two_of((0, 1))
+            with seeded(self._seed), self._method.sources.watch():
+                call(self._method.warm_up, *self._method.called_on(images)[1])
+        self._warm = True
 
 
 @dataclass(frozen=True)

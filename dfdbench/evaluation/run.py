@@ -25,7 +25,8 @@ from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
-from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of
+from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
 from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
@@ -36,8 +37,10 @@ from dfdbench.results.record import (
     PairResult,
     Result,
     average,
+    first_protocol,
     save_result,
 )
+from dfdbench.results.wording import score_text, without_folder, without_folders
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -85,6 +88,10 @@ class RunDone:
         return notes
 
 
+#: Pairs done, pairs to do, and the mean score of those done, as text.
+OnPair = Callable[[int, int, str], None]
+
+
 def run_method(
     store: Dataset,
     method: Method,
@@ -93,7 +100,7 @@ def run_method(
     options: RunOptions | None = None,
     pool: Pool | None = None,
     warnings: Sequence[str] = (),
-    on_pair: Callable[[int, int], None] | None = None,
+    on_pair: OnPair | None = None,
 ) -> RunDone:
     """Evaluate a method on a split; go on where an earlier call was stopped.
 
@@ -123,7 +130,7 @@ def run_method(
         What the result is to say besides, such as
         `dfdbench.audit.leaks.coverage_warnings` of training and test.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+        Called with (pairs done, pairs to do, the mean score of those done, as text).
 
     Raises
     ------
@@ -219,9 +226,7 @@ def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None
 class _Journal:
     """The records of a run's pairs, each written down as it comes."""
 
-    def __init__(
-        self, plan: RunPlan, folder: Path, known: _Known, on_pair: Callable[[int, int], None] | None
-    ) -> None:
+    def __init__(self, plan: RunPlan, folder: Path, known: _Known, on_pair: OnPair | None) -> None:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
         places = range(len(known.environments))
         found = run_folder.read_journal(folder)
@@ -229,6 +234,7 @@ class _Journal:
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
         self._first: EvaluatedElsewhere | None = None
+        self._predictions = run_folder.Predictions(folder, plan.store.manifest)
 
     def note(self, pair: Pair, evaluated: EvaluatedElsewhere) -> None:
         """Write down what became of a pair; the first comes twice, and is compared."""
@@ -240,14 +246,21 @@ class _Journal:
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
             run_folder.keep_identity(self._folder, self._known.content)
-        depth, sigma = evaluated.answer.depth, evaluated.answer.sigma
-        if depth is not None and plan.options.keep_predictions:
-            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, depth, sigma)
+        answer = evaluated.answer
+        if answer.depth is not None and plan.options.keep_predictions:
+            self._predictions.keep(pair, answer.depth, answer.sigma)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
         if self._on_pair:
-            self._on_pair(self.done, len(plan.chosen))
+            self._on_pair(self.done, len(plan.chosen), self._so_far())
+
+    def _so_far(self) -> str:
+        """Return the mean of what is done, by the metric that ranks on this data set."""
+        protocol = first_protocol(self._plan.store.manifest.short)
+        metric = ranked_by(protocol)[0]
+        found = (each.scores.get(protocol, {}).get(metric) for each in self._finished.values())
+        return f"{find_metric(metric).title} {score_text(mean_of(found))}"
 
     def _keep(self, record: PairResult) -> None:
         self._finished[record.id] = record
@@ -284,6 +297,9 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
             environment = environment or describe_environment()
             journal.note(pair, EvaluatedElsewhere(record, answer, plan.method.used, environment))
         return
+    if to_do and plan.method.warm_up:
+        # Here, once: each worker would compile the same at the same time.
+        PairEvaluator(plan.store, plan.method, plan.options.seed).warm_up(to_do[0])
     remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(to_do), _BATCH):
         pool.map(remote, to_do[start : start + _BATCH], on_outcome=journal.note)
@@ -456,27 +472,3 @@ def _of_machines(environments: Sequence[Environment], evaluated: list[PairResult
 
 def _warned(pairs: list[PairResult], begins: str) -> int:
     return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
-
-
-def without_folders(value: Any) -> Any:
-    """Return a parameter as results show it: of a file its name only, as for entries."""
-    if isinstance(value, list):
-        return [without_folders(part) for part in value]
-    if isinstance(value, dict):
-        return {name: without_folders(part) for name, part in value.items()}
-    is_file = isinstance(value, str) and Path(value).is_absolute()
-    return Path(value).name if is_file else value
-
-
-def without_folder(entry: str) -> str:
-    """Return a method's entry as results show it: an absolute path's file name only.
-
-    Where a file lies on one machine is no business of those who read the result.
-
-    Examples
-    --------
-    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
-    ('mine.py:predict', 'mine.py:predict')
-    """
-    place, _, attribute = entry.rpartition(":")
-    return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

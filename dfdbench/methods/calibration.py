@@ -19,15 +19,7 @@ from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.alignment import (
-    Alignment,
-    aim_of,
-    find_alignment,
-    grey_of,
-    light_of,
-    rounding_at,
-    smooth_grey,
-)
+from dfdbench.methods import alignment
 from dfdbench.methods.fitted import part_of
 from dfdbench.methods.law_cost import blur
 from dfdbench.methods.measured_law import Calibration
@@ -81,25 +73,25 @@ class Part:
     depth: NDArray[np.int64]
     counts: NDArray[np.bool_]
 
-    def found(self, linear: bool) -> Alignment:
+    def found(self, linear: bool) -> alignment.Alignment:
         """Return how the defocus image lies to the in-focus image."""
-        images = light_of(self.infocus, linear), light_of(self.defocus, linear)
-        return find_alignment(*images, LAST_LEVEL)
+        images = alignment.light_of(self.infocus, linear), alignment.light_of(self.defocus, linear)
+        return alignment.find_alignment(*images, LAST_LEVEL)
 
     def sample(self, way: Way, turned: bool = False) -> Sample:
         """Return what counts of it; `turned` moves the defocus image the wrong way."""
-        how = Alignment(0.0, 0.0, way.gain)
+        how = alignment.Alignment(0.0, 0.0, way.gain)
         if not (way.registered and way.even):
             found = self.found(way.linear)
             sign = 0 if way.registered else -1 if turned else 1
             gain = way.gain if way.even else found.gain
-            how = Alignment(sign * found.down, sign * found.right, gain)
-        light = light_of(self.infocus, way.linear)
-        aim = aim_of(self.defocus, way.linear, how, way.offset)
+            how = alignment.Alignment(sign * found.down, sign * found.right, gain)
+        light = alignment.light_of(self.infocus, way.linear)
+        aim = alignment.aim_of(self.defocus, way.linear, how, way.offset)
         return Sample(
             light,
             aim[self.counts][:, 0].astype(np.float64),
-            smooth_grey(aim, way.linear)[self.counts][:, 0],
+            alignment.smooth_grey(aim, way.linear)[self.counts][:, 0],
             self.depth[self.counts],
             self.counts,
         )
@@ -370,9 +362,9 @@ def _sums(
     for sample in samples:
         pixels += np.bincount(sample.depth, minlength=LEVELS)
         own = 1.0 if noise is None else noise_at(noise, sample.grey)
-        aim = sample.aim if noise is not None else grey_of(sample.aim, way.linear)
+        aim = sample.aim if noise is not None else alignment.grey_of(sample.aim, way.linear)
         for number, trial in enumerate(sample.trials(way)):
-            shown = trial if noise is not None else grey_of(trial, way.linear)
+            shown = trial if noise is not None else alignment.grey_of(trial, way.linear)
             squares = np.square((shown - aim) / own)
             sums[:, number] += np.bincount(sample.depth, squares, LEVELS)
     return sums, pixels
@@ -432,7 +424,7 @@ def _residuals(
     """
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
     for sample, fit in _fits(samples, way, sigmas):
-        left = grey_of(fit, way.linear) - grey_of(sample.aim, way.linear)
+        left = alignment.grey_of(fit, way.linear) - alignment.grey_of(sample.aim, way.linear)
         place = np.rint(sample.grey * (GREYS - 1) / LAST_LEVEL).astype(int)
         for sums, where, squares in (
             (by_level, sample.depth, np.square(left)),
@@ -447,7 +439,7 @@ def _residuals(
     known = np.flatnonzero(by_grey[1] >= _FEW_PIXELS)
     tone = np.interp(np.arange(GREYS), known, tone[known]) if known.size else np.ones(GREYS)
     greys = np.linspace(0, LAST_LEVEL, GREYS)
-    return level, np.maximum(tone, rounding_at(greys, way.linear))
+    return level, np.maximum(tone, alignment.rounding_at(greys, way.linear))
 
 
 def _cleared_curve(sums: Array, pixels: Array, way: Way) -> tuple[NDArray[np.float64], float]:

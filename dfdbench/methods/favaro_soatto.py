@@ -13,18 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import (
-    REFIT,
-    Choosing,
-    Image,
-    evenly_spread,
-    fit_problems,
-    learned_array,
-    not_fitted,
-    nothing_to_fit,
-    odd_window,
-    wrong,
-)
+from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import Chosen, read_out
 from dfdbench.methods.stacks import sharp_and_blurred
@@ -44,7 +33,7 @@ _STEP = 2.0**-14
 Array = NDArray[Any]
 
 
-class FavaroSoatto(Choosing):
+class FavaroSoatto(fitted.Choosing):
     """Depth by the operators of training patches: no point-spread function is known or estimated.
 
     A sharp patch and the blurred patches at its middle, one of each defocus image, stacked to one
@@ -108,14 +97,14 @@ class FavaroSoatto(Choosing):
         window: int | None = None,
         prior: bool = True,
     ) -> None:
-        problems = odd_window("sharp_patch", sharp_patch, most=21)
-        problems += odd_window("blurred_patch", blurred_patch, most=21)
+        problems = fitted.odd_window("sharp_patch", sharp_patch, most=21)
+        problems += fitted.odd_window("blurred_patch", blurred_patch, most=21)
         if not problems and not 1 < blurred_patch < sharp_patch:
             expected = f"above 1, smaller than sharp_patch, {sharp_patch}"
-            problems.append(wrong("blurred_patch", expected, blurred_patch))
+            problems.append(fitted.wrong("blurred_patch", expected, blurred_patch))
         if not isinstance(groups, int) or not 2 <= groups <= _LEVELS // 2:
-            problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
-        problems += fit_problems(prior, window)
+            problems.append(fitted.wrong("groups", f"2 to {_LEVELS // 2}", groups))
+        problems += fitted.fit_problems(prior, window)
         MethodError.raise_if(problems)
         super().__init__(prior, window)
         self._sides, self._groups = (sharp_patch, blurred_patch), groups
@@ -140,7 +129,7 @@ class FavaroSoatto(Choosing):
         sharp, blurred = self._sides
         size, moments = 0, np.zeros((self._groups, 0, 0))
         counts, depths = np.zeros(self._groups, np.int64), np.zeros(self._groups, np.int64)
-        for index in evenly_spread(len(pairs)):
+        for index in fitted.evenly_spread(len(pairs)):
             pair = pairs[index]
             infocus, images = sharp_and_blurred(pair.stack)
             vectors = [_patches(infocus, sharp), *(_patches(image, blurred) for image in images)]
@@ -156,7 +145,7 @@ class FavaroSoatto(Choosing):
             known[inside] = pair.valid[inside]
             for group in np.unique(groups[known]):
                 rows, columns = np.nonzero(known & (groups == group))
-                taken = evenly_spread(rows.size, _PATCHES)
+                taken = fitted.evenly_spread(rows.size, _PATCHES)
                 rows, columns = rows[taken], columns[taken]
                 stacked = _stacked([patches[rows, columns] for patches in vectors])
                 moments[group] += stacked.T @ stacked
@@ -165,7 +154,7 @@ class FavaroSoatto(Choosing):
         size = size or sharp**2 + blurred**2
         enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
-            raise nothing_to_fit(
+            raise fitted.nothing_to_fit(
                 _NAME,
                 f"a group of levels with {2 * size} patches of known depth",
                 f"at most {counts.max()}",
@@ -180,26 +169,29 @@ class FavaroSoatto(Choosing):
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
         self.chosen = Chosen.taken_from(dict(learned))
-        operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
-        self._depths = learned_array(learned, "depth", _NAME, 1)
+        operators = fitted.learned_array(learned, "operators", _NAME, 3).astype(np.float32)
+        self._depths = fitted.learned_array(learned, "depth", _NAME, 1)
         sharp, blurred = self._sides
         self._images = max((operators.shape[1] + 1) // blurred**2, 1)
         pixels = self._images * blurred**2
         if operators.shape != (self._depths.size, pixels - 1, sharp**2 + pixels):
             raise MethodError(
-                "operators of other patches", where=_NAME, got=f"shape {operators.shape}", fix=REFIT
+                "operators of other patches",
+                where=_NAME,
+                got=f"shape {operators.shape}",
+                fix=fitted.REFIT,
             )
         # Up to a multiple of four with zeros, as the loops want it.
         spare = -operators.shape[2] % 4
         self._operators = np.pad(operators, ((0, 0), (0, 0), (0, spare)))
 
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
+    def warm_up(self, infocus: fitted.Image, defocus: fitted.Image) -> None:
         """Compile what the first call would compile."""
         extent = max(32, self._given_window or 0)
         part = [defocus[:extent, :extent].copy()] * self._images
         self._solve(infocus[:extent, :extent].copy(), part)
 
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+    def __call__(self, infocus: fitted.Image, defocus: fitted.Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         return self._solve(infocus, [defocus])
 
@@ -207,12 +199,12 @@ class FavaroSoatto(Choosing):
         """Return depth levels, shape (y, x)."""
         return self._solve(*sharp_and_blurred(stack))
 
-    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+    def _solve(self, infocus: fitted.Image, images: Sequence[fitted.Image]) -> NDArray[np.float32]:
         if self._operators is None:
-            raise not_fitted(_NAME)
+            raise fitted.not_fitted(_NAME)
         if len(images) != self._images:
             what = f"{len(images)} defocus images, but {self._images} were fitted"
-            raise MethodError(what, where=_NAME, fix=REFIT)
+            raise MethodError(what, where=_NAME, fix=fitted.REFIT)
         window = self.window_in(infocus)
         side, small = self._sides
         sharp, *blurred = (
@@ -239,11 +231,11 @@ def _stacked(patches: Sequence[Array]) -> Array:
     return np.asarray(pixels * stacked - stacked[:, :pixels].sum(1, keepdims=True))
 
 
-def _patches(image: Image, side: int) -> NDArray[np.float64]:
+def _patches(image: fitted.Image, side: int) -> NDArray[np.float64]:
     return sliding_window_view(np.pad(_grey(image), side // 2, mode="edge"), (side, side))
 
 
-def _grey(image: Image) -> NDArray[np.float64]:
+def _grey(image: fitted.Image) -> NDArray[np.float64]:
     # A sum, not a mean: whole numbers. A grey image counts as three equal channels.
     channels = np.atleast_3d(image).astype(np.float64)
     return np.asarray(channels.sum(2) * (3 // channels.shape[2]))

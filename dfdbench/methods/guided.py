@@ -77,8 +77,7 @@ class Guided(Solver):
         problems = fit_problems(prior, window)
         problems += number_within("flatness", flatness, 0, 1e6)
         problems += number_within("limit", limit, 0, 10000)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         super().__init__(recipe, prior, window, sure)
         self._limit = limit
         self._flatness = np.float32(flatness)

@@ -92,7 +92,7 @@ class DfDNetMethod(_Learned):
         ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
     precision : {"float32", "bf16"}
         ``bf16`` is faster on processors that have it. Levels differ in many pixels, mean scores
-        little: docs/training.md has figures.
+        little.
     tile : int, optional
         Cut images into tiles of this many rows and columns; by default as large as 400 MB hold.
     readout : {"mode", "median"}, optional

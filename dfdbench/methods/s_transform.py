@@ -13,19 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import (
-    Answer,
-    Fit,
-    Image,
-    channels_of,
-    depth_table,
-    learned_array,
-    not_fitted,
-    number_within,
-    odd_window,
-    require_window_fits,
-    wrong,
-)
+from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
 
 if TYPE_CHECKING:
@@ -98,8 +86,10 @@ class STransform:
         window: int = 9,
         sure: bool = False,
     ) -> None:
-        problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
-        problems += [] if isinstance(sure, bool) else [wrong("sure", "true or false", sure)]
+        problems = fitted.number_within("smoothing", smoothing, 0, 20) + fitted.odd_window(
+            "window", window
+        )
+        problems += [] if isinstance(sure, bool) else [fitted.wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)
         self._sure = sure
         self._spread: Spread | None = None
@@ -118,7 +108,7 @@ class STransform:
             self._depths = recipe.depth_of_level(levels)
 
     @property
-    def fit(self) -> Fit | None:
+    def fit(self) -> fitted.Fit | None:
         """Learns the table of variance and depth if no recipe gives it, and how sure to be."""
         return self._learn if self._recipe is None or self._sure else None
 
@@ -127,7 +117,7 @@ class STransform:
         from dfdbench.methods.stacks import require_alike
 
         require_alike(pairs)
-        table = {} if self._recipe is not None else depth_table(self.variance, pairs, _NAME)
+        table = {} if self._recipe is not None else fitted.depth_table(self.variance, pairs, _NAME)
         if not self._sure:
             return table
         trial = copy.copy(self)
@@ -146,10 +136,10 @@ class STransform:
         self._spread = Spread.taken_from(learned)
         if self._recipe is not None:
             return
-        self._variances = learned_array(learned, "measure", _NAME, 1)
-        self._depths = learned_array(learned, "depth", _NAME, 1)
+        self._variances = fitted.learned_array(learned, "measure", _NAME, 1)
+        self._depths = fitted.learned_array(learned, "depth", _NAME, 1)
 
-    def __call__(self, infocus: Image, defocus: Image) -> Answer:
+    def __call__(self, infocus: fitted.Image, defocus: fitted.Image) -> fitted.Answer:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x).
 
         And where it says how sure it is, sigma.
@@ -160,22 +150,22 @@ class STransform:
         return (depth, spread_of(self._spread, raw, _NAME)) if self._sure else depth
 
     def _depth(
-        self, infocus: Image, defocus: Image
+        self, infocus: fitted.Image, defocus: fitted.Image
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return depth levels, and the standard error of the variance that they come from."""
         if self._variances is None:
-            raise not_fitted(_NAME)
-        require_window_fits(self._window[0], infocus, _NAME)
+            raise fitted.not_fitted(_NAME)
+        fitted.require_window_fits(self._window[0], infocus, _NAME)
         variance, error = self._measured(infocus, defocus)
         depth = np.interp(variance, self._variances, self._depths)
         return np.asarray(depth, np.float32), error
 
-    def variance(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+    def variance(self, infocus: fitted.Image, defocus: fitted.Image) -> NDArray[np.float32]:
         """Return what the blur adds to the variance along an axis, square pixels, shape (y, x)."""
         return self._measured(infocus, defocus)[0]
 
     def _measured(
-        self, infocus: Image, defocus: Image
+        self, infocus: fitted.Image, defocus: fitted.Image
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the variance that the blur adds, and its standard error but for a factor.
 
@@ -197,8 +187,8 @@ class STransform:
         error = 2 * np.sqrt(rest / (square + _NO_TEXTURE))
         return np.asarray(variance, np.float32), np.asarray(error, np.float32)
 
-    def _smoothed(self, image: Image) -> NDArray[np.float32]:
+    def _smoothed(self, image: fitted.Image) -> NDArray[np.float32]:
         smooth = cv2.GaussianBlur(
-            channels_of(image), (0, 0), self._smoothing, borderType=cv2.BORDER_REPLICATE
+            fitted.channels_of(image), (0, 0), self._smoothing, borderType=cv2.BORDER_REPLICATE
         )
         return np.asarray(np.atleast_3d(smooth), np.float32)

@@ -169,8 +169,7 @@ class SemiGlobal(Solver):
                 )
             )
         problems += number_within("limit", limit, 0, most)
-        if problems:
-            raise MethodError.of(problems)
+        MethodError.raise_if(problems)
         super().__init__(recipe, prior, sure=sure)
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)

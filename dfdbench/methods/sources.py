@@ -98,7 +98,7 @@ class Sources:
         MethodError
             If a module was edited after this process imported it.
         """
-        found: Hashes = {self._label(path): self._hash(path) for path in self._modules}
+        found: Hashes = dict(self._hashes_of_modules)
         for heard in self._read | self._written:
             if heard not in self._counted:
                 path = _source_of(heard)
@@ -113,10 +113,15 @@ class Sources:
         return {label: _sha256(self._path(label)) for label in labels}
 
     @functools.cached_property
+    def _hashes_of_modules(self) -> Hashes:
+        return {self._label(path): self._hash(path) for path in self._modules}
+
+    @functools.cached_property
     def _modules(self) -> set[Path]:
         if self._module is None:
             return set()
         found: set[Path] = set()
+        named: set[str] = set()
         left = [self._module]
         while left:
             name, path = left.pop()
@@ -126,7 +131,9 @@ class Sources:
             self._require_as_imported(name, path)
             # Of a module elsewhere, a library for example, what it imports is its own affair.
             if name.startswith(_ROOMS) or self._is_own(path):
-                for other in _imported(path, _dotted(path, self._base)):
+                new = {*_imported(path, _dotted(path, self._base))} - named
+                named |= new
+                for other in new:
                     if file := self._file_of_module(other):
                         left.append((other, file))
         return found
@@ -280,7 +287,7 @@ def _imported(path: Path, name: str) -> Iterator[str]:
     except (OSError, SyntaxError, ValueError):
         return
     package = name if path.stem == "__init__" else name.rpartition(".")[0]
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield from _with_parents(alias.name)
@@ -290,6 +297,16 @@ def _imported(path: Path, name: str) -> Iterator[str]:
             whole = f"{above}{node.module or ''}".rstrip(".")
             yield from _with_parents(whole)
             yield from (f"{whole}.{alias.name}".lstrip(".") for alias in node.names)
+
+
+def _statements(tree: ast.AST) -> Iterator[ast.AST]:
+    # Not `ast.walk`, which looks at every word of every expression.
+    left = [tree]
+    while left:
+        node = left.pop()
+        yield node
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            left += getattr(node, field, ())
 
 
 def _with_parents(name: str) -> Iterator[str]:

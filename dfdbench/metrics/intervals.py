@@ -96,13 +96,13 @@ def chance(values: Sequence[float], groups: Sequence[str]) -> float | None:
     >>> chance([0.1, -0.1] * 5, list("abcdefghij"))
     1.0
     """
-    from scipy import special
-
     found = _moments(values, groups)
     if len(found.means) < INTERVAL_GROUPS:
         return None
     if found.spread == 0:
         return float(found.mean == 0)
+    from scipy import special
+
     third, t = found.third, found.mean / found.spread
     even = t + third * t**2 + third**2 * t**3 / 3 + third / (2 * found.number)
     nearer = min(abs(t), abs(even)) * sqrt(found.number)
@@ -143,8 +143,6 @@ class _Moments(NamedTuple):
 
 
 def _moments(values: Sequence[float], groups: Sequence[str]) -> _Moments:
-    from scipy import special  # slow, and not for those who only look
-
     _, place, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     means = np.bincount(place, np.asarray(values, float)) / sizes
     weights = sizes / sizes.sum()
@@ -153,6 +151,8 @@ def _moments(values: Sequence[float], groups: Sequence[str]) -> _Moments:
     number, count = 1 / squares, len(means)
     if count < INTERVAL_GROUPS:
         return _Moments(means, mean, np.nan, np.nan, number, np.nan)
+    from scipy import special  # slow, and not for those who only look
+
     reach = float(special.stdtrit(count - 1, 1 - LEVEL / 2)) / sqrt(number)
     # Divided so that independent means give both without bias.
     spread = sqrt(weights @ (means - mean) ** 2 / (1 - squares))

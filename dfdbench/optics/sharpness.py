@@ -41,18 +41,16 @@ def spectrum_sum(image: Image) -> float:
     return float(np.abs(fft.fft2(grey)).sum() / grey.size)
 
 
-def dct_sharpness(image: Image, threshold: float = 0.0) -> float:
+def dct_sharpness(image: Image) -> float:
     """Return the discrete cosine sharpness measure of De and Masilamani (7.2.1): 0 to 1.
 
-    The share of coefficients of the orthonormal 2-D cosine transform whose logarithm reaches
-    `threshold`, as the program published with the thesis computes it.
+    The share of coefficients of the orthonormal 2-D cosine transform that reach 1, as the program
+    published with the thesis computes it.
 
     Parameters
     ----------
     image : ndarray of uint8, shape (y, x) or (y, x, 3)
         Grey or RGB.
-    threshold : float
-        Of the natural logarithm of a coefficient's magnitude.
 
     Examples
     --------
@@ -60,7 +58,7 @@ def dct_sharpness(image: Image, threshold: float = 0.0) -> float:
     0.015625
     """
     coefficients = np.abs(fft.dctn(to_grey(image).astype(np.float64), norm="ortho"))
-    return float((coefficients >= np.exp(threshold)).mean())
+    return float((coefficients >= 1).mean())
 
 
 def laplacian_energy(image: Image) -> float:

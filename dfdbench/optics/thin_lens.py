@@ -136,15 +136,10 @@ class ThinLens:
         pixels = np.round(self.blur_radius(distance) / self.pixel_size, 12)
         return np.ceil(pixels).astype(np.int64)
 
-    def depth_of_field(self, blur: float | None = None) -> tuple[float, float]:
+    def depth_of_field(self) -> tuple[float, float]:
         """Return the nearest and the farthest distance that look sharp (Eq. 2.17, 2.18).
 
-        Their difference is the depth of field (Eq. 2.19).
-
-        Parameters
-        ----------
-        blur : float, optional
-            The blur that is acceptable, in metres; by default one pixel.
+        Their difference is the depth of field (Eq. 2.19); a blur of one pixel is accepted.
 
         Returns
         -------
@@ -157,24 +152,17 @@ class ThinLens:
         >>> round(near, 4), round(far, 4)
         (0.4568, 0.5522)
         """
-        accepted = self.pixel_size if blur is None else blur
-        square, loss = self.focal_length**2, self.f_number * accepted * self._reach()
+        square, loss = self.focal_length**2, self.f_number * self.pixel_size * self._reach()
         near = self.focus_distance * square / (square + loss)
         far = self.focus_distance * square / (square - loss) if loss < square else np.inf
         return float(near), float(far)
 
-    def hyperfocal_distance(self, blur: float | None = None) -> float:
+    def hyperfocal_distance(self) -> float:
         """Return the nearest focus that keeps infinity sharp, in metres (from Eq. 2.17).
 
-        It is the focus distance at which ``n c (d_o - f) = f^2``.
-
-        Parameters
-        ----------
-        blur : float, optional
-            The blur that is acceptable, in metres; by default one pixel.
+        It is the focus distance at which ``n c (d_o - f) = f^2``, with a blur c of one pixel.
         """
-        accepted = self.pixel_size if blur is None else blur
-        return float(self.focal_length**2 / (self.f_number * accepted) + self.focal_length)
+        return float(self.focal_length**2 / (self.f_number * self.pixel_size) + self.focal_length)
 
     def depth_resolution(self, distance: ArrayLike) -> Floats:
         """Return how much farther a point must lie for its blur to grow by a pixel, in metres.

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from dfdbench.board.board import LEADERBOARD
-from dfdbench.board.submission import submit
+from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
@@ -145,6 +144,15 @@ class Run:
         scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
         return all_tables(summarise(self.result, self.protocol), scenes, splits)
 
+    def verdict(self) -> str:
+        """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
+
+        A line each, as ``dfdbench run`` ends with them; of a run on tracks, that on clean images.
+        """
+        from dfdbench.report.verdict import verdict  # it reads rows, for which a run need not wait
+
+        return verdict(self._first, self.protocol)
+
     @property
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
         """The depth maps that the run kept, as (pair, depth levels of shape (y, x))."""
@@ -229,6 +237,8 @@ class Run:
         ResultError
             If the leaderboard would refuse the row.
         """
+        from dfdbench.board.submission import submit
+
         return submit(list(self.results.values()), leaderboard)
 
 

@@ -50,45 +50,55 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
         A value is NaN if the pair was not evaluated or the metric is undefined; the status is
         ``unanswered`` where pixels lack an answer that the protocol wants.
     """
-    rows: list[dict[str, object]] = []
+    columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
     for number, result in enumerate(results):
-        dataset = result.dataset
-        found = find_degradation(dataset.degradation) if dataset.degradation != CLEAN else None
-        run = {
-            "run": number,
-            "dataset": part_name(dataset.name)[0],
-            "track": found.track.name if found else CLEAN,
-            "severity": found.severity if found else 0,
-            "split": dataset.split,
-            "method": method_label(result.method),
-            "parameters": parameters_of(result),
-        }
-        scored = {
-            label: [
-                name
-                for name in metrics_of(label)
-                if any(name in pair.scores.get(label, {}) for pair in result.pairs)
-            ]
-            or list(metrics_of(label))
-            for label in result.protocol_names
-        }
+        labels = result.protocol_names
+        scored = [(label, name) for label in labels for name in _scored_by(result, label)]
+        for name, value in _run(number, result).items():
+            columns[name] += [value] * (len(scored) * len(result.pairs))
+        for name, values in _pairs(result).items():
+            columns[name] += [value for value in values for _ in scored]
+        columns["protocol"] += [label for label, _ in scored] * len(result.pairs)
+        columns["metric"] += [name for _, name in scored] * len(result.pairs)
         for pair in result.pairs:
-            place = {
-                "capture": pair.id,
-                "scene": pair.scene,
-                "group": dataset.group_of(pair.scene),
-                "coordinates": pair.coordinates,
-                "status": pair.status,
-                "seconds": pair.seconds,
+            status = {
+                label: UNANSWERED if pair.lacks_answers(label) else pair.status for label in labels
             }
-            for protocol, metrics in scored.items():
-                scores = pair.scores.get(protocol, {})
-                of_protocol = {**run, **place, "protocol": protocol}
-                if pair.lacks_answers(protocol):
-                    of_protocol["status"] = UNANSWERED
-                rows += [{**of_protocol, "metric": m, "value": scores.get(m)} for m in metrics]
-    frame = pd.DataFrame(rows, columns=COLUMNS)
+            columns["status"] += [status[label] for label, _ in scored]
+            columns["value"] += [pair.scores.get(label, {}).get(name) for label, name in scored]
+    frame = pd.DataFrame(columns, columns=COLUMNS)
     return frame.astype({"value": float, "seconds": float})
+
+
+def _scored_by(result: Result, label: str) -> list[str]:
+    """Return the metrics of a protocol that any pair has; all where none has any."""
+    there = {name for pair in result.pairs for name in pair.scores.get(label, ())}
+    return [name for name in metrics_of(label) if name in there] or list(metrics_of(label))
+
+
+def _run(number: int, result: Result) -> dict[str, object]:
+    dataset = result.dataset
+    found = find_degradation(dataset.degradation) if dataset.degradation != CLEAN else None
+    return {
+        "run": number,
+        "dataset": part_name(dataset.name)[0],
+        "track": found.track.name if found else CLEAN,
+        "severity": found.severity if found else 0,
+        "split": dataset.split,
+        "method": method_label(result.method),
+        "parameters": parameters_of(result),
+    }
+
+
+def _pairs(result: Result) -> dict[str, list[object]]:
+    pairs = result.pairs
+    return {
+        "capture": [pair.id for pair in pairs],
+        "scene": [pair.scene for pair in pairs],
+        "group": [result.dataset.group_of(pair.scene) for pair in pairs],
+        "coordinates": [pair.coordinates for pair in pairs],
+        "seconds": [pair.seconds for pair in pairs],
+    }
 
 
 def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:

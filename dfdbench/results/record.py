@@ -364,13 +364,11 @@ def read_json(path: Path) -> Any:
         raise ResultError(what, where=str(path), fix=fix) from error
 
 
-# The thesis's printed tables are held against these sets, under its own protocol. On any other it
-# flatters everyone: it counts pixels whose depth nobody knows as depth 0.
-_HEADED_BY_THESIS = ("demo", "middlebury", "realworld", "realworld-synthetic")
-
-
 def first_protocol(short: str) -> str:
     """Return the protocol that a data set is shown and ranked by first.
+
+    It is ``valid``, but for Middlebury without a track: the thesis's printed tables are of it, and
+    its protocol counts pixels whose depth nobody knows as depth 0.
 
     Parameters
     ----------
@@ -379,10 +377,10 @@ def first_protocol(short: str) -> str:
 
     Examples
     --------
-    >>> first_protocol("demo"), first_protocol("demo@camera-2"), first_protocol("dfd-indoor")
-    ('thesis', 'valid', 'valid')
+    >>> first_protocol("demo"), first_protocol("middlebury"), first_protocol("middlebury@camera-2")
+    ('valid', 'thesis', 'valid')
     """
-    return "thesis" if short in _HEADED_BY_THESIS else "valid"
+    return "thesis" if short.startswith("middlebury") and "@" not in short else "valid"
 
 
 def protocol_on(manifest: Manifest, name: str | None) -> str:

@@ -3,7 +3,7 @@
 import json
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -125,47 +125,58 @@ def read_store_place(folder: Path) -> str | None:
     return path.read_text(encoding="utf-8").strip() if path.is_file() else None
 
 
-def keep_prediction(
-    folder: Path,
-    manifest: Manifest,
-    pair: Pair,
-    depth: NDArray[np.float32],
-    sigma: NDArray[np.float32] | None = None,
-) -> None:
-    """Keep a predicted depth map, shape (y, x), beside those of its scene, by their axes.
+class Predictions:
+    """What a run keeps of predictions: depth maps of a scene in one array, by their axes.
 
-    So is sigma, the standard deviation that the method gives each pixel, where it gives one.
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    manifest : Manifest
+        The data set.
     """
-    axes = manifest.axes
-    group = zarr.open_group(folder / PREDICTIONS, path=pair.scene, mode="a", zarr_format=3)
-    index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-    for name, values in (("depth", depth), ("sigma", sigma)):
-        if values is None:
-            continue
+
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
+        self._folder, self._axes = folder, manifest.axes
+        # Opened once: to open one takes as long as many methods need for a pair.
+        self._arrays: dict[tuple[str, str], zarr.Array[Any]] = {}
+
+    def keep(
+        self, pair: Pair, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None = None
+    ) -> None:
+        """Keep a predicted depth map, shape (y, x), and each pixel's sigma, where there is one.
+
+        Sigma is the standard deviation that the method gives; its array lies beside the depth's.
+        """
+        index = tuple(self._axes[axis].index(value) for axis, value in pair.coordinates)
+        for name, values in (("depth", depth), ("sigma", sigma)):
+            if values is None:
+                continue
+            if (pair.scene, name) not in self._arrays:
+                self._arrays[pair.scene, name] = self._opened(pair.scene, name, values.shape)
+            self._arrays[pair.scene, name][index] = values
+
+    def _opened(self, scene: str, name: str, shape: tuple[int, ...]) -> zarr.Array[Any]:
+        axes = self._axes
+        group = zarr.open_group(self._folder / PREDICTIONS, path=scene, mode="a", zarr_format=3)
         if name not in group:
-            _make_room(group, name, axes, depth.shape)
+            # The values that `sel` finds depth maps by; one cut short by a kill is written again.
+            for axis, values in axes.items():
+                group.create_array(
+                    axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
+                )
+            group.create_array(
+                name,
+                shape=(*(len(values) for values in axes.values()), *shape),
+                chunks=(*(1 for _ in axes), *shape),
+                dtype="float32",
+                fill_value=math.nan,
+                dimension_names=(*axes, "y", "x"),
+                attributes={"axes": {axis: list(values) for axis, values in axes.items()}},
+            )
         array = group[name]
         assert isinstance(array, zarr.Array)
-        array[index] = values
-
-
-def _make_room(
-    group: zarr.Group, name: str, axes: Mapping[str, Sequence[int]], shape: tuple[int, ...]
-) -> None:
-    # The values that `sel` finds depth maps by; one cut short by a kill is written again.
-    for axis, values in axes.items():
-        group.create_array(
-            axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
-        )
-    group.create_array(
-        name,
-        shape=(*(len(values) for values in axes.values()), *shape),
-        chunks=(*(1 for _ in axes), *shape),
-        dtype="float32",
-        fill_value=math.nan,
-        dimension_names=(*axes, "y", "x"),
-        attributes={"axes": {name: list(values) for name, values in axes.items()}},
-    )
+        return array
 
 
 def read_prediction(

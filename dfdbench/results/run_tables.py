@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.intervals import INTERVAL_GROUPS
 from dfdbench.metrics.metric import find_metric, mean_of
-from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.metrics.protocol import SURE, metrics_of, title_of
 from dfdbench.metrics.regions import REGIONS
-from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record import Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
-from dfdbench.tables.table import Table, counted
+from dfdbench.tables.table import Table, counted, listed
 
 EXTREMES = 5
 
@@ -25,9 +25,6 @@ def run_tables(summary: RunSummary, scenes: Sequence[Scene] = ()) -> list[Table]
         tables.append(extremes_table(summary))
     if summary.ranked and not summary.result.method.scored:
         tables.append(time_table(summary))
-    failures = [pair for pair in summary.result.pairs if pair.status == "failed"]
-    if failures:
-        tables.append(_failure_table(failures))
     return tables
 
 
@@ -94,8 +91,12 @@ def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
 
 
 def _cells(group: ScoreGroup) -> list[str]:
-    found = group.metrics.values()
-    return [score_text(value) for each in found for value in (each.mean, each.std)]
+    cells = []
+    for found in group.metrics.values():
+        ran = found.of_what_ran
+        cells.append(score_text(found.mean) if ran is None else f"({score_text(ran)})")
+        cells.append(score_text(found.std))
+    return cells
 
 
 def extremes_table(summary: RunSummary) -> Table:
@@ -146,15 +147,6 @@ def time_table(summary: RunSummary) -> Table:
     )
 
 
-def _failure_table(failures: list[PairResult]) -> Table:
-    by_error: dict[str, list[str]] = {}
-    for pair in failures:
-        by_error.setdefault(pair.error or "", []).append(pair.id)
-    rows = tuple((error, ids[0], str(len(ids))) for error, ids in by_error.items())
-    title = f"{counted(len(failures), 'pair')} failed"
-    return Table(title, ("error", "first", "pairs"), rows, "llr")
-
-
 def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     whole = groups[-1]
     notes = []
@@ -179,6 +171,34 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             f"{counted(whole.unanswered, 'pair')} without an answer for every pixel: no mean and "
             "no rank but under protocol sure"
         )
+    notes += _notes_of_method(result)
+    by_error: dict[str, list[str]] = {}
+    for pair in result.pairs:
+        if pair.status == "failed":
+            by_error.setdefault(pair.error or "", []).append(pair.id)
+    for error, ids in by_error.items():
+        notes.append(f"{counted(len(ids), 'pair')} failed, the first of them {ids[0]}: {error}")
+    texts = {"missing": "not in the store", "not-run": "not run"}
+    for status, text in texts.items():
+        count = sum(pair.status == status for pair in result.pairs)
+        if count:
+            notes.append(f"{count} of {len(result.pairs)} pairs {text}")
+    if not result.complete:
+        notes.append(
+            "an incomplete run has no score and no rank: means in brackets are of what ran"
+        )
+    return notes + [f"warning: {text}" for text in result.warnings]
+
+
+def _notes_of_method(result: Result) -> list[str]:
+    notes = []
+    if fitted := result.method.fitted_on:
+        notes.append(f"fitted on {fitted}, in {result.method.fit_seconds:.1f} s")
+    if chosen := result.method.chosen:
+        notes.append("chosen by the fit: " + listed(f"{k} {v:g}" for k, v in chosen.items()))
+    if sure := (result.averages or {}).get(SURE):
+        means = (f"{find_metric(name).title} {score_text(value)}" for name, value in sure.items())
+        notes.append(f"how sure it is, by protocol {SURE}: {'; '.join(means)}")
     numbers: dict[str, list[float]] = {}
     for pair in result.pairs:
         for name, value in pair.numbers.items():
@@ -186,14 +206,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     if numbers:
         means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
         notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
-    texts = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
-    for status, text in texts.items():
-        count = sum(pair.status == status for pair in result.pairs)
-        if count:
-            notes.append(f"{count} of {len(result.pairs)} pairs {text}")
-    if not result.complete:
-        notes.append("an incomplete run has no overall score or rank: means are of what was run")
-    return notes + [f"warning: {text}" for text in result.warnings]
+    return notes
 
 
 def _labels(result: Result) -> list[str]:

@@ -32,6 +32,8 @@ class Statistic:
         How many groups of scenes the pairs are of.
     minimum, maximum : float or None
         Of the pairs that `mean` is of, as in the thesis's Tables 7.3 and 7.6.
+    of_what_ran : float or None
+        Where pairs failed or were not run, the mean of the others.
     """
 
     mean: float | None
@@ -42,6 +44,7 @@ class Statistic:
     groups: int = 0
     minimum: float | None = None
     maximum: float | None = None
+    of_what_ran: float | None = None
 
     @property
     def interval_is(self) -> str | None:
@@ -212,7 +215,10 @@ def _group(
             for pair, value in zip(evaluated, values, strict=True)
             if value is not None
         ]
-        return _statistic(defined, overall) if averaged else Statistic(None, None, len(defined))
+        if averaged:
+            return _statistic(defined, overall)
+        ran = None if unanswered else mean_of(value for _, value in defined)
+        return Statistic(None, None, len(defined), of_what_ran=ran)
 
     undefined = sum(None in pair.scores[protocol].values() for pair in evaluated) - unanswered
     counts = len(pairs), len(evaluated), failed, undefined

@@ -1,6 +1,8 @@
 """How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
 
 import json
+from pathlib import Path
+from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.results.record import MethodRecord, Result
@@ -192,3 +194,27 @@ def knew_blur(result: Result) -> bool:
     method = result.method
     given = method.parameters.get("recipe") is not None
     return result.dataset.degradation != CLEAN and (given or "recipe" in method.uses)
+
+
+def without_folders(value: Any) -> Any:
+    """Return a parameter as results show it: of a file its name only, as for entries."""
+    if isinstance(value, list):
+        return [without_folders(part) for part in value]
+    if isinstance(value, dict):
+        return {name: without_folders(part) for name, part in value.items()}
+    is_file = isinstance(value, str) and Path(value).is_absolute()
+    return Path(value).name if is_file else value
+
+
+def without_folder(entry: str) -> str:
+    """Return a method's entry as results show it: an absolute path's file name only.
+
+    Where a file lies on one machine is no business of those who read the result.
+
+    Examples
+    --------
+    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
+    ('mine.py:predict', 'mine.py:predict')
+    """
+    place, _, attribute = entry.rpartition(":")
+    return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

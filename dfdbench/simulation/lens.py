@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.formation import encode
-from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import tracing
 from dfdbench.simulation.photographs import near_normal_numbers
@@ -64,11 +63,6 @@ class Camera:
         Curve of the file.
     jpeg : int
         Quality, 1 to 100; 0 for no compression.
-
-    Raises
-    ------
-    InputError
-        If an option is out of range.
     """
 
     lens: ThinLens
@@ -83,12 +77,6 @@ class Camera:
     read_noise: float = 0.0
     encoding: Literal["srgb", "linear"] = "srgb"
     jpeg: int = 0
-
-    def __post_init__(self) -> None:
-        if self.blades and self.blades < 3:
-            raise InputError("an aperture has no blades or at least 3", got=str(self.blades))
-        if not 0 <= self.jpeg <= 100:
-            raise InputError("a JPEG quality is 1 to 100, or 0 for none", got=str(self.jpeg))
 
     @property
     def focal_pixels(self) -> float:
@@ -120,14 +108,7 @@ def render(
         Of the rays' places: each pixel draws its own, from a generator that counts.
     threads : int
         The light does not depend on it.
-
-    Raises
-    ------
-    InputError
-        If `samples` is no power of two.
     """
-    if samples < 1 or samples & (samples - 1):
-        raise InputError("the number of rays a pixel is no power of two", got=str(samples))
     height, width = camera.shape
     points = _points(samples, camera.blades)
     reach = camera.lens_radius * float(np.abs(points[..., :2]).max())

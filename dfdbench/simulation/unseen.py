@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
-from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth, develop, render
-from dfdbench.simulation.rooms import WIDEST, draw_room
+from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene
 
 Floats = NDArray[np.float64]
@@ -82,19 +81,12 @@ def draw_camera(seed: int, scene: int | None = None) -> Camera:
     scene : int, optional
         Draw another camera for each scene; by default a seed has one.
 
-    Raises
-    ------
-    InputError
-        If the seed is negative.
-
     Examples
     --------
     >>> camera = draw_camera(7)
     >>> 1.8 <= camera.lens.f_number <= 2.8
     True
     """
-    if seed < 0:
-        raise InputError("a seed is a whole number from 0 on", got=str(seed))
     d = Draws("camera", seed, -1 if scene is None else scene)
     focal_length = d.between(*RANGES["focal_length"])
     focus = d.between(*RANGES["focus_near" if d.chance(0.5) else "focus_inside"])
@@ -138,17 +130,8 @@ def render_pair(
         A pixel of the defocus image; half as many at f/8.
     threads : int
         The images do not depend on it.
-
-    Raises
-    ------
-    InputError
-        If the camera sees more than rooms are made for.
     """
     wide = camera or draw_camera(seed)
-    slope = wide.shape[1] / 2 / wide.focal_pixels
-    if slope > WIDEST[0]:
-        angle = 2 * math.degrees(math.atan(slope))
-        raise InputError("the camera sees more than rooms are made for", got=f"{angle:.0f} degrees")
     small = _stopped_down(wide)
     room = draw_room(seed, scene)
     sharp = render(room, small, max(rays // 2, 1), (seed, scene, 0), threads)
@@ -161,12 +144,7 @@ def render_pair(
 
 
 def render_stack(
-    seed: int,
-    scene: int,
-    planes: int = 9,
-    breathing: bool = False,
-    rays: int = _STACK_RAYS,
-    threads: int = 1,
+    seed: int, scene: int, planes: int = 9, rays: int = _STACK_RAYS, threads: int = 1
 ) -> Stack:
     """Photograph a room at several focus distances with one aperture, and once at f/8.
 
@@ -176,9 +154,6 @@ def render_stack(
         As of `render_pair`.
     planes : int
         Focus distances, evenly spread in dioptres.
-    breathing : bool
-        Let the view grow as the lens focuses nearer. By default the images are in register, as
-        after an alignment, and so is the depth map.
     """
     near, far = (1 / end for end in _STACK_ENDS)
     wide = draw_camera(seed)
@@ -189,10 +164,10 @@ def render_stack(
     gain = _gain(sharp, seed, scene)
     infocus = develop(gain * sharp, small, (seed, scene, 2))
     images = np.empty((planes, *_SHAPE, 3), np.uint8)
-    view = None if breathing else wide.lens.focus_distance
     for plane, distance in enumerate(distances):
         lens = replace(wide.lens, focus_distance=distance)
-        camera = replace(wide, lens=lens, view_focus=view)
+        # In register, as after an alignment.
+        camera = replace(wide, lens=lens, view_focus=wide.lens.focus_distance)
         light = render(room, camera, rays, (seed, scene, 4, plane), threads)
         images[plane] = develop(gain * light, camera, (seed, scene, 5, plane))
     facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}

@@ -13,13 +13,21 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
 from dfdbench.system.text import require_same
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
-from dfdbench.training.task import Task, require_trainable, training_tracks
+from dfdbench.training.task import (
+    PROTOCOL,
+    Task,
+    evenly_spaced,
+    mean_scores,
+    require_trainable,
+    training_tracks,
+)
 
 #: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
 _BUDGET_A_STEP, _DROPPED = 200, 400
@@ -264,7 +272,8 @@ class Learner:
     """
 
     def __init__(self, task: Task, device: torch.device) -> None:
-        self._choices = choices = task.configuration
+        self._task, self._choices = task, task.configuration
+        choices = task.configuration
         self._device = device
         self.architecture = require_trainable(task)
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
@@ -285,10 +294,15 @@ class Learner:
         self._loss = LevelLoss(choices.label_width, device)
         self.present = images.count_levels()
         self.trained = np.zeros(LEVELS, np.int64)
-        self.step = 0
+        self.step, self.steps = 0, choices.steps
 
-    def learn(self) -> float:
-        """Do one step and return its loss.
+    @property
+    def ended(self) -> str:
+        """Why there is no further step, in the words of the card; empty if there is one."""
+        return self.schedule.ended
+
+    def learn(self, spent: float = 0.0) -> tuple[float, float]:
+        """Do one step and return its learning rate and its loss.
 
         Raises
         ------
@@ -298,8 +312,9 @@ class Learner:
         pixels, levels = self.cropper.draw(self.step)
         self.trained += count_levels(levels)
         pixels = pixels.to(self._device, memory_format=torch.channels_last)
+        rate = self.schedule.rate
         for group in self._optimizer.param_groups:
-            group["lr"] = self.schedule.rate
+            group["lr"] = rate
         self.network.train(self._choices.normalization == "batch")
         bf16 = self._choices.precision == "bf16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
@@ -314,7 +329,32 @@ class Learner:
             raise DivergedError(f"the loss became {value}", where=f"step {self.step + 1}", fix=fix)
         self.step += 1
         self.schedule.after(self.step, value)
-        return value
+        return rate, value
+
+    def scores(self, last: bool) -> dict[str, float]:
+        """Return the scores on some training and test pairs, at the steps that are scored."""
+        row: dict[str, float] = {}
+        if self.step % self._choices.evaluate_every:
+            return row
+        for name, pairs in (("train", self._task.train), ("test", self._task.test)):
+            chosen = evenly_spaced(pairs, self._choices.evaluate_pairs)
+            for protocol, scores in self.mean_scores(chosen).items():
+                kind = name if protocol == PROTOCOL else f"{name}_{protocol}"
+                row |= {f"{kind}_{metric}": value for metric, value in scores.items()}
+        return row
+
+    def mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
+        """Return the mean scores on pairs, by protocol."""
+        store, readout = self._task.store, self._choices.readout
+        return mean_scores(self.network, store, pairs, self._device, readout=readout)
+
+    def levels(self) -> list[dict[str, int]]:
+        """Return how often each depth level was trained, and occurs in the training pairs."""
+        counts = zip(self.trained.tolist(), self.present.tolist(), strict=True)
+        return [
+            {"level": level, "trained": trained, "present": present}
+            for level, (trained, present) in enumerate(counts)
+        ]
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""

@@ -7,14 +7,14 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
+from torch import nn
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
@@ -25,7 +25,7 @@ from dfdbench.system.text import require_same
 from dfdbench.training.configuration import settled
 from dfdbench.training.crops import Cropper
 from dfdbench.training.learner import EndedBy, Learner
-from dfdbench.training.task import PROTOCOL, Task, evenly_spaced, mean_scores, same_threads
+from dfdbench.training.task import PROTOCOL, Task, same_threads
 
 _SAVE_SECONDS = 60.0
 
@@ -85,129 +85,162 @@ def train(
     found = find_device(device)
     # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
     task = replace(task, configuration=settled(task.configuration, found))
-    session = _Session(task, TrainingFolder(folder), found, fresh)
+    learner = Learner(task, found)
     try:
-        return session.run(max_seconds, on_step)
+        ended, seconds, log = drive(
+            learner, TrainingFolder(folder), task.identity, max_seconds, on_step, fresh
+        )
+        choices = task.configuration
+        hardly = choices.schedule == "cosine" and learner.step < choices.warm_up
+        if ended == EndedBy.TIME_LIMIT and hardly:
+            place = f"at step {learner.step:,} of {choices.warm_up:,}"
+            ended = f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, {place}"
+        scores = learner.mean_scores(task.test)
+        card = card_of(
+            learner,
+            seconds,
+            ended,
+            found,
+            method=task.method,
+            architecture=learner.architecture,
+            trained_on=task.trained_on,
+            dataset=task.store.manifest.stem,
+            fingerprint=task.store.fingerprint,
+            recipe=task.store.recipe_name,
+            configuration=choices.model_dump(mode="json"),
+            seed=task.seed,
+            scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
+            scores=scores.pop(PROTOCOL),
+            further_scores=scores,
+        )
+        save_weights(folder / WEIGHTS, learner.network, card)
     except OSError as error:
         fix = room_or("choose another place with --out DIR; --resume goes on", error)
         what = f"cannot write the training: {reason_of(error)}"
         raise ResultError(what, where=str(folder), fix=fix) from error
+    return TrainingOutcome(folder / WEIGHTS, card, log, learner.cropper)
 
 
-class _Session:
-    """Decide when a learner is saved, scored and stopped."""
+class Trainee(Protocol):
+    """What `drive` trains: a network, and how it learns.
 
-    def __init__(
-        self, task: Task, folder: TrainingFolder, device: torch.device, fresh: bool
-    ) -> None:
-        self._task = task
-        self._folder = folder
-        self._device = device
-        self._fresh = fresh
-        self._learner = Learner(task, device)
-        self._seconds = 0.0
-        self._log = Log()
-        if folder.started and not fresh:
-            state, self._log = folder.load(task.identity)
-            self._seconds = state.pop("seconds")
-            self._learner.restore(state)
+    Attributes
+    ----------
+    step : int
+        Steps done.
+    started_from : str
+        What the card says of the weights to begin with.
+    """
 
-    def run(
-        self, max_seconds: float | None, on_step: Callable[[int, int | None], None] | None
-    ) -> TrainingOutcome:
-        choices = self._task.configuration
-        begin = time.monotonic() - self._seconds
-        saved = time.monotonic()
-        if self._fresh:
-            self._folder.clear()
-        if self._learner.step == 0:
-            # Report a folder that cannot be written now, not after the first minute.
-            self._save()
-        ended = self._ended(max_seconds)
-        while not ended:
-            self._one_step()
-            if on_step:
-                on_step(self._learner.step, choices.steps)
-            if self._learner.step % choices.evaluate_every == 0:
-                self._note_scores()
-            now = time.monotonic()
-            self._seconds = now - begin
-            ended = self._ended(max_seconds)
-            if ended or now - saved >= _SAVE_SECONDS:
-                self._save()
-                saved = now
-        return self._finish(ended)
+    step: int
+    started_from: str
 
-    def _ended(self, max_seconds: float | None) -> str:
-        """Return why training has ended, in the words of the card, or an empty text."""
-        ended = self._learner.schedule.ended
-        if ended or max_seconds is None or self._seconds < max_seconds:
-            return ended
-        choices, step = self._task.configuration, self._learner.step
-        if choices.schedule != "cosine" or step >= choices.warm_up:
-            return EndedBy.TIME_LIMIT
-        return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {step:,} of {choices.warm_up:,}"
+    @property
+    def steps(self) -> int | None:
+        """Steps in all, if known."""
 
-    def _one_step(self) -> None:
-        rate = self._learner.schedule.rate
-        loss = self._learner.learn()
-        self._log.losses.append({"step": self._learner.step, "learning_rate": rate, "loss": loss})
+    @property
+    def network(self) -> nn.Module:
+        """What learns."""
 
-    def _note_scores(self) -> None:
-        row: dict[str, Any] = {"step": self._learner.step}
-        for name, pairs in (("train", self._task.train), ("test", self._task.test)):
-            chosen = evenly_spaced(pairs, self._task.configuration.evaluate_pairs)
-            for protocol, scores in self._mean_scores(chosen).items():
-                kind = name if protocol == PROTOCOL else f"{name}_{protocol}"
-                row |= {f"{kind}_{metric}": value for metric, value in scores.items()}
-        self._log.scores.append(row)
+    @property
+    def ended(self) -> str:
+        """Why there is no further step, in the words of the card; empty if there is one."""
 
-    def _mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
-        readout = self._task.configuration.readout
-        store, device = self._task.store, self._device
-        return mean_scores(self._learner.network, store, pairs, device, readout=readout)
+    def learn(self, spent: float) -> tuple[float, float]:
+        """Do a step, such a share of the time being spent; return its learning rate and loss."""
 
-    def _save(self) -> None:
-        state = {**self._learner.state(), "seconds": self._seconds}
-        counts = zip(self._learner.trained, self._learner.present, strict=True)
-        self._log.levels = [
-            {"level": level, "trained": int(trained), "present": int(present)}
-            for level, (trained, present) in enumerate(counts)
-        ]
-        self._folder.save(self._task.identity, state, self._log)
+    def scores(self, last: bool) -> Row:
+        """Return the scores at this step, if it is one to score or the last."""
 
-    def _finish(self, ended: str) -> TrainingOutcome:
-        task = self._task
-        scores = self._mean_scores(task.test)
-        with same_threads():
-            environment = describe_environment()
-        card = Card(
-            method=task.method,  # type: ignore[arg-type]
-            architecture=self._learner.architecture,
-            parameters=count_parameters(self._learner.network),
-            trained_on=task.trained_on,
-            started_from=self._learner.started_from,
-            dataset=task.store.manifest.stem,
-            fingerprint=task.store.fingerprint,
-            recipe=task.store.recipe_name,
-            configuration=task.configuration.model_dump(mode="json"),
-            seed=task.seed,
-            steps=self._learner.step,
-            seconds=round(self._seconds, 1),
-            ended_by=ended,
-            scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
-            scores=scores.pop(PROTOCOL),
-            further_scores=scores,
-            environment={
-                "processor": environment.gpu or environment.cpu,
-                "threads": str(torch.get_num_threads()),
-                "torch": str(torch.__version__),
-                "dfdbench": PACKAGE_VERSION,
-            },
-        )
-        path = self._folder.path / WEIGHTS
-        save_weights(path, self._learner.network, card)
-        return TrainingOutcome(path, card, self._log, self._learner.cropper)
+    def levels(self) -> list[Row]:
+        """Return how often each depth level was learnt."""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned."""
+
+
+def drive(
+    learner: Trainee,
+    folder: TrainingFolder,
+    identity: Mapping[str, Any],
+    max_seconds: float | None,
+    on_step: Callable[[int, int | None], None] | None,
+    fresh: bool,
+) -> tuple[str, float, Log]:
+    """Let a network learn, and save it every minute; return why it ended, seconds and log.
+
+    Parameters
+    ----------
+    learner : Trainee
+        What learns.
+    folder : TrainingFolder
+        Where checkpoint and log go; a checkpoint in it is gone on from.
+    identity : mapping
+        What must be the same to go on.
+    max_seconds, on_step, fresh
+        As of `train`.
+    """
+    log, seconds = Log(), 0.0
+
+    def save() -> None:
+        log.levels = learner.levels()
+        folder.save(identity, {**learner.state(), "seconds": seconds}, log)
+
+    def ended() -> str:
+        late = max_seconds is not None and seconds >= max_seconds
+        return learner.ended or (EndedBy.TIME_LIMIT if late else "")
+
+    if fresh:
+        folder.clear()
+    if folder.started:
+        state, log = folder.load(identity)
+        seconds = state.pop("seconds")
+        learner.restore(state)
+    else:
+        # Report a folder that cannot be written now, not after the first minute.
+        save()
+    saved = time.monotonic()
+    begin = saved - seconds
+    while not ended():
+        rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
+        log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
+        if on_step:
+            on_step(learner.step, learner.steps)
+        now = time.monotonic()
+        seconds = now - begin
+        if scores := learner.scores(bool(ended())):
+            log.scores.append({"step": learner.step, **scores})
+        if ended() or now - saved >= _SAVE_SECONDS:
+            save()
+            saved = now
+    return ended(), seconds, log
+
+
+def card_of(
+    learner: Trainee, seconds: float, ended: str, device: torch.device, **facts: Any
+) -> Card:
+    """Return the card of a training that has ended; `facts` are the rest of its fields."""
+    with same_threads():
+        environment = describe_environment()
+    graphics = None if device.type == "cpu" else environment.gpu
+    return Card(
+        parameters=count_parameters(learner.network),
+        started_from=learner.started_from,
+        steps=learner.step,
+        seconds=round(seconds, 1),
+        ended_by=ended,
+        environment={
+            "processor": graphics or environment.cpu,
+            "threads": str(torch.get_num_threads()),
+            "torch": str(torch.__version__),
+            "dfdbench": PACKAGE_VERSION,
+        },
+        **facts,
+    )
 
 
 WEIGHTS = "weights.safetensors"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,20 +18,12 @@ from torch.nn import functional
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
-from dfdbench.methods.networks.weights import (
-    Card,
-    count_parameters,
-    load_weights,
-    save_weights,
-    weights_sha256,
-)
+from dfdbench.methods.networks.weights import Card, load_weights, save_weights, weights_sha256
 from dfdbench.methods.volume_net import levels_of
-from dfdbench.results.environment import describe_environment
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import precision_for
 from dfdbench.training.learner import DivergedError, EndedBy
-from dfdbench.training.task import same_threads
-from dfdbench.training.trainer import WEIGHTS, Log, TrainingFolder
+from dfdbench.training.trainer import WEIGHTS, Log, Row, TrainingFolder, card_of, drive
 from dfdbench.training.volume_examples import COUNT, TOLD_STEPS, Example, nats_of
 
 #: Cameras of rendered rooms that only test, by name.
@@ -54,7 +45,6 @@ _WITHOUT = 0.15
 _AVERAGED = 500
 # How often, in steps, the cameras held out are scored.
 _SCORED = 500
-_SAVE_SECONDS = 60.0
 
 
 def steps_of(changes: Mapping[str, Any]) -> int:
@@ -219,60 +209,28 @@ def train_volume_net(
     InputError
         If the checkpoint is damaged or of another training.
     """
-    files = TrainingFolder(folder)
-    if fresh:
-        files.clear()
-    identity: dict[str, Any] = {
+    identity = {
         "dfdbench": PACKAGE_VERSION,
         "method": "volume-net",
         "trained_on": trained_on,
+        "seed": seed,
+        "steps": steps,
+        "start": weights_sha256(start) if start else None,
     }
-    identity |= {"seed": seed, "steps": steps, "start": weights_sha256(start) if start else None}
-    learner = _Learner(examples, seed, start)
-    log, seconds = Log(), 0.0
-    if files.started:
-        state, log = files.load(identity)
-        seconds = state.pop("seconds")
-        learner.restore(state)
-    else:
-        # Report a folder that cannot be written now, not after the first minute.
-        files.save(identity, {**learner.state(), "seconds": seconds}, log)
-    begin, saved, ended = time.monotonic() - seconds, time.monotonic(), ""
-    while not ended:
-        part = max(learner.step / steps, seconds / max_seconds if max_seconds else 0.0)
-        rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
-        loss = learner.learn(rate)
-        log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
-        if on_step:
-            on_step(learner.step, steps)
-        now = time.monotonic()
-        seconds = now - begin
-        if learner.step >= steps:
-            ended = EndedBy.STEPS
-        elif max_seconds is not None and seconds >= max_seconds:
-            ended = EndedBy.TIME_LIMIT
-        if learner.held and (ended or learner.step % _SCORED == 0):
-            log.scores.append({"step": learner.step, **learner.scores()})
-        if ended or now - saved >= _SAVE_SECONDS:
-            files.save(identity, {**learner.state(), "seconds": seconds}, log)
-            saved = now
-    card = _card_of(learner, trained_on, steps, log, seconds, ended)
-    save_weights(folder / WEIGHTS, learner.averaged, card)
-    return folder / WEIGHTS, card, log
-
-
-def _card_of(
-    learner: _Learner, trained_on: str, steps: int, log: Log, seconds: float, ended: str
-) -> Card:
-    scores = {name: value for name, value in (log.scores or [{}])[-1].items() if name != "step"}
-    with same_threads():
-        environment = describe_environment()
-    return Card(
+    learner = _Learner(examples, seed, steps, start)
+    ended, seconds, log = drive(
+        learner, TrainingFolder(folder), identity, max_seconds, on_step, fresh
+    )
+    last = (log.scores or [{}])[-1]
+    scores = [value for name, value in last.items() if name != "step"]
+    card = card_of(
+        learner,
+        seconds,
+        ended,
+        torch.device("cpu"),
         method="volume-net",
         architecture={"levels": COUNT},
-        parameters=count_parameters(learner.network),
         trained_on=trained_on,
-        started_from=learner.started_from,
         dataset=trained_on,
         fingerprint="",
         recipe="of each camera by itself, fitted",
@@ -282,39 +240,30 @@ def _card_of(
             "learning_rate": RATE,
             "steps": steps,
         },
-        seed=learner.seed,
-        steps=learner.step,
-        seconds=round(seconds, 1),
-        ended_by=ended,
+        seed=seed,
         scored_on=f"cameras held out: {', '.join(learner.held)}" if learner.held else "nothing",
         scores={},
-        further_scores={"valid": {"nrmse": fmean(scores.values())}} if scores else {},
-        environment={
-            "processor": environment.cpu,
-            "threads": str(torch.get_num_threads()),
-            "torch": str(torch.__version__),
-            "dfdbench": PACKAGE_VERSION,
-        },
+        further_scores={"valid": {"nrmse": fmean(scores)}} if scores else {},
     )
+    save_weights(folder / WEIGHTS, learner.averaged, card)
+    return folder / WEIGHTS, card, log
 
 
 class _Learner:
     """A network in training, and the mean of its last weights."""
 
     def __init__(
-        self, examples: Mapping[str, Sequence[Example]], seed: int, start: Path | None
+        self, examples: Mapping[str, Sequence[Example]], seed: int, steps: int, start: Path | None
     ) -> None:
         self.held = {name: part for name, part in examples.items() if name in HELD_OUT}
         self._examples = [
             example for name, part in examples.items() if name not in HELD_OUT for example in part
         ]
-        if not self._examples:
-            raise InputError("no example to train on", where="volume-net")
         smallest = min(min(example.levels.shape) for example in self._examples)
         if smallest < _MULTIPLE:
             what = f"images of {smallest} pixels are too small to train on"
             raise InputError(what, where="volume-net", expected=f"{_MULTIPLE} pixels or more")
-        self.seed = seed
+        self._seed = seed
         self.started_from = ""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -330,13 +279,20 @@ class _Learner:
         )
         self._depths = torch.from_numpy(levels_of(COUNT) - 0.5).float()
         self._bf16 = precision_for(torch.device("cpu"))[0] == "bf16"
-        self.step = 0
+        self.step, self.steps = 0, steps
 
-    def learn(self, rate: float) -> float:
-        """Do one step and return its loss."""
+    @property
+    def ended(self) -> str:
+        """Why there is no further step."""
+        return EndedBy.STEPS if self.step >= self.steps else ""
+
+    def learn(self, spent: float) -> tuple[float, float]:
+        """Do one step, of so much of the time; return its learning rate and its loss."""
+        part = max(self.step / self.steps, spent)
+        rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         for group in self._optimizer.param_groups:
             group["lr"] = rate * min(1.0, (self.step + 1) / WARM_UP)
-        batch = draw(self._examples, self.seed, self.step)
+        batch = draw(self._examples, self._seed, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
             answer = self.network(batch.volume, batch.paths, batch.told, batch.guide, batch.prior)
         loss = loss_of(answer[0], answer[1], batch.levels, self._depths)
@@ -355,10 +311,16 @@ class _Learner:
         value = float(loss.detach())
         if not np.isfinite(value):
             raise DivergedError(f"the loss became {value}", where=f"step {self.step}")
-        return value
+        return rate, value
 
-    def scores(self) -> dict[str, float]:
+    def levels(self) -> list[Row]:
+        """Return nothing: levels are not counted."""
+        return []
+
+    def scores(self, last: bool) -> dict[str, float]:
         """Return the error of the mean weights for each camera held out, by its name."""
+        if not last and self.step % _SCORED:
+            return {}
         return {
             name: fmean(error_of(self.averaged, example, self._depths) for example in part[::3])
             for name, part in self.held.items()

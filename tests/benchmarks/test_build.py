@@ -19,7 +19,6 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.sources import Source, open_source
-from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_writer import StoreWriter
@@ -111,32 +110,6 @@ def test_seconds_a_pair(
         print(f"  build, two against one      {wall[1] / wall[2]:8.2f} times")
         print(f"  blur, two against one       {blur[1] / blur[2]:8.2f} times")
     assert pairs >= 54
-
-
-@pytest.fixture
-def all_lightings(folder: Path, tmp_path: Path) -> Path:
-    """The same scenes under every illumination and exposure, dimmed by made-up factors."""
-    place = tmp_path / "all"
-    manifest = find_manifest("middlebury")
-    for pair in manifest.pairs():
-        scene, at = folder / pair.scene, pair.at
-        image = np.asarray(cv2.imread(str(scene / image_name({"view": at["view"]}))))
-        light = (0.25, 0.6, 1.0)[at["exposure"]] * (0.8 + 0.06 * at["illumination"])
-        write_png(place / pair.scene / image_name(at), (image * light).astype(np.uint8))
-        depth = place / pair.scene / depth_name(at)
-        if not depth.exists():
-            depth.write_bytes((scene / depth_name(at)).read_bytes())
-    return place
-
-
-@pytest.mark.usefixtures("one_thread")
-@pytest.mark.benchmark(group="build the whole set, 458 pairs")
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_whole_set(benchmark: Any, all_lightings: Path, tmp_path: Path, workers: int) -> None:
-    manifest = find_manifest("middlebury")
-    source = open_source(manifest, all_lightings)
-    build = partial(build_store, manifest, source, tmp_path / "m.zarr", pool=Threads(workers))
-    assert benchmark.pedantic(build, rounds=1).pairs == 458
 
 
 _BUILD = """

@@ -28,7 +28,6 @@ from dfdbench.methods.mrf import (
     Solution,
     coarse_to_fine,
     expansion,
-    published,
     split,
     truncated_absolute,
 )
@@ -65,12 +64,6 @@ def pair() -> Pair:
         )
         blurred[:, columns] = whole[:, columns]
     return np.rint(sharp).astype(np.uint8), np.rint(blurred).astype(np.uint8)
-
-
-@pytest.fixture(scope="module")
-def energy(pair: Pair) -> Energy:
-    unary, offset = data_cost(*pair, SIGMAS)
-    return Energy(unary, published(LABELS), offset=offset)
 
 
 def test_data_cost(benchmark: Any, pair: Pair) -> None:
@@ -179,13 +172,6 @@ def test_peak_memory(benchmark: Any, method: str) -> None:
     benchmark.extra_info["peak, MB"] = peak
     print(f"\n{method}: at most {peak:.0f} MB")
     assert peak < 450
-
-
-@pytest.mark.parametrize("quality", ["fast", "default", "high"])
-def test_split(benchmark: Any, energy: Energy, quality: Quality) -> None:
-    split(energy, quality)
-    solution = benchmark.pedantic(split, (energy, quality), rounds=2)
-    print(f"\nsplit {quality}: energy {solution.energy}")
 
 
 @pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])

@@ -51,6 +51,35 @@ def pixel_by_pixel(image: Floats, depth: NDArray[Any], kernels: Floats) -> Float
     return out
 
 
+def pixel_after_pixel(image: Floats, depth: NDArray[Any], kernels: Floats) -> Floats:
+    """The same in the order of the sums: light spread pixel after pixel, layers laid in turn."""
+    reach = kernels.shape[1] // 2
+    around = ((reach, reach), (reach, reach))
+    wide, levels = np.pad(image, (*around, (0, 0)), mode="edge"), np.pad(depth, around, mode="edge")
+    height, width = depth.shape
+    layers = {}
+    for level in np.unique(levels):
+        layer = layers[level] = np.zeros((height + 4 * reach, width + 4 * reach, 4))
+        for y, x in np.argwhere(levels == level):
+            light = np.array([1, *wide[y, x]])
+            spread = kernels[level][..., np.newaxis] * light
+            layer[y : y + 2 * reach + 1, x : x + 2 * reach + 1] += spread
+    out = np.zeros((height, width, 4))
+    for y, x in np.ndindex(height, width):
+        window = levels[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
+        reached = [d for d, layer in layers.items() if layer[y + 2 * reach, x + 2 * reach, 0]]
+        surfaces = np.split(reached, np.flatnonzero(np.diff(reached) > GAP) + 1)
+        for number, surface in enumerate(surfaces):
+            seen = sum(layers[d][y + 2 * reach, x + 2 * reach] for d in surface)
+            behind = 0.0
+            if number:
+                columns = np.where(window < surface[0], kernels[surface[-1]], 0).sum(axis=0)
+                behind = sum(columns.tolist())
+            share = seen[0] / (seen[0] + behind)
+            out[y, x] = (1 - share) * out[y, x] + share / seen[0] * seen
+    return out[..., 1:]
+
+
 def made_scene(seed: int) -> tuple[Floats, NDArray[np.uint8]]:
     """Noise on a slanted ground, a near board before it that reaches over the border, and dots."""
     random = np.random.default_rng(seed)
@@ -68,6 +97,21 @@ def test_it_is_the_formula(exponent: float, focus: str) -> None:
     kernels = without_tails(KERNELS[exponent][:: 1 if focus == "near" else -1])
     exact = pixel_by_pixel(image, depth, kernels)
     assert np.abs(composite_layers(image, depth, kernels) - exact).max() < 1e-9
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 30), (17, 19)])
+def test_it_is_the_formula_to_the_last_bit(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(shape[1])
+    image = random.uniform(0, 255, (*shape, 3))
+    # Lone pixels, runs of all lengths and boards: what is spread together and what is not.
+    depth = np.where(random.random(shape) < 0.3, random.integers(0, 256, shape), 40)
+    depth[:, 10:15] = np.where(random.random((shape[0], 5)) < 0.8, 200, 203)[:, : shape[1] - 10]
+    for kernels in (without_tails(KERNELS[2.0])[:, 4:-4, 4:-4], without_tails(KERNELS[DISK])):
+        exact = pixel_after_pixel(image, depth, kernels)
+        assert np.array_equal(composite_layers(image, depth, kernels), exact)
+        assert np.array_equal(composite_layers(image[..., :2], depth, kernels), exact[..., :2])
+        five = composite_layers(np.dstack([image, image[..., :2]]), depth, kernels)
+        assert np.array_equal(five, np.dstack([exact, exact[..., :2]]))
 
 
 @pytest.mark.parametrize("exponent", list(KERNELS))

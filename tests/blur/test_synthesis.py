@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, synthesize
+from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, synthesize
 from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
 
@@ -162,6 +162,31 @@ def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
     assert np.allclose(ours, whole_images(IMAGE, LEVELS, kernels), rtol=1e-12)
     grey = blur_by_level(IMAGE[..., 1], LEVELS, kernels)
     assert np.array_equal(grey, ours[..., 1])
+
+
+@pytest.mark.parametrize("channels", [1, 3, 9])
+@pytest.mark.parametrize("shape", [(1, 1), (4, 37)])
+def test_sums_are_in_their_order_to_the_last_bit(shape: tuple[int, int], channels: int) -> None:
+    image = RANDOM.uniform(0, 255, (*shape, channels))
+    levels = np.sort(RANDOM.integers(0, 256, shape).astype(np.uint8), axis=1) // 9 * 9
+    levels[:, ::5] = 250
+    recipe = BlurRecipe(0.32, 0.01125, kernel_size=9, invert=False)
+    rows, kernels = recipe.kernels(), RANDOM.uniform(0, 1, (256, 9, 9))
+    padded = np.pad(image, ((4, 4), (4, 4), (0, 0)), mode="edge")
+    folded, gathered = np.empty_like(image), np.empty_like(image)
+    for y, x in np.ndindex(shape):
+        window, row = padded[y : y + 9, x : x + 9], rows[levels[y, x]]
+        kernel = kernels[levels[y, x]][..., np.newaxis]
+        # Opposite weights are one; columns first, then rows.
+        column = row[4] * window[4]
+        for offset in range(1, 5):
+            column = column + row[4 + offset] * (window[4 - offset] + window[4 + offset])
+        folded[y, x] = row[4] * column[4]
+        for offset in range(1, 5):
+            folded[y, x] += row[4 + offset] * (column[4 - offset] + column[4 + offset])
+        gathered[y, x] = sum(sum(kernel[j] * window[j] for j in range(9)))
+    assert np.array_equal(blur_by_recipe(image, levels, recipe), folded)
+    assert np.array_equal(blur_by_level(image, levels, kernels), gathered)
 
 
 def test_threads_at_work_at_once_change_no_blur_by_level() -> None:

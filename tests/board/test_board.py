@@ -25,13 +25,13 @@ def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> Non
     means = scores.groupby(["method", "track", "severity", "metric"])["value"].mean()
     assert means["solver-given", "gain", 1, "nmae"] == 0.25
     ranked = board.table("demo")
-    assert ranked[["rank", "method", "protocol"]].to_numpy().tolist() == [[1, "mine", "thesis"]]
-    assert board.table("demo-1", protocol="valid")["nrmse"][0] == ranked["nrmse"][0]
+    assert ranked[["rank", "method", "protocol"]].to_numpy().tolist() == [[1, "mine", "valid"]]
+    assert board.table("demo-1", protocol="thesis")["nrmse"][0] == ranked["nrmse"][0]
     assert board.table("demo", suite="tracks-1")["rank"].isna().all()
     with pytest.raises(UnknownNameError, match="did you mean demo-1 test clean"):
         board.table("dem", protocol="thesis")
     assert repr(board) == f"<leaderboard {tmp_path}: 2 rows on 1 data set>"
-    assert "<b>demo-1, split test, protocol thesis</b>" in board._repr_html_()
+    assert "<b>demo-1, split test, protocol valid</b>" in board._repr_html_()
 
 
 def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
@@ -84,8 +84,8 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     assert "2026-11-24, after the code was fixed at commit `abc`" in first
     assert re.search(r"^\| 1 \| mine \|.* 0\.3000 \| 0\.3000 to 0\.3000 ", first, re.M)
     assert "unseen-7-1" not in text
-    assert "### demo-1, split test, protocol thesis: public truth" in public
-    assert "protocol valid" not in public
+    assert "### demo-1, split test, protocol valid: public truth" in public
+    assert "protocol thesis" not in public
     assert "unseen-7-1" in {one.result.dataset.name for one in leaderboard(tmp_path).boards}
 
 
@@ -125,12 +125,10 @@ def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> Non
     for name in ("one", "two"):
         path = add(tmp_path, name, 0.1)
         content = json.loads(path.read_text("utf-8"))
-        content["runs"][0]["scores"]["thesis"]["nmae"][0] = None
+        content["runs"][0]["scores"]["valid"]["nmae"][0] = None
         path.write_text(json.dumps(content))
     leaderboard(tmp_path)
-    content["runs"][0]["scores"]["thesis"]["nrmse"][5] = None
+    content["runs"][0]["scores"]["valid"]["nrmse"][5] = None
     path.write_text(json.dumps(content))
-    with pytest.raises(
-        ResultError, match=r"two has no nrmse under thesis.*illumination2/exposure2"
-    ):
+    with pytest.raises(ResultError, match=r"two has no nrmse under valid.*illumination2/exposure2"):
         leaderboard(tmp_path)

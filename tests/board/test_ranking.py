@@ -49,7 +49,7 @@ def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
     add(tmp_path, "last", 0.3)
     made = make_demo_result(lambda p: 0.3 + 0.0001 * len(p.scene) + 0.001 * p.at["exposure"], "z")
     pairs = [
-        pair.model_copy(update={"scores": {"thesis": pair.scores["thesis"] | {"nmae": 0.0}}})
+        pair.model_copy(update={"scores": {"valid": pair.scores["valid"] | {"nmae": 0.0}}})
         for pair in made.pairs
     ]
     submit(made.model_copy(update={"pairs": pairs}), tmp_path)
@@ -87,10 +87,10 @@ def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
     changed = one.model_copy(update={"dataset": dataset, "protocols": one.protocols[:1]})
     found = boards([Entry.of(run, tmp_path) for run in (one, others, changed)])
     assert [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found] == [
-        ("thesis", "2", 1),
-        ("thesis", "2", 1),
-        ("thesis", "5", 1),
         ("valid", "2", 1),
+        ("valid", "5", 1),
+        ("thesis", "2", 1),
+        ("thesis", "2", 1),
     ]
 
 

@@ -55,7 +55,7 @@ def change(*places: str | int, to: object) -> Callable[[dict[str, Any]], None]:
 
 
 RUN = ("runs", 0)
-SCORE = (*RUN, "scores", "thesis", "nrmse", 3)
+SCORE = (*RUN, "scores", "valid", "nrmse", 3)
 
 
 @pytest.mark.parametrize(
@@ -66,9 +66,9 @@ SCORE = (*RUN, "scores", "thesis", "nrmse", 3)
         (change("suites", to=["tracks-9"]), "no such suite"),
         (change("status", to="reproduced"), "unknown field"),
         (change(*SCORE, to=-0.1), "nrmse should be from 0 to 255"),
-        (change(*RUN, "scores", "thesis", "nmae", to=[]), "0 places for 54 pairs"),
+        (change(*RUN, "scores", "valid", "nmae", to=[]), "0 places for 54 pairs"),
         (change(*RUN, "scores", to={"mine": {}}), "no such protocol"),
-        (change(*RUN, "scores", "thesis", to={}), "metrics should be nrmse"),
+        (change(*RUN, "scores", "valid", to={}), "metrics should be nrmse"),
         (change(*RUN, "seconds", 0, to=None), "an evaluated pair has no seconds"),
         (change(*RUN, "prediction_sha256", 0, to=None), "no prediction_sha256"),
         (change(*RUN, "status", 0, to="failed"), "of a pair that was not evaluated"),

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board import board
 from dfdbench.board.board import draw_seed, read_draws
 from dfdbench.errors import InputError, ResultError
 from tests.made_results import make_demo_result
@@ -12,7 +11,7 @@ from tests.made_results import make_demo_result
 
 def at_commit(monkeypatch: pytest.MonkeyPatch, commit: str | None) -> None:
     environment = make_demo_result(lambda pair: 0.1).environment.model_copy(update={"git": commit})
-    monkeypatch.setattr(board, "describe_environment", lambda: environment)
+    monkeypatch.setattr("dfdbench.results.environment.describe_environment", lambda: environment)
 
 
 def test_a_seed_is_drawn_and_written_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,7 +31,7 @@ def default_lighting(split: str) -> Result:
     for pair in manifest.pairs(split):
         value = by_name(pair) + pair.at["view"]
         scores: dict[str, dict[str, float | None]] = {
-            "thesis": {"nrmse": value, "nmae": value, "ssim": 0.5}
+            "valid": {"nrmse": value, "nmae": value, "ssim": 0.5}
         }
         pairs.append(
             PairResult(
@@ -133,7 +133,7 @@ def test_folds_are_those_that_the_split_holds_whole() -> None:
 def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
     (board,) = ranking.boards([ranking.Entry.of(scored("theirs", 0.01), HERE)], ranked=False)
     table = tables.ranking_table(board, HERE.parent)
-    assert table.title.endswith("protocol thesis: scored, not run")
+    assert table.title.endswith("protocol valid: scored, not run")
     assert table.rows[0][:4] == ("–", "theirs (scored, not run)", "not known", "0.0100")
     assert getattr(table.rows[0][1], "target", "") == HERE.name
 

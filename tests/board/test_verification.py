@@ -1,10 +1,12 @@
 """Running pairs of a row again: what comes out, what is found out, whose code is run."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from dfdbench.board import row_file
 from dfdbench.board.row_file import Row, read_row, row_of, row_text
 from dfdbench.board.verification import verify
 from dfdbench.datasets.catalog import with_track
@@ -23,15 +25,15 @@ HERE = Path("row.json")
 @pytest.fixture
 def stores(
     tiny_store: Dataset, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> dict[str, Dataset]:
+) -> Iterator[dict[str, Dataset]]:
     """The tiny set and one of its tracks by name, as if they were released and built here."""
     manifest = with_track(tiny_store.manifest, "gain-3")
     on_track = store_of(manifest, tiny_folder, tmp_path / "gain.zarr")
     found = {"tiny-1": tiny_store, "tiny-1@gain-3": on_track}
-    released = (tiny_store.manifest,)
-    monkeypatch.setattr("dfdbench.board.row_file.released_manifests", lambda: released)
+    monkeypatch.setattr("dfdbench.board.row_file._manifest_of", lambda _: tiny_store.manifest)
     monkeypatch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
-    return found
+    yield found
+    row_file._pairs_of.cache_clear()
 
 
 def run_on(

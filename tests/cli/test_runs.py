@@ -33,17 +33,22 @@ def test_the_whole_way(
             assert json.loads(shown.out)[0]["rows"][0]["protocol"] == "valid"
     plain = dfdbench.fine("run --method constant --dataset", store, "--limit", "1", "--no-figures")
     kept = sorted(path.name for path in Path("results/tiny-test/constant").iterdir())
-    assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt"
+    assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt tables.md"
     failed = dfdbench("run --method mymodule:nan --dataset", store)
     assert failed.status == 1
     assert "NaN" in failed.out
     assert "7 pairs failed" in failed.err
     scores = r"NRMSE 0\.\d{4}  NMAE 0\.\d{4}  SSIM 0\.\d{4}"
-    last = rf"overall      {scores}  \(protocol valid, split test, 7 pairs\)"
-    assert re.fullmatch(last, ran.err.splitlines()[-1])
-    assert "overall      no score: 1 of 7 pairs were evaluated" in plain.err
+    score, constant, worst, then = ran.err.splitlines()[-4:]
+    assert re.fullmatch(rf"score        {scores}  \(protocol valid, split test, 7 pairs\)", score)
+    assert re.match(r"constant     NRMSE 0\.\d{4}: yours is \d+ % (high|low)er", constant)
+    assert re.match(r"worst        .*pair Three/view1/\S+, NRMSE 0\.\d{4}", worst), worst
+    assert then == f"next         dfdbench report {folder}"
+    score, then = (plain.err.splitlines()[at] for at in (-2, -1))
+    assert score.endswith("(protocol valid, split test, only 1 of 7 pairs)")
+    assert then == f"next         dfdbench run --dataset {store} --split test --method constant"
     one = dfdbench(f"run --method mymodule:nan --dataset {store} --limit 1 --out one")
-    assert "\n1 pair failed; the same command tries it again\n" in one.err
+    assert "1 pair failed; the same command tries it again\n" in one.err
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(

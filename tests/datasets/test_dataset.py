@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 from typing import Any
 
@@ -142,16 +141,3 @@ def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
     with pytest.raises(InputError, match="two slices"):
         data.crop(0, region)  # type: ignore[arg-type]
-
-
-def test_store_split_and_pair_show_themselves(tiny_store: Dataset) -> None:
-    data = open_dataset(str(tiny_store.path)).captures("test")
-    pair = data[0]
-    assert pair._repr_html_().count("<img") == 3
-    assert pair.pair.id in pair._repr_html_()
-    shown = re.findall(r'alt="(\w+)/[^"]*, in-focus"', data._repr_html_())
-    assert shown == ["Two", "Three"]
-    whole = tiny_store._repr_html_()
-    assert tiny_store.fingerprint in whole
-    assert "train (4 pairs), test (7 pairs)" in whole
-    assert "11 pairs of 3 scenes" in whole

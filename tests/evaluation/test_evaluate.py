@@ -129,9 +129,11 @@ def test_a_changed_function_is_another_method(tiny_store: Dataset, tmp_path: Pat
 
 
 def test_depth_maps_live_as_long_as_the_run_or_in_out(tiny_store: Dataset, tmp_path: Path) -> None:
-    done: list[tuple[int, int]] = []
+    done: list[tuple[int, int, str]] = []
     run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
-    assert done == [(1, 2), (2, 2)]
+    scores = [pair.scores["valid"]["nrmse"] or 0 for pair in run.result.pairs if pair.scores]
+    means = [f"NRMSE {np.mean(scores[:count]):.4f}" for count in (1, 2)]
+    assert done == [(1, 2, means[0]), (2, 2, means[1])]
     images, prediction = run.images(run.result.pairs[0].id)
     np.testing.assert_allclose(prediction, grey(images.infocus, images.defocus), rtol=1e-6)
     folder = run.folder
@@ -210,6 +212,25 @@ def test_millimetres_for_metres_are_scored_and_told(in_metres_store: Path, tmp_p
     far.unit = "metres"  # type: ignore[attr-defined]
     done = evaluate(far, str(in_metres_store), out=tmp_path / "run")
     assert any("are these metres?" in text for text in done.result.warnings)
+
+
+def test_what_knows_pairs_and_stacks_is_warmed_up_on_a_pair(
+    in_metres_store: Path, tmp_path: Path
+) -> None:
+    warmed = []
+
+    class Both:
+        def warm_up(self, infocus: Any, defocus: Any) -> None:
+            warmed.append(infocus.shape == defocus.shape)
+
+        def __call__(self, infocus: Any, defocus: Any) -> Any:
+            raise AssertionError
+
+        def from_stack(self, stack: Any) -> Any:
+            return np.full(stack.shape[1:3], 90.0)
+
+    evaluate(Both(), str(in_metres_store), out=tmp_path / "run")
+    assert warmed == [True]
 
 
 def test_a_fit_on_a_set_of_one_s_own_knows_its_scale(in_metres_store: Path, tmp_path: Path) -> None:

@@ -1,3 +1,4 @@
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -135,7 +136,7 @@ def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path)
     (tmp_path / "coef.json").write_text("10")
     loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
 
-    def edit(done: int, _: int) -> None:
+    def edit(done: int, *_: object) -> None:
         (tmp_path / "coef.json").write_text(str(done))
 
     run = run_method(tiny_store, loaded, "test", tmp_path / "out", on_pair=edit)
@@ -272,3 +273,23 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Pa
 
     (told,) = run_method(tiny_store, method(small), "test", tmp_path / "small").result.warnings
     assert told.startswith("all levels between 0 and 1; levels go from 0 (far) to 255 (near)")
+
+
+def test_before_workers_start_the_method_is_warmed_up_here(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "warm.py").write_text(
+        "import os\n"
+        "def warm_up(infocus, defocus):\n"
+        f"    with open({str(tmp_path / 'warmed')!r}, 'a') as log:\n"
+        "        log.write(f'{os.getpid()} {infocus.shape}\\n')\n"
+        "def predict(infocus, defocus):\n"
+        "    return infocus[..., 0]\n"
+        "predict.warm_up = warm_up\n"
+    )
+    loaded = load_for(tiny_store, f"{tmp_path / 'warm.py'}:predict", {})
+    run_method(tiny_store, loaded, "test", tmp_path / "out", pool=Processes(1))
+    shape = tiny_store.read(tiny_store.pairs("test")[0]).infocus.shape
+    here, there = (tmp_path / "warmed").read_text("utf-8").splitlines()
+    assert here == f"{os.getpid()} {shape}"
+    assert there != here

@@ -9,14 +9,7 @@ from dfdbench.datasets.manifest import Scene
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.figures.runs import (
-    draw_run,
-    group_figures,
-    panel_figure,
-    pixel_time_figure,
-    score_figure,
-    show,
-)
+from dfdbench.figures import runs
 from dfdbench.results.summary import summarise
 from tests.made_results import make_result
 
@@ -27,26 +20,16 @@ GEOMETRIES = "flat-far", "oblique-near-left"
 def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=4))
-    paths = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
+    paths = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
-    also = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path, also=("pdf",))
+    also = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path, also=("pdf",))
     assert {path.suffix for path in also} == {".png", ".pdf"}
     assert also[1].read_bytes().startswith(b"%PDF")
     for path in paths:
         image = np.asarray(cv2.imread(str(path)))
         assert min(image.shape[:2]) > 300
         assert np.ptp(image) == 255
-
-
-def test_axes_are_labelled_and_colours_tell_apart() -> None:
-    figure = score_figure(make_result({("a", 1, 1, e): 0.1 * (e + 1) for e in (0, 1)}), "thesis")
-    assert figure is not None
-    labels = [axis.get_ylabel() for axis in figure.axes]
-    assert labels[0] == "NRMSE (lower is better)"
-    assert labels[2] == "SSIM (higher is better)"
-    lines = figure.axes[0].get_lines()
-    assert len({line.get_marker() for line in lines}) == len(lines) == 2
 
 
 def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> None:
@@ -57,7 +40,7 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
         pair.model_copy(update={"seconds": float(number), "timed_alone": number < 5})
         for number, pair in enumerate(result.pairs)
     ]
-    figure = pixel_time_figure(tiny_store, result.model_copy(update={"pairs": pairs}))
+    figure = runs.pixel_time_figure(tiny_store, result.model_copy(update={"pairs": pairs}))
     assert figure is not None
     every, means, line = figure.axes[0].get_lines()
     assert np.asarray(every.get_ydata()).tolist() == [0, 1, 2, 3, 4]
@@ -66,7 +49,7 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
     rate = 10 / (2 * 720 + 2 * 744 + 768)
     assert np.allclose(np.asarray(line.get_ydata()), [720 * rate, 744 * rate, 768 * rate])
     alone = result.model_copy(update={"pairs": pairs[:2]})
-    assert pixel_time_figure(tiny_store, alone) is None
+    assert runs.pixel_time_figure(tiny_store, alone) is None
 
 
 def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Dataset, tmp_path: Path) -> None:
@@ -78,7 +61,7 @@ def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Dataset, tmp_path:
         for exposure in (0, 2)
     )
     for pair, told in ((dark, "times brighter"), (bright, "")):
-        figure = panel_figure(demo_store, run.result, tmp_path, (pair,), "thesis", "best")
+        figure = runs.panel_figure(demo_store, run.result, tmp_path, (pair,), "thesis", "best")
         assert figure is not None
         assert told in figure.axes[0].get_xlabel()
         shown = figure.axes[0].get_images()[0].get_array()
@@ -94,7 +77,7 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
     ]
     k00 = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2}
     others = {("k01", 1, 1, 0): 0.1, ("k04", 1, 1, 0): 0.6, ("k05", 1, 1, 0): 0.3}
-    figures = group_figures({"mine": make_result(k00 | others)}, "thesis", scenes)
+    figures = runs.group_figures({"mine": make_result(k00 | others)}, "thesis", scenes)
     assert list(figures) == ["exposure", "geometry", "texture"]
     axis = figures["geometry"].axes[0]
     assert tuple(label.get_text() for label in axis.get_yticklabels()) == GEOMETRIES
@@ -106,9 +89,9 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:
     pair = open_dataset(str(tiny_store.path)).captures("test")[0]
-    titles = [axis.get_title() for axis in show(pair).axes]
+    titles = [axis.get_title() for axis in runs.show(pair).axes]
     assert titles[:3] == ["in-focus", "defocus", "ground truth"]
-    figure = show(pair, pair.depth.astype(np.float32) + 3)
+    figure = runs.show(pair, pair.depth.astype(np.float32) + 3)
     error = figure.axes[4].images[0].get_array()
     assert error is not None
     assert figure.axes[4].get_title() == "prediction − truth"
@@ -120,9 +103,9 @@ def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
     captures = open_dataset(str(tiny_store.path)).captures()
     for wrong, kind in ((None, "NoneType"), (captures, "Captures")):
         with pytest.raises(TypeError, match=f"draws a capture.*, not {kind}"):
-            show(wrong)  # type: ignore[arg-type]
+            runs.show(wrong)  # type: ignore[arg-type]
 
 
 def test_a_notebook_shows_the_picture(tiny_store: Dataset) -> None:
-    figure = show(open_dataset(str(tiny_store.path)).captures("test")[0])
+    figure = runs.show(open_dataset(str(tiny_store.path)).captures("test")[0])
     assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

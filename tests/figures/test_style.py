@@ -34,15 +34,6 @@ def test_no_text_is_taken_for_a_formula_or_left_out_of_a_legend(tmp_path: Path, 
     style.write_figure(figure, tmp_path / "a.png")
 
 
-@given(text=st.text("ab $_=", max_size=80), width=st.integers(8, 30))
-@settings(max_examples=30)
-def test_lines_are_no_longer_than_asked_but_for_a_dollars_backslash(text: str, width: int) -> None:
-    plain = style.plain_text(text)
-    for line in style.wrapped(plain, width).split("\n"):
-        assert len(line.replace(r"\$", "$")) <= max(width, 1) or not line.strip()
-    assert style.wrapped(plain, width).replace("\n", "").replace(" ", "") == plain.replace(" ", "")
-
-
 def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_path: Path) -> None:
     figure = Figure(figsize=(4, 3), layout="constrained")
     axis = figure.subplots()

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
-from dfdbench.errors import MethodError
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.choices import Part, choose, energy_of
 from dfdbench.methods.fitted import Solver
@@ -74,12 +73,6 @@ def test_as_much_is_smoothed_as_noise_wants() -> None:
     assert (found.smoothing, found.weight, found.sharpness) == (4, 0, 0)
     assert found.as_dict() == {"smoothing": 4}
     assert Chosen.taken_from(found.as_learned()).as_dict() == found.as_dict()
-
-
-@pytest.mark.parametrize("name", ["local", "guided", "sgm", "graph-cuts", "rational-filters"])
-def test_a_prior_is_true_or_false(name: str) -> None:
-    with pytest.raises(MethodError, match="true or false"):
-        load_method(name, {"recipe": None, "prior": "yes"}, {})
 
 
 def test_what_a_level_costs_is_added_up_to_the_limit() -> None:

@@ -22,6 +22,7 @@ from dfdbench.methods.sgm import SemiGlobal
 from tests.methods.made_planes import inside, learned_law, plane, slope, texture
 
 NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
+READY = [*NAMES, "graph-cuts", "graph-cuts-rounded"]
 
 
 @cache
@@ -53,11 +54,12 @@ def test_the_s_transform_finds_a_plane(level: int, error: float) -> None:
     ("name", "wrong"),
     [
         ("constant", {"training_mean": 300}),
-        ("local", {"window": 2.5}),
-        ("guided", {"window": 6, "flatness": -1, "limit": 0}),
+        ("local", {"prior": "yes", "window": 2.5}),
+        ("guided", {"prior": "yes", "window": 6, "flatness": -1, "limit": 0}),
         ("sgm", {"small_step": 0, "large_step": 1e9, "limit": 0}),
-        ("s-transform", {"smoothing": 0, "window": 4}),
-        ("rational-filters", {"window": -3}),
+        ("graph-cuts", {"prior": "yes"}),
+        ("s-transform", {"smoothing": 0, "window": 4, "sure": "very"}),
+        ("rational-filters", {"prior": "yes", "window": -3}),
         ("favaro-soatto", {"sharp_patch": 4, "blurred_patch": 0, "groups": 1, "window": 2}),
     ],
 )
@@ -67,7 +69,7 @@ def test_wrong_parameters_are_all_named(name: str, wrong: dict[str, Any]) -> Non
     assert [problem.where for problem in caught.value.problems] == list(wrong)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", READY)
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 2), (33, 47), (40, 7)])
 def test_any_size_gives_a_depth_map(name: str, shape: tuple[int, int]) -> None:
     image = texture(3, *shape)
@@ -77,7 +79,7 @@ def test_any_size_gives_a_depth_map(name: str, shape: tuple[int, int]) -> None:
     assert 0 <= found.min() <= found.max() <= 255
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", READY)
 def test_a_grey_image_counts_as_much_as_three_equal_channels(name: str) -> None:
     pair = slope(1, 40, 60)
     three = [np.repeat(image[..., :1], 3, axis=2) for image in (pair.infocus, pair.defocus)]
@@ -88,7 +90,7 @@ def test_a_grey_image_counts_as_much_as_three_equal_channels(name: str) -> None:
     assert np.abs(first - second).mean() < 6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", READY)
 @pytest.mark.parametrize("value", [0, 128, 255])
 def test_an_image_without_texture_gives_levels(name: str, value: int) -> None:
     flat = np.full((20, 30, 3), value, np.uint8)
@@ -97,7 +99,7 @@ def test_an_image_without_texture_gives_levels(name: str, value: int) -> None:
     assert 0 <= found.min() <= found.max() <= 255
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", READY)
 def test_the_number_of_threads_changes_no_byte(name: str) -> None:
     pair = slope(2, 70, 90)
     method = ready(name)

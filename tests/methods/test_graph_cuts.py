@@ -1,6 +1,5 @@
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,8 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods.baselines import Local
-from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
 from dfdbench.methods.measured_law import Calibration
-from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 from tests.made_stacks import stack_of
 from tests.methods.made_planes import texture
@@ -140,23 +137,6 @@ def test_a_bare_wall_with_noise_does_not_lead_far_astray(seed: int) -> None:
         assert GraphCuts(quality=quality).solve(*pair).energy < 1.003 * slow
 
 
-def test_a_grey_image_is_one_channel(pair: tuple[Image, Image, Image]) -> None:
-    infocus, defocus, depth = pair
-    found = GraphCuts()(infocus[..., 1].copy(), defocus[..., 1].copy())
-    assert nmae(depth, found) < 0.1
-    again = GraphCuts()(infocus[..., 1:2].copy(), defocus[..., 1:2].copy())
-    assert np.array_equal(found, again)
-
-
-@pytest.mark.slow
-def test_awkward_images_are_no_trouble() -> None:
-    trials = check_method(Method("graph-cuts", "m:m", GraphCuts(labels=64)))
-    assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
-    tiny = np.array([[[3, 4, 5]]], np.uint8)
-    found = GraphCuts()(tiny, tiny)
-    assert found.shape == (1, 1)
-
-
 def test_sizes_that_differ_are_named(pair: tuple[Image, Image, Image]) -> None:
     with pytest.raises(InputError, match="expected the shape"):
         GraphCuts()(pair[0], pair[1][:-1].copy())
@@ -192,14 +172,6 @@ def test_float_colours_are_not_rounded(pair: tuple[Image, Image, Image]) -> None
     assert exact < rounded / 2
     grey = GraphCuts(color_space="ycrcb-float")(infocus[..., 0], defocus[..., 0])[0]
     assert np.array_equal(grey, GraphCuts()(infocus[..., 0], defocus[..., 0])[0])
-
-
-def test_two_pairs_at_once_change_nothing(pair: tuple[Image, Image, Image]) -> None:
-    method = GraphCuts()
-    alone = method(*pair[:2])
-    with ThreadPoolExecutor(4) as pool:
-        many = list(pool.map(lambda _: method(*pair[:2]), range(8)))
-    assert all(np.array_equal(one, alone) for one in many)
 
 
 # What the program published with the thesis gives on these images: (recipe, exposure), and

@@ -10,17 +10,7 @@ from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.methods.law_cost import (
-    MISFIT_STEPS,
-    UNIT,
-    blurred_by,
-    few_kernels,
-    information,
-    information_at,
-    law_cost,
-    law_misfits,
-    level_costs,
-)
+from dfdbench.methods import law_cost
 from tests.methods.made_planes import plane
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)
@@ -74,12 +64,12 @@ def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
         misfits[..., level] = np.sqrt(
             np.square(np.maximum(np.abs(residual) - bound, 0)).sum(axis=2)
         )
-    blurred = blurred_by(law, infocus, defocus)
-    unary, offset = law_cost(blurred, 4, 60000)
+    blurred = law_cost.blurred_by(law, infocus, defocus)
+    unary, offset = law_cost.law_cost(blurred, 4, 60000)
     least = costs.min(axis=2, keepdims=True)
     assert np.abs(unary - np.minimum(costs - least, 60000)).max() <= 2 + 0.002 * costs.max()
     assert offset == pytest.approx(least.sum(), rel=0.002)
-    assert np.abs(law_misfits(blurred) / MISFIT_STEPS - misfits).max() < 0.1
+    assert np.abs(law_cost.law_misfits(blurred) / law_cost.MISFIT_STEPS - misfits).max() < 0.1
     for level in range(len(SIGMAS)):
         assert np.abs(blurred.of_level(level) - blurred_at(law, infocus, level)).max() < 0.1
 
@@ -94,16 +84,18 @@ def test_an_image_of_a_stack_says_five_nats_at_most() -> None:
     for law in laws:
         residuals = [defocus - blurred_at(law, infocus, level) for level in range(3)]
         nats = np.square(np.stack(residuals, axis=3) / 2).sum(axis=2) / 2
-        costs = UNIT * np.minimum(nats, 5)
+        costs = law_cost.UNIT * np.minimum(nats, 5)
         wanted += costs - costs.min(axis=2, keepdims=True)
-    found = level_costs(laws, infocus, [defocus, defocus], 15)
+    found = law_cost.level_costs(laws, infocus, [defocus, defocus], 15)
     assert np.abs(found - wanted).max() < 3
 
 
 def test_only_the_levels_in_question_are_worked_out() -> None:
     law = LAWS[1]
-    whole = law_cost(blurred_by(law, *pair()), 4, 60000)[0].astype(int)
-    some = law_cost(blurred_by(law, *pair(), np.array([1, 3])), 4, 60000)[0].astype(int)
+    whole = law_cost.law_cost(law_cost.blurred_by(law, *pair()), 4, 60000)[0].astype(int)
+    some = law_cost.law_cost(law_cost.blurred_by(law, *pair(), np.array([1, 3])), 4, 60000)[
+        0
+    ].astype(int)
     difference = whole[..., [1, 3]] - some
     assert np.abs(difference[..., 0] - difference[..., 1]).max() <= 1
 
@@ -116,9 +108,9 @@ def test_information_is_that_of_a_pixel_alone(noise: float, infocus_noise: float
     change = blurred_at(law, infocus, 1) - blurred_at(law, infocus, 0)
     spread = 1 + infocus_noise**2 * np.square(law.kernels()).sum(axis=(1, 2))
     per_pixel = np.square(change / noise).sum(axis=2).mean()
-    found = information(blurred_by(law, infocus, defocus), np.array([0, 1]))
+    found = law_cost.information(law_cost.blurred_by(law, infocus, defocus), np.array([0, 1]))
     assert found == pytest.approx((per_pixel / spread).mean(), rel=1e-3)
-    far = information(blurred_by(law, infocus, defocus), np.array([0, 10]))
+    far = law_cost.information(law_cost.blurred_by(law, infocus, defocus), np.array([0, 10]))
     assert far == pytest.approx(found / 100)
 
 
@@ -131,7 +123,7 @@ def test_a_pixels_information_is_that_of_its_own_level(noise: float, infocus_noi
     shares = np.square(law.kernels()).sum(axis=(1, 2))
     variances = noise**2 * (1 + infocus_noise**2 * shares)
     levels = np.random.default_rng(2).integers(0, 3, infocus.shape[:2])
-    found = information_at(blurred_by(law, infocus, defocus), levels)
+    found = law_cost.information_at(law_cost.blurred_by(law, infocus, defocus), levels)
     for level, (low, high) in enumerate([(0, 1), (0, 2), (1, 2)]):
         step = high - low
         told = np.square((looks[high] - looks[low]) / step).sum(axis=2) / variances[level]
@@ -143,7 +135,7 @@ def test_a_pixels_information_is_that_of_its_own_level(noise: float, infocus_noi
 @pytest.mark.parametrize(("exponent", "most"), [(2.0, 20), (32.0, 40)])
 def test_few_kernels_stand_for_all(exponent: float, most: int) -> None:
     planes = point_spread_functions(np.linspace(0.3, 3.2, 256), 27, exponent).reshape(256, -1)
-    chosen, factors = few_kernels(planes, 2e-4)
+    chosen, factors = law_cost.few_kernels(planes, 2e-4)
     assert len(chosen) <= most
     # Least squares leave no more than what was left when choosing ended, but for its norm.
     assert np.abs(factors.T @ planes[chosen] - planes).sum(axis=1).max() < 4e-4
@@ -154,10 +146,10 @@ PUBLISHED = RECIPES["published"]
 
 def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
     pair = plane(120)
-    costs = level_costs([PUBLISHED], pair.infocus, [pair.defocus], 50)
+    costs = law_cost.level_costs([PUBLISHED], pair.infocus, [pair.defocus], 50)
     assert costs.shape == (64, 80, 256)
-    assert costs.max() == 50 * UNIT
+    assert costs.max() == 50 * law_cost.UNIT
     assert costs.min(2).max() == 0
     # Rounding leaves half a nat a channel, in the mean.
-    right = costs[14:-14, 14:-14, 255 - 120] / UNIT
+    right = costs[14:-14, 14:-14, 255 - 120] / law_cost.UNIT
     assert 0 < right.mean() < 1.5

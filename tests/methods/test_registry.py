@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.errors import MethodError, UnknownNameError
+from dfdbench.errors import MethodError
 from dfdbench.methods.registry import check_parameters, load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -48,11 +48,6 @@ def test_what_cannot_be_made_with_these_parameters_says_why(
     with pytest.raises(MethodError) as caught:
         load_method(name, parameters, {})
     assert told in str(caught.value)
-
-
-def test_an_unknown_name_shows_the_near_miss() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean local"):
-        load("locl")
 
 
 def test_packages_register_entry_points(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:

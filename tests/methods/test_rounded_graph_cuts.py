@@ -11,9 +11,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError
-from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.methods.method import Method
 from dfdbench.methods.rounded_graph_cuts import STEPS, RoundedGraphCuts, rounded_cost
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
@@ -77,19 +75,6 @@ def test_no_level_is_proposed_that_training_did_not_show() -> None:
         found[first] = method(infocus, defocus)
     assert np.abs(found[80] - depth).mean() < 1
     assert np.abs(found[0] - depth).mean() > 2
-
-
-@pytest.mark.slow
-def test_awkward_images_are_no_trouble() -> None:
-    trials = check_method(Method("rounded", "m:m", RoundedGraphCuts()))
-    assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
-
-
-def test_a_grey_image_is_one_channel() -> None:
-    infocus = np.random.default_rng(4).integers(0, 256, (30, 40)).astype(np.uint8)
-    depth = np.full((30, 40), 150, np.uint8)
-    found = RoundedGraphCuts()(infocus, synthesize(infocus, depth, RECIPES["published"]))
-    assert np.mean(found == depth) > 0.9
 
 
 @pytest.mark.slow

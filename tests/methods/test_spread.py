@@ -101,12 +101,6 @@ def test_who_is_sure_says_so_where_it_is_asked_and_is_right_to_be(name: str) -> 
     assert np.array_equal(other(test.infocus, test.defocus)[1], sigma)
 
 
-@pytest.mark.parametrize("name", SURE)
-def test_sure_is_true_or_false(name: str) -> None:
-    with pytest.raises(MethodError, match=r"wrong parameter \(sure\)"):
-        load_method(name, {"recipe": "published", "sure": "very"}, {})
-
-
 def test_a_fit_of_the_law_learns_the_factor_besides() -> None:
     method = load_method("local", {"recipe": None, "sure": True}, {})
     pairs = [made(seed) for seed in range(2)]

@@ -9,14 +9,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.width_curve import (
-    LADDER,
-    best_widths,
-    held_at_ends,
-    left_at,
-    smooth_curve,
-    width_curve,
-)
+from dfdbench.methods import width_curve
 
 LEVEL = np.arange(LEVELS)
 LINE = 0.4 + 0.01 * LEVEL
@@ -27,33 +20,33 @@ PIXELS = np.full(LEVELS, 1000)
 
 def bowls(widths: NDArray[Any]) -> NDArray[np.float64]:
     """Squared differences of 1,000 pixels a level: least at a width, and rounding's there."""
-    away = LADDER[np.newaxis, :] - widths[:, np.newaxis]
+    away = width_curve.LADDER[np.newaxis, :] - widths[:, np.newaxis]
     return np.asarray(1000 * (1 / 12 + 30 * away**2))
 
 
 @pytest.mark.parametrize("widths", [LINE, VALLEY], ids=["line", "valley"])
 def test_the_widths_of_least_difference_are_found(widths: NDArray[Any]) -> None:
-    found, sharpness, least = best_widths(bowls(widths))
+    found, sharpness, least = width_curve.best_widths(bowls(widths))
     assert_allclose(found, widths, atol=0.05)
     assert (sharpness > 0).all()
     assert (least >= 0).all()
-    assert_allclose(width_curve(bowls(widths), PIXELS), widths, atol=0.06)
-    assert_allclose(left_at(bowls(widths), widths), 1000 / 12, rtol=0.2)
+    assert_allclose(width_curve.width_curve(bowls(widths), PIXELS), widths, atol=0.06)
+    assert_allclose(width_curve.left_at(bowls(widths), widths), 1000 / 12, rtol=0.2)
 
 
 def test_levels_that_training_lacks_lie_between_their_neighbours() -> None:
     sums, pixels = bowls(LINE), PIXELS.copy()
     pixels[100:140] = 0
     sums[100:140] = 0
-    assert_allclose(width_curve(sums, pixels)[100:140], LINE[100:140], atol=0.06)
+    assert_allclose(width_curve.width_curve(sums, pixels)[100:140], LINE[100:140], atol=0.06)
 
 
 def test_a_smooth_curve_keeps_a_line_and_passes_by_what_weighs_little() -> None:
     weights = np.ones(LEVELS)
-    assert_allclose(smooth_curve(LINE, weights)[0], LINE, atol=1e-6)
+    assert_allclose(width_curve.smooth_curve(LINE, weights)[0], LINE, atol=1e-6)
     bent = LINE.copy()
     bent[50], weights[50] = 5.0, 1e-9
-    assert smooth_curve(bent, weights)[0][50] == pytest.approx(LINE[50], abs=0.01)
+    assert width_curve.smooth_curve(bent, weights)[0][50] == pytest.approx(LINE[50], abs=0.01)
 
 
 def test_the_curve_is_what_the_normal_equations_say() -> None:
@@ -62,26 +55,26 @@ def test_the_curve_is_what_the_normal_equations_say() -> None:
     values = LINE + 0.1 * random.normal(size=LEVELS)
     bends = np.diff(np.eye(LEVELS), 2, axis=0)
     dense = np.linalg.solve(np.diag(weights) + 40 * bends.T @ bends, weights * values)
-    assert_allclose(smooth_curve(values, weights, 40.0)[0], dense, rtol=1e-10)
+    assert_allclose(width_curve.smooth_curve(values, weights, 40.0)[0], dense, rtol=1e-10)
 
 
 def test_where_every_width_leaves_as_much_nothing_is_made_up() -> None:
     with pytest.raises(MethodError, match="do not show"):
-        width_curve(np.full((LEVELS, LADDER.size), 100.0), PIXELS)
+        width_curve.width_curve(np.full((LEVELS, width_curve.LADDER.size), 100.0), PIXELS)
     with pytest.raises(MethodError, match="do not show"):
-        width_curve(np.zeros((LEVELS, LADDER.size)), np.zeros(LEVELS, int))
+        width_curve.width_curve(np.zeros((LEVELS, width_curve.LADDER.size)), np.zeros(LEVELS, int))
 
 
 def test_ends_that_nobody_saw_do_not_come_back_to_the_widths_of_others() -> None:
     pixels = np.where((LEVEL >= 40) & (LEVEL <= 200), 9, 0)
     # What goes on beyond all that was seen is left alone.
-    assert_allclose(held_at_ends(LINE, pixels), LINE)
+    assert_allclose(width_curve.held_at_ends(LINE, pixels), LINE)
     bent = LINE.copy()
     bent[:60] = LINE[60] + (LINE[60] - LINE[:60])
-    held = held_at_ends(bent, pixels)
+    held = width_curve.held_at_ends(bent, pixels)
     assert_allclose(held[40:], bent[40:])
     assert_allclose(held[:40], bent[40])
     # A lens that focuses inside the range, seen on one side of the focus more than on the other.
-    held = held_at_ends(VALLEY, pixels)
+    held = width_curve.held_at_ends(VALLEY, pixels)
     assert_allclose(held[200:], VALLEY[200])
     assert_allclose(held[:201], VALLEY[:201])

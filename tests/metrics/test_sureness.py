@@ -13,19 +13,12 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from dfdbench.errors import InputError
+from dfdbench.metrics import sureness
 from dfdbench.metrics.scores import nrmse
-from dfdbench.metrics.sureness import (
-    ause,
-    density,
-    error_curve,
-    squared_errors,
-    surest_nrmse,
-    within_interval,
-)
 
-half = partial(surest_nrmse, share=0.5)
-most = partial(surest_nrmse, share=0.9)
-ALL = (density, half, most, ause, within_interval)
+half = partial(sureness.surest_nrmse, share=0.5)
+most = partial(sureness.surest_nrmse, share=0.9)
+ALL = (sureness.density, half, most, sureness.ause, sureness.within_interval)
 numbers = hnp.arrays(np.float64, (6, 10), elements=st.floats(0, 255))
 spreads = hnp.arrays(np.float64, (6, 10), elements=st.floats(0.125, 50))
 gaps = hnp.arrays(np.bool_, (6, 10))
@@ -54,17 +47,17 @@ def test_a_sigma_in_the_order_of_the_errors_has_no_area(
 ) -> None:
     error = np.abs(truth - estimate)
     sigma = (1e-3 + error) if power > 1 else np.sqrt(1e-3 + error)
-    assert ause(truth, estimate, sigma) == pytest.approx(0, abs=1e-9)
+    assert sureness.ause(truth, estimate, sigma) == pytest.approx(0, abs=1e-9)
 
 
 @given(numbers, numbers, spreads)
 def test_the_area_is_least_in_the_order_of_the_errors_and_scale_is_nothing_to_it(
     truth: Any, estimate: Any, sigma: Any
 ) -> None:
-    found = ause(truth, estimate, sigma)
+    found = sureness.ause(truth, estimate, sigma)
     assert found >= 0
-    assert ause(truth, estimate, 4 * sigma) == found
-    assert ause(truth, estimate, sigma, data_range=510) == pytest.approx(found / 2)
+    assert sureness.ause(truth, estimate, 4 * sigma) == found
+    assert sureness.ause(truth, estimate, sigma, data_range=510) == pytest.approx(found / 2)
 
 
 @given(numbers, numbers, spreads)
@@ -72,7 +65,7 @@ def test_at_full_density_and_without_a_sigma_it_is_the_error_of_all(
     truth: Any, estimate: Any, sigma: Any
 ) -> None:
     whole = nrmse(truth, estimate, data_range=255)
-    assert surest_nrmse(truth, estimate, sigma, share=1) == pytest.approx(whole)
+    assert sureness.surest_nrmse(truth, estimate, sigma, share=1) == pytest.approx(whole)
     assert half(truth, estimate) == pytest.approx(whole)
     assert half(truth, estimate, np.full(truth.shape, 3)) == pytest.approx(whole)
 
@@ -87,16 +80,18 @@ def drawn(shape: tuple[int, int] = (400, 500)) -> tuple[NDArray[Any], NDArray[An
 
 def test_normal_errors_are_as_probability_theory_has_them() -> None:
     truth, estimate, sigma = drawn()
-    held = within_interval(truth, estimate, sigma)
+    held = sureness.within_interval(truth, estimate, sigma)
     assert held == pytest.approx(0.9, abs=0.003)
     # The same by another book: two-sided, of a sigma that is too small by half.
     expected = 2 * stats.norm.cdf(special.ndtri(0.95) / 2) - 1
-    assert within_interval(truth, estimate, sigma / 2) == pytest.approx(expected, abs=0.005)
+    assert sureness.within_interval(truth, estimate, sigma / 2) == pytest.approx(
+        expected, abs=0.005
+    )
     # Sigma is even on 1 to 10, so the surest half has it even on 1 to 5.5: mean square of that.
     for share in (0.5, 0.9):
         end = 1 + 9 * share
         mean_square = (end**3 - 1) / 3 / (end - 1)
-        found = surest_nrmse(truth, estimate, sigma, share=share, data_range=1)
+        found = sureness.surest_nrmse(truth, estimate, sigma, share=share, data_range=1)
         assert found == pytest.approx(math.sqrt(mean_square), rel=0.01)
 
 
@@ -108,13 +103,13 @@ def test_a_coin_for_a_sigma_has_the_area_of_the_oracle_below_the_whole_error() -
     kept = np.arange(1, 101) / 100
     bound = special.ndtri(np.minimum((1 + kept) / 2, 1 - 1e-12))
     oracle = np.sqrt(1 - 2 * bound * stats.norm.pdf(bound) / kept)
-    found = ause(truth, estimate, sigma, data_range=1)
+    found = sureness.ause(truth, estimate, sigma, data_range=1)
     assert found == pytest.approx(float(np.mean(1 - oracle)), abs=0.005)
 
 
 def test_pixels_as_sure_as_each_other_come_in_together() -> None:
     squares, order = np.array([0.0, 4.0, 16.0, 100.0]), np.array([1.0, 2.0, 2.0, 3.0])
-    curve = error_curve(squares, order, [0.25, 0.5, 0.75, 1])
+    curve = sureness.error_curve(squares, order, [0.25, 0.5, 0.75, 1])
     assert curve.tolist() == [0, math.sqrt(10 / 2), math.sqrt(20 / 3), math.sqrt(30)]
 
 
@@ -122,12 +117,12 @@ def test_density_counts_known_pixels_and_the_rest_is_undefined_beyond_it() -> No
     truth = np.arange(8.0).reshape(2, 4)
     estimate, known = truth + 1, np.array([[True] * 4, [True, True, False, False]])
     estimate[0, :3] = np.nan
-    assert density(truth, estimate, mask=known) == 0.5
+    assert sureness.density(truth, estimate, mask=known) == 0.5
     assert half(truth, estimate, mask=known, data_range=1) == 1
     assert math.isnan(most(truth, estimate, mask=known))
     # Without a sigma nothing is said of order and intervals.
-    assert math.isnan(ause(truth, estimate, mask=known))
-    assert math.isnan(within_interval(truth, estimate, mask=known))
+    assert math.isnan(sureness.ause(truth, estimate, mask=known))
+    assert math.isnan(sureness.within_interval(truth, estimate, mask=known))
     for score in ALL:
         assert math.isnan(score(truth, estimate, truth + 1, mask=known & False))
 
@@ -137,9 +132,9 @@ def test_a_sigma_that_is_none_is_refused_where_there_is_an_answer(bad: float) ->
     truth, sigma = np.ones((2, 3)), np.ones((2, 3))
     sigma[0, 1] = bad
     with pytest.raises(InputError, match="finite and above 0 where there is an answer"):
-        squared_errors(truth, truth, sigma)
+        sureness.squared_errors(truth, truth, sigma)
     estimate = truth.copy()
     estimate[0, 1] = np.nan
-    assert squared_errors(truth, estimate, sigma).density == 5 / 6
+    assert sureness.squared_errors(truth, estimate, sigma).density == 5 / 6
     with pytest.raises(InputError, match="no standard deviations"):
-        squared_errors(truth, truth, np.ones((3, 2)))
+        sureness.squared_errors(truth, truth, np.ones((3, 2)))

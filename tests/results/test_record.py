@@ -105,9 +105,9 @@ def test_values_that_are_impossible_or_an_attack_are_refused(
 
 
 def test_sets_with_printed_tables_are_headed_by_the_thesis_all_else_by_known_pixels() -> None:
-    assert first_protocol("middlebury") == first_protocol("realworld") == "thesis"
-    assert first_protocol("middlebury-default") == first_protocol("mine") == "valid"
-    assert first_protocol("demo@camera-2") == first_protocol("realworld-synthetic@law-1") == "valid"
+    assert first_protocol("middlebury") == first_protocol("middlebury-default") == "thesis"
+    assert first_protocol("middlebury@camera-2") == first_protocol("demo") == "valid"
+    assert first_protocol("mine") == first_protocol("realworld-synthetic@law-1") == "valid"
 
 
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:

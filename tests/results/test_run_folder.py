@@ -10,7 +10,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.results.run_folder import (
     PREDICTIONS,
-    keep_prediction,
+    Predictions,
     open_run_folder,
     read_identity,
     read_prediction,
@@ -49,7 +49,7 @@ def test_depth_maps_that_are_something_else_are_told(
 ) -> None:
     pair = tiny_store.pairs("test")[0]
     shape = tiny_store.shape_of(pair.scene)
-    keep_prediction(tmp_path, tiny_store.manifest, pair, np.full(shape, 9, np.float32))
+    Predictions(tmp_path, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
     assert read_prediction(tmp_path, pair, shape) is not None
     with pytest.raises(ResultError, match="not a run's depth maps"):
         read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))

@@ -10,7 +10,6 @@ from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
 from dfdbench.building.sources.demo import SCENES
-from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module
 from dfdbench.simulation.lens import Camera, depth, develop, render
@@ -229,15 +228,3 @@ def test_the_file_is_srgb_of_8_bits_and_jpeg_is_close_to_it() -> None:
     assert image.max() == 255
     packed = develop(ramp, camera(jpeg=90), (16,)).astype(int)
     assert 0 < np.abs(packed - image).max() < 12
-
-
-def test_a_camera_that_cannot_be_is_refused() -> None:
-    scene = dot(1.0)
-    with pytest.raises(InputError, match="no power of two"):
-        render(scene, camera(), 100, (1,))
-    with pytest.raises(InputError, match="blades"):
-        camera(blades=2)
-    with pytest.raises(InputError, match="JPEG"):
-        camera(jpeg=101)
-    with pytest.raises(InputError, match="no real image"):
-        camera(focus=0.02)

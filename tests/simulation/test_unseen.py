@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
-from dfdbench.errors import InputError
 from dfdbench.simulation import unseen
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.rooms import draw_room
@@ -34,8 +33,6 @@ def test_cameras_are_drawn_from_the_stated_ranges() -> None:
     assert 15 < sum(at_near_end) < 45
     assert draw_camera(5) == draw_camera(5) != draw_camera(6)
     assert draw_camera(5, scene=1) != draw_camera(5, scene=2)
-    with pytest.raises(InputError, match="a seed is a whole number"):
-        draw_camera(-1)
 
 
 def test_few_pixels_lie_nearer_than_the_farthest_focus() -> None:
@@ -97,12 +94,6 @@ def test_depth_is_of_the_in_focus_view() -> None:
     camera = small(8)
     pair = render_pair(8, 0, camera, rays=1)
     assert pair.depth.tobytes() == depth(draw_room(8, 0), camera).tobytes()
-
-
-def test_a_camera_that_sees_past_the_room_is_refused() -> None:
-    lens = replace(draw_camera(8).lens, pixel_size=1e-4)
-    with pytest.raises(InputError, match="sees more than rooms are made for"):
-        render_pair(8, 0, replace(draw_camera(8), lens=lens))
 
 
 def test_texture_is_where_grey_levels_vary() -> None:

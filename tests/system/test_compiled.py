@@ -40,11 +40,18 @@ def call(folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) -> None:
-    done = call(tmp_path)
+    done = call(tmp_path, DFDBENCH_CACHE="/dev/null")
     assert done.stdout == "6 6 None\n"
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("warning: compiled code cannot be cached")
-    assert "NUMBA_CACHE_DIR" in done.stderr
+    assert "DFDBENCH_CACHE" in done.stderr
+
+
+def test_beside_a_source_that_is_read_only_it_caches_in_our_own_folder(tmp_path: Path) -> None:
+    place = tmp_path / "cache"
+    done = call(tmp_path, DFDBENCH_CACHE=str(place))
+    assert (done.stderr, done.stdout.startswith(f"6 6 {place}/compiled/")) == ("", True)
+    assert list(place.rglob("*.nbc"))
 
 
 def test_all_that_is_compiled_is_compiled_by_it() -> None:

@@ -8,7 +8,7 @@ import torch
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.methods.volume_net import levels_of
-from dfdbench.training import volumes
+from dfdbench.training import trainer
 from dfdbench.training.volume_examples import COUNT, Example
 from dfdbench.training.volumes import (
     CROP,
@@ -76,7 +76,7 @@ def test_the_loss_is_least_at_the_truth_and_does_not_see_unknown_pixels() -> Non
 def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     cameras: Mapping[str, list[Example]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(volumes, "_SAVE_SECONDS", 0.0)
+    monkeypatch.setattr(trainer, "_SAVE_SECONDS", 0.0)
     whole, card, log = train_volume_net(cameras, "made", tmp_path / "whole", steps=3)
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
@@ -108,13 +108,6 @@ def test_a_checkpoint_of_another_training_is_refused(
     train_volume_net(cameras, "made", tmp_path, steps=1)
     with pytest.raises(InputError, match="of another training"):
         train_volume_net(cameras, "made", tmp_path, steps=1, seed=1)
-
-
-def test_there_must_be_something_to_train_on(
-    cameras: Mapping[str, list[Example]], tmp_path: Path
-) -> None:
-    with pytest.raises(InputError, match="no example to train on"):
-        train_volume_net({HELD_OUT[0]: cameras[HELD_OUT[0]]}, "made", tmp_path)
 
 
 def test_images_smaller_than_its_scales_are_refused(tmp_path: Path) -> None:

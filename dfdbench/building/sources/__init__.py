@@ -1,37 +1,29 @@
 """Where images and depth maps come from: a module a data set, one interface."""
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 
-from dfdbench.building.sources.demo import DemoScenes
-from dfdbench.building.sources.folder import FolderScenes
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
-from dfdbench.building.sources.middlebury import Download, MiddleburyScenes, download_middlebury
-from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.building.sources.rendered_rooms import Rooms
-from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.packages import offered_as
 from dfdbench.tables.table import listed
 
-__all__ = [
-    "ENTRY_POINT_GROUP",
-    "Download",
-    "SceneError",
-    "SceneImages",
-    "Source",
-    "download_middlebury",
-    "is_made",
-    "open_source",
-]
+__all__ = ["ENTRY_POINT_GROUP", "SceneError", "SceneImages", "Source", "is_made", "open_source"]
 
 #: Where packages offer readers of their own, called with the manifest and the folder or None.
 ENTRY_POINT_GROUP = "dfdbench.sources"
-_MADE: Mapping[str, Callable[[Manifest], Source]] = {
-    "demo": DemoScenes,
-    "realworld-sim": SimulatedRig,
-    "unseen": Rooms,
+#: Where a reader is defined. One is imported to be used: all together need a second for that.
+_MADE: Mapping[str, str] = {
+    "demo": "demo:DemoScenes",
+    "realworld-sim": "simulated_rig:SimulatedRig",
+    "unseen": "rendered_rooms:Rooms",
+}
+_READ = {
+    FOLDER: "folder:FolderScenes",
+    "middlebury": "middlebury:MiddleburyScenes",
+    "realworld": "realworld:RealworldFolder",
 }
 #: What the folder of a reader's files looks like.
 _LAYOUTS = {
@@ -79,7 +71,7 @@ def open_source(
     if is_made(manifest):
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
-        return _MADE[manifest.reader](manifest)
+        return _reader(_MADE[manifest.reader])(manifest)
     if manifest.reader not in _LAYOUTS:
         return _offered(manifest, folder)
     if folder is None:
@@ -88,10 +80,14 @@ def open_source(
         command = "" if manifest.files else f"dfdbench build {manifest.short} "
         fix = f"name the folder: {command}--source DIR"
         raise SourceError(what, expected=listed(layout), fix=fix)
-    if manifest.reader == "realworld":
-        return RealworldFolder(manifest, folder, pair)
-    kind = FolderScenes if manifest.reader == FOLDER else MiddleburyScenes
-    return kind(manifest, folder, checksums)
+    given = pair if manifest.reader == "realworld" else checksums
+    return _reader(_READ[manifest.reader])(manifest, folder, given)
+
+
+def _reader(place: str) -> Callable[..., Source]:
+    module, _, name = place.partition(":")
+    reader: Callable[..., Source] = getattr(import_module(f"{__name__}.{module}"), name)
+    return reader
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:

@@ -11,10 +11,9 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import (
     FILTERS,
-    checked_activations,
+    activation_names,
     checked_filters,
-    checked_kernels,
-    checked_normalized,
+    kernel_sizes,
     reach_of,
 )
 from dfdbench.methods.networks.layers import (
@@ -121,7 +120,7 @@ class DfDNet(nn.Module):
     Raises
     ------
     InputError
-        If a choice is none, or filters do not fit each other, naming the thesis's layers.
+        If filters do not fit each other, naming the thesis's layers.
 
     Examples
     --------
@@ -145,13 +144,9 @@ class DfDNet(nn.Module):
     ) -> None:
         super().__init__()
         f = checked_filters(filters)
-        k = checked_kernels(kernels)
-        a = [ACTIVATIONS[name]() for name in checked_activations(activations, first_activation)]
-        n = checked_normalized(normalized)
-        if not 1 <= sampling_size <= 8:
-            raise InputError(
-                f"wrong filter size {sampling_size}, not 1 to 8", where="sampling_size"
-            )
+        k = kernel_sizes(kernels)
+        a = [ACTIVATIONS[name]() for name in activation_names(activations, first_activation)]
+        n = [True] * len(a) if normalized is None else normalized
         #: Pixels beyond this distance do not change a pixel's answer.
         self.margin = reach_of(k, sampling_size)
         self.pixels = Normalize(channel_means)

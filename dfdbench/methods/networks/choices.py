@@ -5,7 +5,7 @@ from typing import Any
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.networks.layers import ACTIVATIONS, EQUAL, Kernel
+from dfdbench.methods.networks.layers import EQUAL, Kernel
 from dfdbench.tables.table import listed
 
 #: The thesis's numbers of the convolutions, input to output, which head the columns below.
@@ -147,7 +147,6 @@ SITES = (
     "decode_1",
     "classify",
 )
-LARGEST_KERNEL = 9
 
 
 def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
@@ -176,69 +175,30 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
     return numbers
 
 
-def checked_kernels(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, Kernel]:
+def kernel_sizes(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, Kernel]:
     """Return rows and columns of the filters, by the thesis's layer.
 
-    Raises
-    ------
-    InputError
-        If there are not 14, or one is not odd or too large.
-
     Examples
     --------
-    >>> checked_kernels([5, [1, 9], *[3] * 12])[48]
+    >>> kernel_sizes([5, [1, 9], *[3] * 12])[48]
     (1, 9)
     """
-    if kernels is None:
-        return dict.fromkeys(SIZED, (3, 3))
-    sizes = [(size, size) if isinstance(size, int) else tuple(size) for size in kernels]
-    fits = [
-        len(size) == 2 and all(side in range(1, LARGEST_KERNEL + 1, 2) for side in size)
-        for size in sizes
-    ]
-    if len(sizes) != len(SIZED) or not all(fits):
-        what = f"filter sizes do not fit DfD-Net: {listed(kernels)}"
-        expected = f"{len(SIZED)}, for layers {listed(SIZED)}: odd, up to {LARGEST_KERNEL}"
-        raise InputError(what, where="kernels", expected=expected)
-    return {layer: (rows, columns) for layer, (rows, columns) in zip(SIZED, sizes, strict=True)}
+    sizes = [3] * len(SIZED) if kernels is None else kernels
+    return {
+        layer: (size, size) if isinstance(size, int) else (size[0], size[1])
+        for layer, size in zip(SIZED, sizes, strict=True)
+    }
 
 
-def checked_activations(activations: Sequence[str] | None, first: str) -> tuple[str, ...]:
+def activation_names(activations: Sequence[str] | None, first: str) -> tuple[str, ...]:
     """Return the names of the nine activations; by default PReLU but for the first.
-
-    Raises
-    ------
-    InputError
-        If there are not nine, or one is unknown.
 
     Examples
     --------
-    >>> checked_activations(None, "sigmoid")[:2]
+    >>> activation_names(None, "sigmoid")[:2]
     ('sigmoid', 'prelu')
     """
-    names = (first, *["prelu"] * (len(SITES) - 1)) if activations is None else tuple(activations)
-    if len(names) != len(SITES) or not set(names) <= ACTIVATIONS.keys():
-        where = "first_activation" if activations is None else "activations"
-        known = ", ".join(ACTIVATIONS)
-        what = f"unknown activation in {listed(names)}"
-        raise InputError(what, where=where, expected=f"{len(SITES)} of {known}")
-    return names
-
-
-def checked_normalized(normalized: Sequence[bool] | None) -> tuple[bool, ...]:
-    """Return at which of the nine sites there is batch normalization; by default at all.
-
-    Raises
-    ------
-    InputError
-        If there are not nine choices.
-    """
-    found = (True,) * len(SITES) if normalized is None else tuple(map(bool, normalized))
-    if len(found) != len(SITES):
-        raise InputError(
-            f"{len(found)} choices for {len(SITES)} sites: {listed(SITES)}", where="normalized"
-        )
-    return found
+    return (first, *["prelu"] * (len(SITES) - 1)) if activations is None else tuple(activations)
 
 
 def plain_choices(
@@ -251,26 +211,21 @@ def plain_choices(
     Two ways to say the same network give the same arguments, and those of a network that has
     nothing unusual are what they were before there was a choice.
 
-    Raises
-    ------
-    InputError
-        If a choice does not fit the network.
-
     Examples
     --------
     >>> plain_choices([3] * 14, ["sigmoid", *["prelu"] * 8], None)
     {'first_activation': 'sigmoid'}
     """
     found: dict[str, Any] = {}
-    sizes = [list(size) for size in checked_kernels(kernels).values()]
+    sizes = [list(size) for size in kernel_sizes(kernels).values()]
     if any(size != [3, 3] for size in sizes):
         found["kernels"] = sizes
     if activations is not None:
-        names = checked_activations(activations, "")
+        names = activation_names(activations, "")
         if names[0] in ("prelu", "sigmoid") and set(names[1:]) == {"prelu"}:
             found["first_activation"] = names[0]
         else:
             found["activations"] = list(names)
-    if normalized is not None and not all(checked_normalized(normalized)):
+    if normalized is not None and not all(normalized):
         found["normalized"] = list(normalized)
     return found

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from dfdbench.errors import InputError
-
 # A residual block adds its input to its output: these columns of Table D.2 must be equal.
 EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
 #: Rows and columns of a filter.
@@ -50,22 +48,13 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {
 
 
 class Normalize(nn.Module):
-    """Six channels of pixels, less their means, over 256.
-
-    Raises
-    ------
-    InputError
-        If there are not six means.
-    """
+    """Six channels of pixels, less their means, over 256."""
 
     # Kept in the network: weights without their means would be worth nothing.
     means: Tensor
 
     def __init__(self, channel_means: Sequence[float]) -> None:
         super().__init__()
-        if len(channel_means) != 6:
-            what = f"{len(channel_means)} means instead of 6, in-focus RGB and defocus RGB"
-            raise InputError(what, where="channel_means")
         means = torch.tensor([float(mean) for mean in channel_means])
         self.register_buffer("means", means.reshape(1, 6, 1, 1))
 

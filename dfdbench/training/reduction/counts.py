@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError, MethodError, Problem, StoreError
+from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.tables.table import Table
 
 Statistic = Literal["min", "mean", "max"]
@@ -128,8 +128,6 @@ def count_clusters(
     ------
     InputError
         If a sample cannot be counted on, with its name and the layers.
-    MethodError
-        If the network lacks a layer.
     """
     filters: dict[int, int] = {}
     found: dict[int, list[int]] = {layer: [] for layer in TAPS}
@@ -210,24 +208,6 @@ class Tapped:
     pixels: int
 
 
-def tapped_modules(network: nn.Module) -> dict[int, nn.Module]:
-    """Return the modules to tap, by layer.
-
-    Raises
-    ------
-    MethodError
-        If the network lacks one; every such layer is named.
-    """
-    there = dict(network.named_modules())
-    problems = [
-        Problem(f"{type(network).__name__} has no module {path}", where=f"layer {layer}")
-        for layer, path in TAPS.items()
-        if path not in there
-    ]
-    MethodError.raise_if(problems)
-    return {layer: there[path] for layer, path in TAPS.items()}
-
-
 def tap(
     network: nn.Module, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]
 ) -> dict[int, Tapped]:
@@ -243,9 +223,7 @@ def tap(
     Raises
     ------
     InputError
-        If a layer's outputs have fewer pixels than there are filters, or are not finite.
-    MethodError
-        If the network lacks a layer.
+        If a layer's outputs have fewer pixels than there are filters.
     """
     found: dict[int, Tapped] = {}
     multiple = int(network.multiple)  # type: ignore[arg-type]
@@ -253,16 +231,22 @@ def tap(
     both = np.concatenate([infocus, defocus], axis=2)[:rows, :columns].transpose(2, 0, 1)
     device = next(network.parameters()).device
     pixels = torch.from_numpy(np.ascontiguousarray(both))[None].to(device).float()
-    if not pixels.numel():
-        size = f"{infocus.shape[0]} x {infocus.shape[1]}"
-        raise InputError(f"{size} pixels are too few to tap, take at least {multiple} x {multiple}")
     with ExitStack() as hooks, torch.inference_mode():
-        for layer, module in tapped_modules(network).items():
-            hooks.callback(module.register_forward_hook(_keeping(found, layer)).remove)
+        for layer, path in TAPS.items():
+            hook = network.get_submodule(path).register_forward_hook(_keeping(found, layer))
+            hooks.callback(hook.remove)
         network(pixels)
     # Modules are called in their own order, which need not be that of the layers.
     found = {layer: found[layer] for layer in TAPS}
-    _require_usable(found)
+    InputError.raise_if(
+        Problem(
+            f"fewer pixels than filters in a feature map, {taken.pixels} of {len(taken.gram)}",
+            where=f"layer {layer}",
+            fix="take larger images",
+        )
+        for layer, taken in found.items()
+        if taken.pixels < len(taken.gram)
+    )
     return found
 
 
@@ -274,19 +258,6 @@ def _keeping(
         found[layer] = Tapped((vectors @ vectors.T).numpy(), vectors.shape[1])
 
     return keep
-
-
-def _require_usable(found: Mapping[int, Tapped]) -> None:
-    problems = []
-    for layer, taken in found.items():
-        filters, where = len(taken.gram), f"layer {layer}"
-        if taken.pixels < filters:
-            what = f"fewer pixels than filters in a feature map, {taken.pixels} of {filters}"
-            problems.append(Problem(what, where=where, fix="take larger images"))
-        elif not np.isfinite(taken.gram).all():
-            fix = "train the network again, with a lower learning_rate"
-            problems.append(Problem("outputs that are not finite", where=where, fix=fix))
-    InputError.raise_if(problems)
 
 
 Matrix = NDArray[np.float64]

@@ -231,10 +231,10 @@ def position_of(
     Of filters that share a size the first one counts.
     """
     widths = dict(zip(choices.LAYERS, choices.checked_filters(filters), strict=True))
-    sizes = choices.checked_kernels(kernels)
-    chosen = choices.checked_activations(activations, first_activation)
+    sizes = choices.kernel_sizes(kernels)
+    chosen = choices.activation_names(activations, first_activation)
     kinds = dict(zip(choices.SITES, chosen, strict=True))
-    bits = dict(zip(choices.SITES, choices.checked_normalized(normalized), strict=True))
+    bits = dict(zip(choices.SITES, normalized or [True] * len(choices.SITES), strict=True))
     position: list[float] = []
     for layers, sized in ROWS:
         position.append(widths[layers[0]])

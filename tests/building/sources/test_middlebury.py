@@ -9,14 +9,7 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching import Patience, known_checksums
-from dfdbench.building.sources import open_source
-from dfdbench.building.sources.middlebury import (
-    Download,
-    MiddleburyScenes,
-    SceneFiles,
-    download_middlebury,
-    find_scene,
-)
+from dfdbench.building.sources import middlebury, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -33,7 +26,7 @@ def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder
     depth[0, 0] = 91
     depth[3, 4] = 0
     write_png(tiny_folder / "One/disp1.png", depth)
-    images = MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
+    images = middlebury.MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert images.infocus[0, 0, 0, 5, 5].tolist() == [255, 0, 0]
     assert np.isnan(images.depth[0, 3, 4])
     assert np.argwhere(~images.valid[0]).tolist() == [[3, 4]]
@@ -44,7 +37,7 @@ def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> 
     for view in (1, 5):
         lit = tiny_folder / f"One/Illum1/Exp1/view{view}.png"
         lit.rename(tiny_folder / f"One/view{view}.png")
-    source = MiddleburyScenes(manifest, tiny_folder)
+    source = middlebury.MiddleburyScenes(manifest, tiny_folder)
     assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
     assert source.read("One").infocus.shape == (2, 24, 30, 3)
     missing = manifest.pairs("test")
@@ -62,7 +55,7 @@ def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> Non
 
 def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
-    source = MiddleburyScenes(tiny_manifest, tiny_folder)
+    source = middlebury.MiddleburyScenes(tiny_manifest, tiny_folder)
     missing = tuple(set(tiny_manifest.pairs()) - set(source.available_pairs()))
     help_text = source.missing_help(missing)
     assert "https://example.org/tiny/Two/Illum1/Exp0/view5.png" in help_text
@@ -71,9 +64,9 @@ def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path
 
 def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
-        MiddleburyScenes(tiny_manifest, tmp_path)
+        middlebury.MiddleburyScenes(tiny_manifest, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
-        MiddleburyScenes(tiny_manifest, tmp_path / "none")
+        middlebury.MiddleburyScenes(tiny_manifest, tmp_path / "none")
 
 
 def archive(path: Path, members: dict[str, bytes]) -> Path:
@@ -92,7 +85,7 @@ def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> No
     )
     (tmp_path / "One").mkdir()
     (tmp_path / "One/view1.png").write_bytes(b"unpacked")
-    files = SceneFiles("One", tmp_path / "One", packed)
+    files = middlebury.SceneFiles("One", tmp_path / "One", packed)
     assert files.read("view1.png") == b"unpacked"
     assert files.read("view5.png") == b"packed too"
     assert files.where("view1.png") == str(tmp_path / "One/view1.png")
@@ -106,15 +99,15 @@ def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> No
 @pytest.mark.parametrize("above", ["", "ThirdSize", "scenes2005/ThirdSize"])
 @pytest.mark.parametrize("below", ["", "zip-2views"])
 def test_scenes_are_found_in_the_sites_layout(tmp_path: Path, above: str, below: str) -> None:
-    assert find_scene("One", "scenes2005", tmp_path) is None
+    assert middlebury.find_scene("One", "scenes2005", tmp_path) is None
     packed = archive(tmp_path / above / below / "One-2views.zip", {"One/view1.png": b"x"})
-    found = find_scene("One", "scenes2005", tmp_path)
-    assert found == SceneFiles("One", None, packed)
+    found = middlebury.find_scene("One", "scenes2005", tmp_path)
+    assert found == middlebury.SceneFiles("One", None, packed)
     assert found.has("view1.png")
     (tmp_path / above / "One").mkdir()
-    both = find_scene("One", "scenes2005", tmp_path)
-    assert both == SceneFiles("One", tmp_path / above / "One", packed)
-    assert find_scene("Two", "scenes2005", tmp_path) is None
+    both = middlebury.find_scene("One", "scenes2005", tmp_path)
+    assert both == middlebury.SceneFiles("One", tmp_path / above / "One", packed)
+    assert middlebury.find_scene("Two", "scenes2005", tmp_path) is None
 
 
 BELOW = "data/scenes/ThirdSize"
@@ -137,7 +130,7 @@ def manifest(site: Site) -> Manifest:
     return parse_manifest(text.encode(), "tiny-1.toml")
 
 
-def fingerprint(manifest: Manifest, done: Download, tmp_path: Path) -> str:
+def fingerprint(manifest: Manifest, done: middlebury.Download, tmp_path: Path) -> str:
     known = known_checksums(manifest, done.folder)
     source = open_source(manifest, done.folder, checksums=known)
     return build_store(manifest, source, tmp_path / "built.zarr").fingerprint
@@ -152,7 +145,7 @@ def reference(manifest: Manifest, site: Site, tmp_path: Path) -> str:
 def test_everything_comes_and_later_builds_ask_nobody(
     manifest: Manifest, site: Site, reference: str, tmp_path: Path
 ) -> None:
-    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     assert (done.new, done.kept, done.missing) == (FILES, 0, ())
     assert done.lock == tmp_path / "in/tiny-1.lock"
     assert len(done.lock.read_text().splitlines()) == FILES
@@ -160,7 +153,7 @@ def test_everything_comes_and_later_builds_ask_nobody(
     assert subprocess.run(check, cwd=done.folder, check=False).returncode == 0
     assert fingerprint(manifest, done, tmp_path) == reference
     asked = len(site.requests)
-    again = download_middlebury(manifest, tmp_path / "in", offline=True)
+    again = middlebury.download_middlebury(manifest, tmp_path / "in", offline=True)
     assert (again.new, again.kept, again.lock) == (0, FILES, None)
     assert len(site.requests) == asked
 
@@ -170,7 +163,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     site.faults[f"/{BELOW}/Two/disp1.png"] = ["wrong"] * 9
     site.faults[f"/{BELOW}/Two/Illum1/Exp0/view5.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
-        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     said = [problem.what for problem in caught.value.problems]
     assert said == [
         "not a PNG file",
@@ -180,7 +173,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     ]
     assert "One/Illum1/Exp0/view1.png" in str(caught.value)
     site.faults.clear()
-    assert download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
+    assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
 
 
 def test_an_image_of_another_size_is_refused(
@@ -189,29 +182,29 @@ def test_an_image_of_another_size_is_refused(
     other = site.folder / BELOW / "Two/Illum1/Exp0/view1.png"
     (site.folder / BELOW / "One/Illum1/Exp0/view1.png").write_bytes(other.read_bytes())
     with pytest.raises(SourceError, match="size differs"):
-        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
 
 
 def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path) -> None:
-    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     image = done.folder / "One/Illum1/Exp0/view1.png"
     right = image.read_bytes()
     image.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
     with pytest.raises(SourceError, match="not the file of this data set"):
         fingerprint(manifest, done, tmp_path)
-    assert download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 1
+    assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 1
     assert image.read_bytes() == right
     # A file that the site has changed since is refused as well.
     image.unlink()
     served_ = site.folder / BELOW / "One/Illum1/Exp0/view1.png"
     served_.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
     with pytest.raises(SourceError, match="not the file of this data set"):
-        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
 
 
 def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
-    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     assert done.missing == ("One/Illum1/Exp0/view1.png",)
     assert done.lock is None
     assert not (tmp_path / "in/tiny-1.lock").exists()
@@ -221,7 +214,9 @@ def test_a_mirror_stands_for_the_site(
     manifest: Manifest, site: Site, reference: str, tmp_path: Path
 ) -> None:
     with served(tmp_path / "server/data") as mirror:
-        done = download_middlebury(manifest, tmp_path / "in", [mirror.address], patience=QUICK)
+        done = middlebury.download_middlebury(
+            manifest, tmp_path / "in", [mirror.address], patience=QUICK
+        )
         assert len(mirror.requests) == FILES
     assert site.requests == []
     assert fingerprint(manifest, done, tmp_path) == reference
@@ -229,16 +224,16 @@ def test_a_mirror_stands_for_the_site(
 
 def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     wrong = f"{site.address}/nothing"
-    done = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
     assert done.new == FILES
     (said,) = done.lacking
     assert f"the mirror lacks {FILES} files, such as 404 {wrong}/" in said.what
     # Kept files are not asked for, and say nothing of the mirror.
-    again = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
+    again = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
     assert again.lacking == ()
     site.faults[f"/{BELOW}/One/disp1.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
-        download_middlebury(manifest, tmp_path / "other", [wrong], patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "other", [wrong], patience=QUICK)
     assert caught.value.problems[-1].where == wrong
 
 
@@ -265,13 +260,13 @@ def archives(site: Site) -> Path:
 
 def test_default_lighting_comes_in_archives(default: Manifest, site: Site, tmp_path: Path) -> None:
     archives(site)
-    done = download_middlebury(default, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(default, tmp_path / "in", patience=QUICK)
     assert done.new == len(site.requests) == 3
     zips = build_store(default, open_source(default, done.folder), tmp_path / "zips.zarr")
     files = open_source(default, site.folder / BELOW)
     assert zips.pairs == 6
     assert zips.fingerprint == build_store(default, files, tmp_path / "files.zarr").fingerprint
-    again = download_middlebury(default, tmp_path / "in", offline=True)
+    again = middlebury.download_middlebury(default, tmp_path / "in", offline=True)
     assert (again.new, again.kept, again.missing) == (0, 3, ())
 
 
@@ -279,7 +274,7 @@ def test_what_is_no_archive_is_set_aside_and_its_files_come_one_by_one(
     default: Manifest, site: Site, tmp_path: Path
 ) -> None:
     (archives(site) / "Two-2views.zip").write_bytes(b"<html>")
-    done = download_middlebury(default, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(default, tmp_path / "in", patience=QUICK)
     assert done.new == 2 + 4
     aside = [path.name for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
     assert len(aside) == 1

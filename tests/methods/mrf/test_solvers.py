@@ -9,15 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dfdbench.errors import InputError
-from dfdbench.methods.mrf import (
-    Energy,
-    Quality,
-    Solution,
-    expansion,
-    repair,
-    split,
-    truncated_absolute,
-)
+from dfdbench.methods.mrf import Energy, Solution, expansion, repair, split, truncated_absolute
 from dfdbench.methods.mrf.moves import Mover, expansion_offer
 from dfdbench.methods.mrf.solvers import coarse_to_fine, coarser, finer
 from tests.methods.mrf.conftest import KINDS, brute_force, random_energy
@@ -90,19 +82,6 @@ def test_split_is_near_expansion_if_convex(
     assert split(energy, "high").energy <= 1.01 * swept
 
 
-@pytest.mark.parametrize("quality", ["fast", "default"])
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (7, 5)])
-@pytest.mark.parametrize("weighted", [False, True])
-def test_blocks_need_no_even_size(
-    rng: np.random.Generator, quality: Quality, shape: tuple[int, int], weighted: bool
-) -> None:
-    energy = random_energy(rng, *shape, 40, "absolute", weighted)
-    solution = split(energy, quality)
-    assert solution.labels.shape == shape
-    assert solution.energy == energy.evaluate(solution.labels) == solution.history[-1]
-    assert list(solution.history) == sorted(solution.history, reverse=True)
-
-
 def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 4, 5, 20, "absolute")
     large = replace(energy, unary=energy.unary.astype(np.int32))
@@ -139,12 +118,6 @@ def test_expansion_ends_where_no_label_lowers_it(rng: np.random.Generator, kind:
     labels = expansion(energy).labels.astype(np.int32)
     for label in range(8):
         assert Mover(energy, labels).move(expansion_offer(8, label)) == 0
-
-
-def test_expansion_is_within_twice_the_least_energy_for_potts(rng: np.random.Generator) -> None:
-    for _ in range(10):
-        energy = random_energy(rng, 2, 3, 4, "potts")
-        assert expansion(energy).energy <= 2 * brute_force(energy)
 
 
 def test_expansion_starts_and_stops_as_told(rng: np.random.Generator) -> None:

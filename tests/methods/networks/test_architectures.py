@@ -55,13 +55,6 @@ def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
     assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
 
 
-def test_the_particle_swarm_begins_with_a_sigmoid() -> None:
-    network = DfDNet(SMALL, first_activation="sigmoid")
-    kinds = [type(module).__name__ for module in network.modules()]
-    assert kinds.count("Sigmoid") == 1
-    assert kinds.count("PReLU") == 8
-
-
 #: Counted from the widths by hand; of ``pso``, from its author's generated headers.
 PARAMETERS = {
     "original": 10_761_353, "B-01-01": 1_727_497, "B-01-02": 2_282_899, "B-01-03": 2_218_159,
@@ -128,10 +121,6 @@ def test_filters_that_do_not_fit_are_named() -> None:
     for few in (SMALL[:-1], (*SMALL[:-1], 100)):
         with pytest.raises(InputError, match="18 positive numbers"):
             DfDNet(few)
-    with pytest.raises(InputError, match="relu, prelu, sigmoid"):
-        DfDNet(SMALL, first_activation="maxout")
-    with pytest.raises(InputError, match="2 means instead of 6"):
-        DfDNet(SMALL, channel_means=(1.0, 2.0))
 
 
 def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:

@@ -1,47 +1,24 @@
-from typing import Any
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import (
     FILTERS,
     LAYERS,
     SITES,
     SIZED,
-    checked_kernels,
+    kernel_sizes,
     narrowed,
     reach_of,
 )
-from tests.methods.networks.test_architectures import SMALL
 
 
 def test_sizes_are_those_of_the_thesis_s_layers() -> None:
     assert SIZED == (52, 48, 45, 40, 37, 32, 29, 24, 20, 17, 12, 8, 5, 1)
     assert len(SITES) == 9
-    assert checked_kernels([1, *[3] * 12, [5, 7]])[1] == (5, 7)
-
-
-@pytest.mark.parametrize(
-    ("choice", "told"),
-    [
-        ({"kernels": [3] * 13}, "14, for layers 52, 48"),
-        ({"kernels": [4] + [3] * 13}, "odd, up to 9"),
-        ({"kernels": [11] + [3] * 13}, "odd, up to 9"),
-        ({"kernels": [[3, 3, 3]] + [3] * 13}, "odd, up to 9"),
-        ({"activations": ["relu"] * 8}, "9 of relu"),
-        ({"activations": ["swish"] * 9}, "relu, prelu, sigmoid, tanh, elu, srelu"),
-        ({"first_activation": "swish"}, "first_activation"),
-        ({"normalized": [True] * 8}, "8 choices for 9 sites: entry"),
-    ],
-)
-def test_what_is_no_choice_is_told(choice: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        DfDNet(SMALL, **choice)
+    assert kernel_sizes([1, *[3] * 12, [5, 7]])[1] == (5, 7)
 
 
 def test_there_are_17_reductions_and_f_02_02_is_as_the_code_has_it() -> None:

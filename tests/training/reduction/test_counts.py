@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, MethodError, UnknownNameError
-from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.errors import InputError, UnknownNameError
+from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.training.reduction.counts import (
     TAPS,
@@ -18,7 +18,6 @@ from dfdbench.training.reduction.counts import (
     noise_gram,
     samples_of,
     tap,
-    tapped_modules,
     winners,
 )
 from tests.methods.networks.test_architectures import SMALL
@@ -115,16 +114,6 @@ def test_each_layer_is_tapped_where_the_thesis_says() -> None:
         assert found[layer].gram == pytest.approx((vectors @ vectors.T).numpy(), rel=1e-6)
     # Nothing is left hanging on the network.
     assert not any(module._forward_hooks for module in made.modules())
-
-
-def test_a_network_without_the_layers_is_named() -> None:
-    with pytest.raises(MethodError, match=r"(?s)UNet.*layer 52") as caught:
-        tapped_modules(UNet((2, 4, 8, 16, 32)))
-    assert len(caught.value.problems) == len(TAPS)
-    cut = network()
-    del cut.activate
-    with pytest.raises(MethodError, match="layer 2"):
-        tap(cut, INFOCUS, DEFOCUS)
 
 
 def on_vectors(vectors: Matrix, seed: int, tuning: Tuning) -> NDArray[np.intp]:

@@ -1,0 +1,175 @@
+"""What a run comes to: its score, a constant's, the best comparable row's, its worst pairs."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
+from dfdbench.datasets.catalog import part_name
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import DfdbenchError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.pair import PairEvaluator
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.summary import ranked
+from dfdbench.results.wording import given_to, knew_blur, method_label, score_text
+from dfdbench.tables.table import counted
+
+#: The method that any other has to beat.
+CONSTANT = "constant"
+# Where a part of the pairs is so much worse than all of them, that part is named.
+_STANDS_OUT = 1.05
+
+
+def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> str:
+    """Return what a run comes to, a line each, as ``dfdbench run`` ends with it.
+
+    Parameters
+    ----------
+    run : SavedRun
+        The run.
+    protocol : str
+        Under which protocol.
+    leaderboard : Path, optional
+        The folder of the rows to compare with; see `dfdbench.board.row_file.leaderboard_folder`.
+
+    Returns
+    -------
+    str
+        The scores; the score of ``constant`` on the same pairs; the best row of the leaderboard on
+        the same data whose method was given as much, on the same pairs; where the run is worst.
+        What there is not is left out.
+
+    Raises
+    ------
+    ResultError
+        If a row of the leaderboard is damaged.
+    """
+    result = run.result
+    lines = {"score": _score(result, protocol)}
+    pairs = [pair for pair in result.pairs if _of(pair, protocol) is not None]
+    own = mean_of(_of(pair, protocol) for pair in pairs)
+    if own is not None:
+        title = metrics_of(protocol)[ranked_by(protocol)[0]].title
+        folder = leaderboard_folder() if leaderboard is None else leaderboard
+        others = dict(_others(result, protocol, [pair.id for pair in pairs], folder))
+        constant = next((mean for row, mean in others.items() if row.name == CONSTANT), None)
+        if result.method.name != CONSTANT:
+            if constant is None and run.store:
+                constant = _constant(run.store, pairs, protocol)
+            if constant is not None:
+                lines["constant"] = f"{title} {score_text(constant)}: {_beside(own, constant)}"
+        lines |= _best(result, own, title, others)
+        lines |= _worst(result, protocol, pairs, title)
+    return "\n".join(f"{name:<12} {text}" for name, text in lines.items())
+
+
+class _Row:
+    """A run of the leaderboard, and the name of its method's card."""
+
+    def __init__(self, name: str, result: Result) -> None:
+        self.name, self.result = name, result
+
+
+def _score(result: Result, protocol: str) -> str:
+    """Return the mean scores; of an incomplete run, those of what was run, and why."""
+    data, count = result.dataset, counted(result.dataset.expected, "pair")
+    under = f"protocol {protocol}, split {data.split}"
+    done = [pair for pair in result.pairs if pair.status == "ok"]
+    if gaps := sum(pair.lacks_answers(protocol) for pair in done):
+        why = f"{counted(gaps, 'pair')} without an answer for every pixel"
+        return f"none: {why}  ({under}; --protocol sure)"
+    if len(done) < data.expected:
+        missing = sum(pair.status == "missing" for pair in result.pairs)
+        absent = f"; {counted(missing, 'pair')} not in the store" if missing else ""
+        count = f"only {len(done)} of {count}{absent}"
+    if not done:
+        return f"none: {count} were evaluated  ({under})"
+    means = {
+        metric.title: mean_of(pair.score(protocol, name) for pair in done)
+        for name, metric in metrics_of(protocol).items()
+    }
+    scores = "  ".join(f"{title} {score_text(mean)}" for title, mean in means.items())
+    return f"{scores}  ({under}, {count})"
+
+
+def _others(
+    result: Result, protocol: str, ids: Sequence[str], folder: Path
+) -> Iterator[tuple[_Row, float]]:
+    """Yield the rows on the same data that have a score for each of the pairs, and their means."""
+    stem = part_name(result.dataset.name)[0]
+    for file in sorted((folder / RESULTS).glob(f"{stem}-*/*.json")):
+        for other in read_row(file).results:
+            if other.dataset.fingerprint != result.dataset.fingerprint or knew_blur(other):
+                continue
+            scores = {pair.id: _of(pair, protocol) for pair in other.pairs}
+            found = [scores.get(name) for name in ids]
+            mean = None if None in found else mean_of(found)
+            if mean is not None:
+                yield _Row(file.stem, other), mean
+
+
+def _constant(store: Dataset, pairs: Sequence[PairResult], protocol: str) -> float | None:
+    """Return the score of the training mean on some pairs; None where training has no depth."""
+    try:
+        method = load_for(store, CONSTANT, {}, 0)
+    except DfdbenchError:
+        return None
+    evaluate = PairEvaluator(store, method, 0, [RELEASED[protocol]])
+    return mean_of(_of(evaluate(pair.pair)[0], protocol) for pair in pairs)
+
+
+def _of(pair: PairResult, protocol: str) -> float | None:
+    """Return a pair's score by the metric that ranks."""
+    return pair.scores.get(protocol, {}).get(ranked_by(protocol)[0])
+
+
+def _beside(own: float, other: float) -> str:
+    if score_text(own) == score_text(other):
+        return "yours is the same"
+    far = f"{abs(own / other - 1):.0%}".replace("%", " %") if other else "much"
+    return f"yours is {far} {'lower' if own < other else 'higher'}"
+
+
+def _kind(result: Result) -> str:
+    """Return what a method was given, whatever its weights were trained on."""
+    return re.sub(r"trained on .*", "trained weights", given_to(result))
+
+
+def _best(result: Result, own: float, title: str, others: dict[_Row, float]) -> dict[str, str]:
+    """Return the best row whose method was given as much; where there is none, the best of all."""
+    label = method_label(result.method)
+    means = {
+        row: mean
+        for row, mean in others.items()
+        if row.name != CONSTANT and method_label(row.result.method) != label
+    }
+    if not means:
+        return {}
+    alike = [row for row in means if _kind(row.result) == _kind(result)]
+    best = min(alike or means, key=means.__getitem__)
+    given = _kind(best.result)
+    text = f"{best.name}: {title} {score_text(means[best])}"
+    if not alike:
+        return {"best row": f"{text}, but it was given {given}, and yours {_kind(result)}"}
+    return {"best row": f"{text}, given as much ({given}); {_beside(own, means[best])}"}
+
+
+def _worst(
+    result: Result, protocol: str, pairs: Sequence[PairResult], title: str
+) -> dict[str, str]:
+    """Return where the mean is highest, by scene or an axis, and the worst pair."""
+    groups: dict[str, list[float]] = {}
+    for pair in pairs:
+        for name, value in {"scene": pair.scene, **pair.coordinates}.items():
+            groups.setdefault(f"{name} {value}", []).append(_of(pair, protocol) or 0.0)
+    means = {place: mean_of(found) or 0.0 for place, found in groups.items() if len(found) > 1}
+    last = ranked(result, protocol)[-1]
+    text = f"pair {last.id}, {title} {score_text(_of(last, protocol))}"
+    place = max(means, key=means.__getitem__, default="")
+    if place and means[place] > _STANDS_OUT * (mean_of(_of(p, protocol) for p in pairs) or 0.0):
+        text = f"{place}, {title} {score_text(means[place])} on average; {text}"
+    return {"worst": text} if len(pairs) > 1 else {}

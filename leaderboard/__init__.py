@@ -1,0 +1,1 @@
+"""The rows of the leaderboard, the cards of their methods, and published tables."""

@@ -1,0 +1,68 @@
+"""What a run costs beside its method, against importing its libraries and against plain zarr.
+
+Nothing is asserted of times.
+"""
+
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
+from tests.benchmarks.test_startup import processor_seconds
+
+ROUNDS = 5
+
+
+def test_a_run_with_nothing_to_do(benchmark: Any, demo_store: Dataset, tmp_path: Path) -> None:
+    program = str(Path(sys.executable).with_name("dfdbench"))
+    words = f"run --method constant --split Market --no-figures --dataset {demo_store.path}"
+    ours = [program, *words.split(), "--out", str(tmp_path / "run")]
+    theirs = [sys.executable, "-c", "import numba, xarray, zarr"]
+    benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
+    pairs = [(processor_seconds(ours), processor_seconds(theirs)) for _ in range(ROUNDS)]
+    own, other = (statistics.median(column) for column in zip(*pairs, strict=True))
+    print(
+        f"\nrun with nothing to do: {own:.2f} s of processor time, {own / other:.1f} times "
+        f"{other:.2f} s of importing numba, xarray and zarr"
+    )
+
+
+@pytest.mark.benchmark(group="a pair of 240 x 320", timer=time.process_time)
+def test_a_pair_beyond_its_method(benchmark: Any, demo_store: Dataset, tmp_path: Path) -> None:
+    """Read, scored under every protocol, kept and noted; by zarr read and kept."""
+    method = load_for(demo_store, "constant", {}, 0)
+    pairs = demo_store.pairs("train")[:40]
+
+    def run(number: int) -> float:
+        begun = time.process_time()
+        options = RunOptions(limit=number, fresh=True)
+        run_method(demo_store, method, "train", tmp_path / "run", options)
+        return time.process_time() - begun
+
+    def plain() -> float:
+        begun = time.process_time()
+        for pair in pairs:
+            scene: Any = zarr.open_group(str(demo_store.path), path=pair.scene, mode="r")
+            assert scene["images"][0, 0, 0].shape == (2, 240, 320, 3)
+            kept = zarr.open_group(str(tmp_path / "plain"), path=pair.id, mode="a")
+            kept.create_array("depth", data=scene["depth"][0].astype(np.float32), overwrite=True)
+        return time.process_time() - begun
+
+    run(1)
+    few, many = min(run(4) for _ in range(3)), min(run(4 + len(pairs)) for _ in range(3))
+    ours = (many - few) / len(pairs)
+    theirs = plain() / len(pairs)
+    benchmark.pedantic(run, (8,), rounds=1)
+    print(
+        f"\na pair beyond its method: {1e3 * ours:.1f} ms of processor time, {ours / theirs:.1f} "
+        f"times {1e3 * theirs:.1f} ms of plain zarr"
+    )

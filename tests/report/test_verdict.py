@@ -1,0 +1,61 @@
+"""What a run comes to, against runs and frames that say the same on other ways."""
+
+from pathlib import Path
+
+import numpy as np
+
+import dfdbench as dfd
+from dfdbench.board.row_file import leaderboard_folder
+
+
+def lines(run: dfd.Run) -> dict[str, str]:
+    return dict(line.split(maxsplit=1) for line in run.verdict().splitlines())
+
+
+def inverted(infocus: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+    return np.asarray(255 - infocus.mean(2))
+
+
+def test_a_constant_is_what_a_run_of_it_scores_where_no_row_says_so(
+    tiny_store: dfd.Dataset,
+) -> None:
+    found = lines(dfd.run(inverted, tiny_store))
+    assert found["score"].endswith("(protocol valid, split test, 7 pairs)")
+    constant = dfd.run("constant", tiny_store)
+    score = (constant.result.averages or {})["valid"]["nrmse"]
+    assert found["constant"].startswith(f"NRMSE {score:.4f}: yours is ")
+    # It is not held against itself.
+    assert lines(constant).keys() == {"score", "worst"}
+
+
+def test_a_part_of_the_pairs_is_held_against_the_same_pairs_of_the_rows(
+    demo_store: dfd.Dataset,
+) -> None:
+    done = dfd.run("local", demo_store, limit=2)
+    text = done.verdict()
+    found = dict(zip(("score", "constant", "best"), text.splitlines(), strict=False))
+    assert "only 2 of 54 pairs" in found["score"]
+    rows = dfd.leaderboard(leaderboard_folder()).scores
+    ran = [pair.id for pair in done.result.pairs if pair.status == "ok"]
+    rows = rows[(rows["dataset"] == "demo-1") & (rows["track"] == "clean")]
+    rows = rows[(rows["protocol"] == "valid") & (rows["metric"] == "nrmse")]
+    means = rows[rows["capture"].isin(ran)].groupby("method")["value"].mean().to_dict()
+    assert f"NRMSE {means['constant']:.4f}: yours is " in found["constant"]
+    # What is given the blur, as `local` is, itself left out.
+    given = ["graph-cuts", "graph-cuts-rounded", "guided", "sgm", "s-transform"]
+    best = min(given, key=means.__getitem__)
+    assert f"{best}: NRMSE {means[best]:.4f}, given as much (the blur); yours is " in found["best"]
+
+
+def test_where_no_row_is_given_as_little_the_best_of_all_is_named(demo_store: dfd.Dataset) -> None:
+    found = dfd.run(inverted, demo_store, "Market", limit=1).verdict()
+    assert ", but it was given the blur, and yours nothing" in found
+    assert "worst" not in found
+
+
+def test_a_run_that_failed_everywhere_says_so(tiny_store: dfd.Dataset, tmp_path: Path) -> None:
+    done = dfd.run(lambda infocus, defocus: 1 / 0, tiny_store, out=tmp_path / "run")
+    assert done.verdict() == (
+        "score        none: only 0 of 7 pairs were evaluated  (protocol valid, split test)"
+    )
+    assert "7 pairs failed, the first of them" in (tmp_path / "run/tables.md").read_text("utf-8")
