@@ -26,7 +26,8 @@ def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figur
     """Draw runs on the same data: each metric by scene and exposure, a figure an illumination.
 
     As the thesis's Figs 4.5, 4.7, 4.8, 5.11 to 5.13 and, with several methods, 5.15 to 5.17. The
-    key says what a figure shows; without illuminations there is one.
+    key says what a figure shows; without illuminations there is one, and of a single scene one with
+    each lighting beside the other.
     """
     dataset = runs[0].result.dataset
     pairs = [pair for run in runs for pair in run.result.pairs if pair.status == "ok"]
@@ -34,6 +35,8 @@ def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figur
         return {}
     if dataset.rows is None:
         return {"scores by scene": _scene_figure(runs, pairs, protocol, None)}
+    if len({pair.scene for pair in pairs}) == 1:
+        return {f"scores by {dataset.rows}": _one_scene_figure(runs, protocol)}
     values = sorted({pair.coordinates[dataset.rows] for pair in pairs})
     return {
         f"{dataset.rows} {value}": _scene_figure(runs, pairs, protocol, value) for value in values
@@ -151,6 +154,30 @@ def _scene_figure(
         axis.set_title(f"{dataset.blocks} {level}")
     style.legend_below(figure, grid[0][0])
     return figure
+
+
+def _one_scene_figure(runs: Sequence[SavedRun], protocol: str) -> Figure:
+    dataset, metrics = runs[0].result.dataset, metrics_of(protocol)
+    figure = Figure(figsize=(4.0 * len(metrics), 4.2), layout="constrained")
+    axes = figure.subplots(1, len(metrics), squeeze=False)[0]
+    series = {style.plain_text(run.label): _by_lighting(run) for run in runs}
+    places = sorted({pair.scene for pairs in series.values() for pair in pairs})
+    for axis, metric in zip(axes, metrics.values(), strict=True):
+        draw_by_scene(axis, series, places, protocol, metric.name, 0.6, len(style.COLOURS) - 1)
+        axis.set_ylabel(metric.axis_label)
+        axis.set_xlabel(f"{dataset.blocks}, {dataset.rows}")
+    style.legend_below(figure, axes[0])
+    return figure
+
+
+def _by_lighting(run: SavedRun) -> list[PairResult]:
+    """Return a run's pairs, named by their lighting in place of their scene."""
+    dataset = run.result.dataset
+    named = []
+    for pair in _pairs_at(run, {}):
+        place = (pair.coordinates[axis] for axis in (dataset.blocks, dataset.rows) if axis)
+        named.append(pair.model_copy(update={"scene": ", ".join(map(str, place))}))
+    return named
 
 
 def _pairs_at(run: SavedRun, place: dict[str, int]) -> list[PairResult]:

@@ -43,6 +43,7 @@ def data_cost(
     limit: int = 1021,
     kernel_size: int = 27,
     out: NDArray[np.uint16] | None = None,
+    rows: slice = slice(None),
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every label costs at every pixel, Eq. 4.1 with integer costs.
 
@@ -67,6 +68,8 @@ def data_cost(
         Side of the square kernel in pixels, odd, whatever the sigma.
     out : (y, x, label) uint16, optional
         Memory to write the costs into. On some systems fresh memory takes as long as the costs.
+    rows : slice, optional
+        The rows of the image whose costs are asked for, without a step; all where not given.
 
     Returns
     -------
@@ -96,15 +99,17 @@ def data_cost(
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
     border = ((radius, radius), (radius, radius), (0, 0))
-    padded = np.pad(sharp, border, mode="edge").transpose(2, 0, 1).astype(np.float32)
-    shape = (*sharp.shape[:2], len(values))
+    first, last, _ = rows.indices(len(sharp))
+    padded = np.pad(sharp, border, mode="edge")[first : last + 2 * radius]
+    blurred = blurred[first:last]
+    shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
     if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
         raise InputError(
             f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}"
         )
     offset = _fill(
-        np.ascontiguousarray(padded),
+        np.ascontiguousarray(padded.transpose(2, 0, 1), np.float32),
         np.ascontiguousarray(blurred),
         kernels[:, radius:].astype(np.float32),
         (kernels[:, radius:] > NEGLIGIBLE).sum(1),

@@ -38,6 +38,7 @@ def level_costs(
     infocus: NDArray[np.uint8],
     images: Sequence[NDArray[np.uint8]],
     limit: float,
+    rows: slice = slice(None),
 ) -> NDArray[np.uint16]:
     """Return a capture's cost volume: minus the logarithm of each level's probability, cut off.
 
@@ -57,6 +58,8 @@ def level_costs(
     limit : float
         Nats above a pixel's least cost at which costs are cut off. An image of a stack says no
         more than 5 against any level: where surfaces end, many of them explain nothing.
+    rows : slice
+        The rows whose costs are asked for, all without a step.
 
     Returns
     -------
@@ -77,15 +80,15 @@ def level_costs(
         # Of a recipe's residuals nothing is known but that images are rounded.
         weight = UNIT / (2 * ROUNDING_VARIANCE)
         sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(images[0])
-        return data_cost(sharp, blurred, blurs[0].sigmas, weight, most, blurs[0].kernel_size)[0]
+        size = blurs[0].kernel_size
+        return data_cost(sharp, blurred, blurs[0].sigmas, weight, most, size, rows=rows)[0]
     costs: NDArray[np.uint16] | None = None
     ceiling = most if len(images) > 1 else math.inf
     for one in all_blurred(blurs, infocus, images):
         costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=ceiling)[0]
-        # Before the next is made: they are large.
-        del one
+        del one  # Before the next is made: they are large.
     assert costs is not None
-    return costs
+    return costs[rows]
 
 
 def all_blurred(
@@ -448,15 +451,11 @@ def _fill(
                 squares[level] = np.rint(cost)
                 least = min(least, squares[level])
             offset += np.int64(least)
-            if add:
-                for level in range(levels):
-                    cost = min(squares[level] - least, np.float32(limit))
-                    unary[y, x, level] = np.uint16(
-                        min(np.float32(unary[y, x, level]) + cost, np.float32(65535))
-                    )
-                continue
             for level in range(levels):
-                unary[y, x, level] = np.uint16(min(squares[level] - least, np.float32(limit)))
+                cost = min(squares[level] - least, np.float32(limit))
+                if add:
+                    cost = min(np.float32(unary[y, x, level]) + cost, np.float32(65535))
+                unary[y, x, level] = np.uint16(cost)
     return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
 
 

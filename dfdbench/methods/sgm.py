@@ -1,6 +1,7 @@
 """Semi-global matching over the cost of each depth level."""
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from dfdbench.system.compiled import compiled
 DIRECTIONS = 8
 #: Largest cost and step together: the sums over all paths are kept in 16 bits.
 MOST = 65535 // DIRECTIONS
+
+# What the costs of a band of rows take at most: those of half a megapixel at a few hundred levels.
+_MOST_BYTES = 100_000_000
 
 # Above any cost of a path, and still in 16 bits with a step added.
 _FAR = np.uint16(2**15)
@@ -53,37 +57,129 @@ def path_costs(
     >>> path_costs(np.array([[[0, 2], [3, 0]]], np.uint16), 1, 1).tolist()
     [[[1, 16], [24, 1]]]
     """
-    sums = np.zeros(costs.shape, np.uint16)
-    _sweeps(costs, np.uint16(small), np.uint16(large), _FROM[: directions // 2], sums)
-    return sums
+    whole = path_costs_by_bands(
+        lambda rows: costs, costs.shape, small, large, directions, most_bytes=costs.nbytes
+    )
+    return next(whole)[1]
+
+
+def path_costs_by_bands(
+    costs_of: Callable[[slice], NDArray[np.uint16]],
+    shape: tuple[int, ...],
+    small: int,
+    large: int,
+    directions: int = 8,
+    most_bytes: int = _MOST_BYTES,
+) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
+    """Yield bands of rows and their path costs, the last one first: never is all in memory.
+
+    Parameters
+    ----------
+    costs_of : callable
+        Gives the costs of some rows; it is called twice for each band but the last.
+    shape : tuple of int
+        Of all costs, (y, x, label).
+    small, large, directions
+        As for `path_costs`.
+    most_bytes : int
+        What the costs of a band take at most, if it has more than one row.
+
+    Examples
+    --------
+    >>> costs = np.array([[[0, 2]], [[3, 0]]], np.uint16)
+    >>> bands = path_costs_by_bands(lambda rows: costs[rows], costs.shape, 1, 1, most_bytes=4)
+    >>> [(rows.start, sums.tolist()) for rows, sums in bands]
+    [(1, [[[24, 1]]]), (0, [[[1, 16]]])]
+    """
+    height, width, labels = shape
+    rows = max(most_bytes // (2 * width * labels), 1)
+    bands = [slice(top, min(top + rows, height)) for top in range(0, height, rows)]
+    # Paths from above are followed twice: to know where each band begins, then with those from
+    # below, which come up band by band.
+    down = [_Sweep(shape, small, large, directions)]
+    for band in bands[:-1]:
+        down.append(down[-1].copy())
+        down[-1].add(costs_of(band), None)
+    up = _Sweep(shape, small, large, directions, backwards=True)
+    while bands:
+        costs = costs_of(bands[-1])
+        sums = np.zeros(costs.shape, np.uint16)
+        down.pop().add(costs, sums)
+        up.add(costs, sums)
+        yield bands.pop(), sums
+
+
+class _Sweep:
+    """Half of the paths, from the upper left or from the lower right, as far as they have come."""
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        small: int,
+        large: int,
+        directions: int,
+        backwards: bool = False,
+    ) -> None:
+        _, width, labels = shape
+        self._sources = _FROM[: directions // 2]
+        self._steps, self._backwards = (np.uint16(small), np.uint16(large)), backwards
+        # Two rows of path costs a direction, one spare label at either end.
+        self._paths = np.full((2, len(self._sources), width, labels + 2), _FAR, np.uint16)
+        self._least = np.zeros((2, len(self._sources), width), np.uint16)
+        self._rows = 0
+
+    def copy(self) -> "_Sweep":
+        other = copy.copy(self)
+        other._paths, other._least = self._paths.copy(), self._least.copy()
+        return other
+
+    def add(self, costs: NDArray[np.uint16], sums: NDArray[np.uint16] | None) -> None:
+        """Go on over the next rows, and add the path costs to sums."""
+        _sweep(
+            costs,
+            *self._steps,
+            self._sources,
+            self._backwards,
+            self._rows,
+            self._paths,
+            self._least,
+            np.zeros_like(costs) if sums is None else sums,
+        )
+        self._rows += len(costs)
 
 
 @compiled()
-def _sweeps(costs: Array, small: Any, large: Any, sources: Array, sums: Array) -> None:
+def _sweep(
+    costs: Array,
+    small: Any,
+    large: Any,
+    sources: Array,
+    backwards: bool,
+    rows: int,
+    paths: Array,
+    least: Array,
+    sums: Array,
+) -> None:
     height, width, labels = costs.shape
-    # Two rows of path costs a direction, one spare label at either end.
-    paths = np.full((2, len(sources), width, labels + 2), _FAR, np.uint16)
-    least = np.zeros((2, len(sources), width), np.uint16)
     start = np.zeros(labels + 2, np.uint16)
-    for backwards in range(2):
-        for row in range(height):
-            y = height - 1 - row if backwards else row
-            now, before = row % 2, (row + 1) % 2
-            for column in range(width):
-                x = width - 1 - column if backwards else column
-                for direction in range(len(sources)):
-                    there = column + sources[direction, 1]
-                    level = now if sources[direction, 0] == 0 else before
-                    begins = there < 0 or there >= width or (level == before and row == 0)
-                    least[now, direction, column] = _step(
-                        costs[y, x],
-                        start if begins else paths[level, direction, there],
-                        np.uint16(0) if begins else least[level, direction, there],
-                        small,
-                        large,
-                        paths[now, direction, column],
-                        sums[y, x],
-                    )
+    for row in range(height):
+        y = height - 1 - row if backwards else row
+        now, before = (rows + row) % 2, (rows + row + 1) % 2
+        for column in range(width):
+            x = width - 1 - column if backwards else column
+            for direction in range(len(sources)):
+                there = column + sources[direction, 1]
+                level = now if sources[direction, 0] == 0 else before
+                begins = there < 0 or there >= width or (level == before and rows + row == 0)
+                least[now, direction, column] = _step(
+                    costs[y, x],
+                    start if begins else paths[level, direction, there],
+                    np.uint16(0) if begins else least[level, direction, there],
+                    small,
+                    large,
+                    paths[now, direction, column],
+                    sums[y, x],
+                )
 
 
 @compiled()
@@ -177,18 +273,28 @@ class SemiGlobal(Solver):
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
-        costs = level_costs(self.blurs, infocus, images, self._limit)
         # As many images as there are, as often a cost is counted.
         small, large = (
             min(step * len(images) * self.chosen.smoothing, MOST // 2) for step in self._steps
         )
-        if self.chosen.weight:
-            costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
-        np.minimum(costs, MOST - large, out=costs)
-        sums = np.moveaxis(path_costs(costs, small, large), 2, 0)
-        label = read_out(sums, self.chosen.sharpness / (UNIT * DIRECTIONS))
+
+        def costs_of(rows: slice) -> NDArray[np.uint16]:
+            costs = level_costs(self.blurs, infocus, images, self._limit, rows)
+            if self.chosen.weight:
+                costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
+            return np.minimum(costs, MOST - large, out=costs)
+
+        # A law's blurs take longer than paths, and a posterior takes costs level by level.
+        whole = posterior is not None or isinstance(self.blur, BlurLaw)
+        held = costs_of(slice(None)) if whole else np.empty(0, np.uint16)
         if posterior is not None:
             # Costs along paths are as low where neighbours agree on what is wrong.
-            depths = self.blur.depth_of_level(np.arange(len(sums)))
-            posterior.add_all(depths, np.moveaxis(costs, 2, 0), UNIT)
+            depths = self.blur.depth_of_level(np.arange(self.levels))
+            posterior.add_all(depths, np.moveaxis(held, 2, 0), UNIT)
+        label = np.empty(infocus.shape[:2])
+        shape = (*infocus.shape[:2], self.levels)
+        parts = held.__getitem__ if whole else costs_of
+        for rows, sums in path_costs_by_bands(parts, shape, small, large):
+            levels = np.moveaxis(sums, 2, 0)
+            label[rows] = read_out(levels, self.chosen.sharpness / (UNIT * DIRECTIONS))
         return np.asarray(self.blur.depth_of_level(label), np.float32)

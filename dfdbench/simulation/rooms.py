@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from dfdbench.datasets.rendered import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
-from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.lighting import Lamp, Light, lit
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import Texture
 from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, pack
-from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
+from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
 
 Floats = NDArray[np.float64]
 

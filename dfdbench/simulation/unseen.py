@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
 from dfdbench.optics.thin_lens import ThinLens
-from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth, develop, render
 from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene
+from dfdbench.simulation.textures import Draws
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -127,7 +127,7 @@ def _fingerprint(manifest: Manifest, board: Board) -> str:
         return " or ".join(f"`{each}`" for each in known)
     if manifest.short in FAMILIES:
         return "one a seed: see its rankings"
-    return "not built by us"
+    return f"none recorded here; `dfdbench info {manifest.short}` shows that of your store"
 
 
 def _measured(manifest: Manifest) -> str:

@@ -54,17 +54,6 @@ def test_splits_are_told_from_scenes() -> None:
     assert layout.groups[1].files["train", "2"] == "f2/train/2.png"
 
 
-def test_where_names_share_nothing_order_pairs_files() -> None:
-    paths = [f"{kind}/{time}" for kind in ("f2", "f8") for time in ("10:01.jpg", "10:05.jpg")]
-    layout = find_layout((*paths, "depth/10:00.png", "depth/10:06.png"))
-    assert layout is not None
-    assert layout.by_order
-    (depth,) = (group for group in layout.groups if group.pattern.startswith("depth"))
-    assert depth.files == {("", "1"): "depth/10:00.png", ("", "2"): "depth/10:06.png"}
-    assert find_layout((*paths, "depth/10:00.png")) is None
-    assert find_layout(()) is None
-
-
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
     others = ("a/notes.txt", ".cache/d.png", "a/._b.png", "a/K.npy")
     for name in ("a/b.PNG", "a/c.tif", "a/gt.npy", *others):

@@ -1,9 +1,7 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
-import pytest
 
 from dfdbench.building.folder_stacks import find_stacks
 from dfdbench.building.new_manifest import new_manifest
@@ -91,20 +89,6 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
         "depth",
         "focus distances",
     ]
-
-
-@pytest.mark.parametrize("ending", ["npz", "pfm"])
-def test_depth_may_be_npz_or_pfm(tmp_path: Path, ending: str) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for scene in SCENES:
-        depth = np.load(folder / scene / "depth.npy")
-        (folder / scene / "depth.npy").unlink()
-        if ending == "npz":
-            np.savez(folder / scene / "depth.npz", depth=depth, other=np.zeros(3))
-        else:
-            cv2.imwrite(str(folder / scene / "depth.pfm"), depth)
-    _, store = built(folder)
-    np.testing.assert_array_equal(store.captures()[-1].depth, depth)
 
 
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:

@@ -37,24 +37,6 @@ def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
     assert len(manifest.scenes_of("train")) == 3
 
 
-def test_mixed_endings_build(tmp_path: Path) -> None:
-    # As in iDFD, whose folders hold .JPG beside .jpg.
-    made = make_folder(tmp_path / "made")
-    endings = (".JPG", ".jpg", ".png", ".jpg")
-    for scene, ending in zip(SCENES, endings, strict=True):
-        for kind in ("sharp", "blurred", "depth"):
-            image = np.asarray(cv2.imread(str(made / scene / f"{kind}.png"), cv2.IMREAD_UNCHANGED))
-            name = f"{scene}_0{'.png' if kind == 'depth' else ending}"
-            place = tmp_path / "set" / kind / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(place), image)
-    manifest = built(tmp_path / "set")[1].manifest
-    assert manifest.files is not None
-    assert manifest.files.infocus == "sharp/{scene}.*"
-    assert manifest.files.depth == "depth/{scene}.png"
-    assert len(manifest.scenes) == 4
-
-
 def make_idfd(folder: Path, places: tuple[str, ...]) -> Path:
     """Write views in iDFD's layout, three a place but for the last, and return the folder."""
     made = make_folder(folder / "made")

@@ -1,11 +1,9 @@
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import zarr
-from zarr.codecs import BloscCodec, GzipCodec
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import combine, scene_digests
@@ -25,31 +23,6 @@ def test_a_sound_store(tiny_store: Dataset) -> None:
     assert found.recomputed == tiny_store.fingerprint
     assert (found.scenes, found.arrays) == (3, 36)
     assert steps == [(1, 3), (2, 3), (3, 3)]
-
-
-@pytest.mark.parametrize("codec", [GzipCodec(level=1), BloscCodec(cname="lz4"), None])
-@pytest.mark.parametrize("chunk", [9, 999])
-def test_chunks_and_compression_do_not_matter(
-    tiny_store: Dataset, tmp_path: Path, codec: GzipCodec | BloscCodec | None, chunk: int
-) -> None:
-    other = tmp_path / "other.zarr"
-    root = zarr.open_group(other, mode="w", zarr_format=3)
-    root.attrs.update(tiny_store.attributes)
-    for name in tiny_store.scenes:
-        scene = tiny_store.stored(name).load()
-        how: dict[str, Any] = {"compressors": [codec] if codec else []}
-        encoding = {
-            str(key): how | {"chunks": tuple(min(chunk, length) for length in variable.shape)}
-            for key, variable in scene.data_vars.items()
-        }
-        for variable in scene.variables.values():
-            variable.encoding.clear()
-        form: dict[str, Any] = {"zarr_format": 3, "consolidated": False, "mode": "w"}
-        scene.to_zarr(other, group=name, encoding=encoding, write_empty_chunks=True, **form)
-    found = verify_store(Dataset(other))
-    assert found.differences == ()
-    assert found.sound
-    assert found.recomputed == tiny_store.fingerprint
 
 
 def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:

@@ -64,64 +64,6 @@ def test_scenes_of_one_family_or_room_are_one_group() -> None:
         assert not find_manifest(name).groups
 
 
-def test_middlebury_is_that_of_the_thesis() -> None:
-    manifest = find_manifest("middlebury")
-    assert (len(manifest.scenes), len(manifest.pairs())) == (27, 458)
-    assert (len(manifest.pairs("train")), len(manifest.pairs("test"))) == (404, 54)
-    assert manifest.scenes_of("test") == ("Art", "Books", "Reindeer")
-    by_source = Counter(scene.source for scene in manifest.scenes)
-    assert by_source == {"scenes2005": 6, "scenes2006": 21}
-    assert sum(exclusion.pairs for exclusion in manifest.exclusions) == 28
-    left_out = {
-        scene: {(illumination, exposure) for illumination in (1, 2, 3) for exposure in (0, 1, 2)}
-        - {
-            (pair.at["illumination"], pair.at["exposure"])
-            for pair in manifest.pairs_of_scene(scene)
-        }
-        for scene in manifest.scene_names
-    }
-    assert left_out["Dolls"] == left_out["Moebius"] == {(3, 2)}
-    dark = {(2, 2), (3, 0), (3, 1), (3, 2)}
-    assert left_out["Midd1"] == left_out["Midd2"] == left_out["Monopoly"] == dark
-    assert sum(map(bool, left_out.values())) == 5
-    assert len(manifest.folds) == 9
-    assert manifest.scenes_of("K03") == ("Midd1", "Midd2", "Plastic")
-
-
-def test_middlebury_in_default_lighting_has_the_thesis_scenes_and_splits() -> None:
-    manifest, whole = find_manifest("middlebury-default"), find_manifest("middlebury")
-    assert manifest.scenes == whole.scenes
-    assert manifest.folds == whole.folds
-    for split in ("train", "test"):
-        assert manifest.scenes_of(split) == whole.scenes_of(split)
-    assert [len(manifest.pairs(split)) for split in ("all", "train", "test")] == [54, 48, 6]
-    assert manifest.pairs("Art")[0].id == "Art/view1"
-    assert (manifest.recipe, manifest.depth) == (whole.recipe, whole.depth)
-    names = {"disp1.png", "disp5.png", "view1.png", "view5.png"}
-    assert {f"{scene}/{name}" for scene in manifest.scene_names for name in names} <= set(
-        manifest.checksums
-    )
-    known = whole.checksums.items()
-    assert all(manifest.checksums[name] == digest for name, digest in known if "Illum" not in name)
-
-
-def test_realworld_is_that_of_the_thesis() -> None:
-    manifest = find_manifest("realworld")
-    counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
-    pruned_counts = {"train-pruned": 294, "test-pruned": 42, "all-pruned": 336}
-    assert counts == {"train": 392, "test": 56} | pruned_counts
-    pruned = manifest.scenes_of("train-pruned") + manifest.scenes_of("test-pruned")
-    assert set(manifest.scenes_of("all-pruned")) == set(pruned)
-    assert len(manifest.pairs()) == 448
-    for number, scene in enumerate(manifest.scenes):
-        assert scene.name == f"k{number:02d}"
-        assert scene.texture == number // 4 + 1
-        assert (scene.geometry == "flat-far") == (number % 4 == 0)
-    assert manifest.scenes_of("test-pruned") == ("k33", "k34", "k35", "k45", "k46", "k47")
-    assert manifest.capture is not None
-    assert manifest.capture.voltage_step == list(range(127, 144))
-
-
 def test_only_simulated_captures_are_marked_so() -> None:
     marked = {manifest.stem for manifest in released_manifests() if manifest.simulated}
     assert marked == {"realworld-sim-1"}

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from dfdbench.figures import comparisons
 from dfdbench.figures.style import plain_text
@@ -29,6 +30,17 @@ def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> No
     assert [axis.get_title() for axis in axes[:2]] == ["exposure 0", "exposure 1"]
     # Two methods a panel, in each two scenes from two views.
     assert [len(np.asarray(line.get_xdata())) for line in axes[0].get_lines()] == [4, 4]
+
+
+def test_one_scene_is_one_figure_with_each_lighting_beside_the_other() -> None:
+    one = {key: value for key, value in VALUES.items() if key[0] == "a"}
+    runs = [SavedRun(Path("r.json"), make_result(one, name), None, "") for name in ("m", "n")]
+    (figure,) = comparisons.lighting_figures(runs, "thesis").values()
+    assert len(figure.axes) == 3
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert ticks == ["0, 1", "0, 2", "1, 1", "1, 2"]
+    line = figure.axes[0].get_lines()[0]
+    assert sorted(np.asarray(line.get_ydata())) == pytest.approx(sorted(one.values()))
 
 
 def test_one_exposure_alone_shows_every_method_in_a_legend_that_is_whole() -> None:

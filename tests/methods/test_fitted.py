@@ -198,15 +198,6 @@ def test_a_window_larger_than_the_image_is_refused(name: str) -> None:
         load(name, recipe="published", window=255)(pair.infocus, pair.defocus)
 
 
-def test_that_holds_for_learned_operators_too() -> None:
-    pairs = [slope(seed) for seed in range(2)]
-    method: Any = load("favaro-soatto", window=95)
-    method.restore(method.fit(pairs))
-    method.warm_up(pairs[0].infocus, pairs[0].defocus)
-    with pytest.raises(MethodError, match="window is larger than the image"):
-        method(pairs[0].infocus[:90], pairs[0].defocus[:90])
-
-
 def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
     few = BlurRecipe(0.3, 0.1, levels=16)
     for told in (RECIPES["published"], few, BlurLaw(tuple(few.sigmas.tolist()))):

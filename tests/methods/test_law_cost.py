@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -153,3 +154,12 @@ def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
     # Rounding leaves half a nat a channel, in the mean.
     right = costs[14:-14, 14:-14, 255 - 120] / law_cost.UNIT
     assert 0 < right.mean() < 1.5
+
+
+@pytest.mark.parametrize("blur", [PUBLISHED, LAWS[1]])
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(5, 30), slice(40, 64)])
+def test_some_rows_have_the_costs_they_have_in_the_whole(blur: Any, rows: slice) -> None:
+    pair = plane(120)
+    whole = law_cost.level_costs([blur], pair.infocus, [pair.defocus], 50)
+    some = law_cost.level_costs([blur], pair.infocus, [pair.defocus], 50, rows)
+    assert np.array_equal(some, whole[rows])

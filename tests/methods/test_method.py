@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.method import Method, TrainingPair, check_learned, restore, teach
+from dfdbench.methods.method import Method, TrainingPair, check_learned, teach
 
 
 def raising(*_: object) -> None:
@@ -167,13 +167,6 @@ def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:
         teach(method(Odd()), [PAIR])
     assert method(Learning).learner is not None
     assert method(lambda infocus, defocus: infocus).learner is None
-
-
-def test_a_restore_that_raises_says_why() -> None:
-    learning = Learning()
-    learning.restore = lambda learned: learned["sigma"]  # type: ignore[method-assign]
-    with pytest.raises(MethodError, match=r"does not take back.*restore.*KeyError"):
-        restore(method(learning), {"gain": 1.0})
 
 
 def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(

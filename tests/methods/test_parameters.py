@@ -56,17 +56,6 @@ def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, tol
         load("local", recipe=fields)
 
 
-def test_the_blur_is_withheld_only_from_who_can_find_it_out(tmp_path: Path) -> None:
-    assert load_method("local", {"recipe": None}, {}).learner is not None
-    (tmp_path / "solver.py").write_text(
-        "class Solver:\n"
-        "    def __init__(self, recipe):\n        self.recipe = recipe\n"
-        "    def __call__(self, infocus, defocus):\n        return infocus[..., 0]\n"
-    )
-    with pytest.raises(MethodError, match="not a blur recipe"):
-        load(f"{tmp_path / 'solver.py'}:Solver", recipe=None)
-
-
 def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:
     given = {"level": float("nan"), "deep": [1, {"a": float("-inf")}], "text": "a\udcff", "b": 1.5}
     with pytest.raises(MethodError, match="no result can keep") as told:

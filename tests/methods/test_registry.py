@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.registry import check_parameters, load, load_method, registered_methods
+from dfdbench.methods.registry import load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -59,18 +59,3 @@ def test_packages_register_entry_points(module: Path, monkeypatch: pytest.Monkey
     assert registered_methods()["mine"] == "mine:predict"
     assert registered_methods()["local"].startswith("dfdbench.")
     assert load("mine")(IMAGE, IMAGE)[0, 0] == 7
-
-
-class Takes:
-    def __init__(self, window: int, recipe: object = None) -> None:
-        pass
-
-
-def test_what_is_unknown_and_what_is_needed_is_named() -> None:
-    check_parameters("m:Takes", Takes, {"window": 3})
-    with pytest.raises(MethodError, match="unknown parameter") as told:
-        check_parameters("m:Takes", Takes, {"window": 3, "widnow": 4, "wind": 5})
-    assert [problem.what.split()[-1] for problem in told.value.problems] == ["widnow", "wind"]
-    with pytest.raises(MethodError, match="parameter is needed") as told:
-        check_parameters("m:Takes", Takes, {})
-    assert told.value.problems[0].fix == "--param window=VALUE"

@@ -6,7 +6,6 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.s_transform import STransform
 from dfdbench.metrics.scores import correlation
-from tests.made_stacks import made_capture
 from tests.methods.made_planes import inside, pair_of, plane, slope, texture
 
 PUBLISHED = RECIPES["published"]
@@ -67,13 +66,3 @@ def test_without_texture_it_stays_at_the_middle() -> None:
     flat = np.full((20, 30, 3), 90, np.uint8)
     found = STransform(PUBLISHED)(flat, flat)
     assert 100 < found.min() <= found.max() < found.min() + 0.001 < 160
-
-
-def test_captures_of_two_apertures_are_refused() -> None:
-    captures = [made_capture(seed, (90,)) for seed in (0, 1)]
-    for capture, number in zip(captures, (2.0, 4.0), strict=True):
-        capture.stack = capture.stack.assign_coords(f_number=("image", [16.0, number]))
-    fit = STransform(None).fit
-    assert fit is not None
-    with pytest.raises(MethodError, match="not taken at one aperture"):
-        fit(captures)

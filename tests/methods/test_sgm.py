@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
-from dfdbench.methods.sgm import MOST, SemiGlobal, path_costs
+from dfdbench.methods.sgm import MOST, SemiGlobal, path_costs, path_costs_by_bands
 from tests.methods.made_planes import pair_of, texture
 
 PUBLISHED = RECIPES["published"]
@@ -55,6 +55,23 @@ def test_path_costs_are_as_the_definition(shape: tuple[int, int, int], direction
     costs = np.random.default_rng(0).integers(0, 60, shape).astype(np.uint16)
     expected = by_definition(costs, 5, 17, directions)
     assert np.array_equal(path_costs(costs, 5, 17, directions), expected)
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+@pytest.mark.parametrize("rows", [1, 2, 3, 6, 7, 20])
+def test_bands_have_the_path_costs_of_the_whole(rows: int, directions: int) -> None:
+    costs = np.random.default_rng(rows).integers(0, 60, (7, 9, 5)).astype(np.uint16)
+    found, asked = np.zeros_like(costs), list[slice]()
+
+    def costs_of(band: slice) -> NDArray[np.uint16]:
+        asked.append(band)
+        return costs[band].copy()
+
+    most = rows * costs[0].nbytes
+    for band, sums in path_costs_by_bands(costs_of, costs.shape, 5, 17, directions, most):
+        found[band] = sums
+    assert np.array_equal(found, path_costs(costs, 5, 17, directions))
+    assert max(band.stop - band.start for band in asked) == min(rows, 7)
 
 
 @pytest.mark.parametrize("large", [1, MOST // 2, MOST])

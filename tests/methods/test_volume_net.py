@@ -1,11 +1,8 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.errors import MethodError
 from dfdbench.methods.law_cost import blurred_by
 from dfdbench.methods.networks.volume import MOST
 from tests.methods.made_planes import pair_of, texture
@@ -56,14 +53,3 @@ def test_it_finds_depth_for_a_blur_that_it_was_not_trained_on() -> None:
     # A constant is off by 55 at the least.
     assert np.median(np.abs(found - depth)) < 8
     assert 0.85 < (np.abs(found - depth) <= 1.645 * sigma).mean() < 0.95
-
-
-def test_without_a_fit_it_says_what_to_do() -> None:
-    image = np.zeros((40, 40, 3), np.uint8)
-    with pytest.raises(MethodError, match="knows no blur yet"):
-        VolumeNetMethod(device="cpu")(image, image)
-
-
-def test_weights_of_another_network_are_refused(weights: Path) -> None:
-    with pytest.raises(MethodError, match="another architecture"):
-        VolumeNetMethod(weights)

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.formation import encode
-from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
+from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
 
 
 @pytest.mark.parametrize("kind", list(PATTERNS))
@@ -21,3 +20,23 @@ def test_a_pattern_is_reflectance_in_whole_grey_levels_and_follows_its_key(kind:
 
 def test_every_photograph_is_shipped() -> None:
     assert all(photograph(name).ndim == 3 for name in PHOTOGRAPHS)
+
+
+def test_the_same_key_gives_the_same_numbers_past_a_block() -> None:
+    streams = [Draws("room", 1, 2), Draws("room", 1, 2), Draws("room", 1, 3)]
+    first, again, other = ([stream.share() for _ in range(3000)] for stream in streams)
+    assert first == again
+    assert first != other
+    assert len(set(first)) == 3000
+
+
+def test_each_draw_keeps_to_its_range() -> None:
+    draws = Draws("ranges")
+    numbers = [draws.between(-2, 3) for _ in range(2000)]
+    assert -2 < min(numbers) < -1.9
+    assert 2.9 < max(numbers) < 3
+    counts = np.bincount([draws.whole(1, 4) for _ in range(4000)])
+    assert counts[0] == 0
+    assert (np.abs(counts[1:] - 1000) < 120).all()
+    assert abs(np.mean([draws.chance(0.3) for _ in range(2000)]) - 0.3) < 0.04
+    assert {draws.one_of("ab") for _ in range(50)} == {"a", "b"}

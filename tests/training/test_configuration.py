@@ -50,13 +50,6 @@ def test_a_switch_is_no_number(name: str) -> None:
     assert read_configuration("published", {"redraw_depth": True}).redraw_depth
 
 
-def test_unet_refuses_what_only_dfd_net_has() -> None:
-    choices = TrainingConfiguration(sampling_size=3, first_activation="sigmoid", filters="F-02-02")
-    with pytest.raises(InputError) as caught:
-        choices.architecture("u-net")
-    assert len(caught.value.problems) == 3
-
-
 def test_what_a_particle_describes_is_a_choice() -> None:
     kernels = [[1, 9], *[3] * 13]
     kinds = ["srelu", *["prelu"] * 8]

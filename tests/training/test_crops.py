@@ -10,7 +10,6 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError
 from dfdbench.training import crops
 from dfdbench.training.configuration import Expansion
 
@@ -113,14 +112,6 @@ def test_noise_has_its_deviation_and_stays_in_range(images: crops.TrainingImages
     assert float(difference.std()) == pytest.approx(3, rel=0.03)
     assert float(difference.mean()) == pytest.approx(0, abs=0.05)
     assert 0 <= float(noisy.min()) <= float(noisy.max()) <= 255
-
-
-def test_patches_larger_than_an_image_are_refused(images: crops.TrainingImages) -> None:
-    with pytest.raises(InputError, match="at most 24 do"):
-        crops.Cropper(images, 28, 1, "eight", 0.0, 0)
-    redraw = crops.Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
-    with pytest.raises(InputError, match="at most 18 do"):
-        crops.Cropper(images, 20, 1, "eight", 0.0, 0, redraw)
 
 
 def test_redrawn_depth_is_the_blur_of_the_patch() -> None:

@@ -102,14 +102,6 @@ def test_time_that_is_up_ends_a_training(
     assert (card.ended_by, card.steps) == ("its time limit", 1)
 
 
-def test_a_checkpoint_of_another_training_is_refused(
-    cameras: Mapping[str, list[Example]], tmp_path: Path
-) -> None:
-    train_volume_net(cameras, "made", tmp_path, steps=1)
-    with pytest.raises(InputError, match="of another training"):
-        train_volume_net(cameras, "made", tmp_path, steps=1, seed=1)
-
-
 def test_images_smaller_than_its_scales_are_refused(tmp_path: Path) -> None:
     whole = example(0)
     small = Example(

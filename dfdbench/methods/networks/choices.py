@@ -5,9 +5,12 @@ from typing import Any
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.networks.layers import EQUAL, Kernel
 from dfdbench.tables.table import listed
 
+# A residual block adds its input to its output: these columns of Table D.2 must be equal.
+EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
+#: Rows and columns of a filter.
+Kernel = tuple[int, int]
 #: The thesis's numbers of the convolutions, input to output, which head the columns below.
 LAYERS = (52, 48, 45, 42, 40, 37, 34, 32, 29, 27, 24, 20, 17, 15, 12, 8, 5, 1)
 

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks import choices
-from dfdbench.methods.networks.layers import ACTIVATIONS
+from dfdbench.methods.networks.architectures import ACTIVATIONS
 from dfdbench.system.strict import Record, problems_of
 
 

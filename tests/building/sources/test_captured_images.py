@@ -96,15 +96,6 @@ def test_swapped_images_are_warned_of(scene: Path) -> None:
     assert warning.startswith("sharp.png: the defocus image is the sharper one")
 
 
-def test_an_alignment_that_is_not_found_names_the_file(scene: Path, tmp_path: Path) -> None:
-    write_scene(tmp_path / "other", 7)
-    (tmp_path / "other/blurred.png").replace(scene / "blurred.png")
-    assert made(scene)
-    with pytest.raises(SourceError, match="no alignment") as caught:
-        made(scene, align="euclidean")
-    assert caught.value.problems[0].where == "blurred.png"
-
-
 SCALE = DepthScale(near=0.5, far=5.0)
 INVERSE = Depth(axes=[], unknown=0, grows_with="nearness", unit="", scale=SCALE)
 

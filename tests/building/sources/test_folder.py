@@ -21,7 +21,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import ManifestError, SourceError
 from dfdbench.system.parallel import Threads
-from tests.made_folder import FOLDER_TOML, SCENES, make_folder
+from tests.made_folder import FOLDER_TOML, make_folder
 
 ALIGNED = FOLDER_TOML.replace("[table]", 'align = "translation"\nmatch_gain = true\n\n[table]')
 
@@ -103,16 +103,6 @@ def test_broken_scenes_are_named_and_the_others_built(folder: Path, tmp_path: Pa
     assert [pair.id for pair in Dataset(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
 
 
-def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) -> None:
-    for scene in SCENES:
-        (folder / scene / "depth.png").write_bytes(b"nothing")
-    manifest = manifest_of()
-    with pytest.raises(SourceError) as caught:
-        build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    assert len(caught.value.problems) == 4
-    assert not (tmp_path / "mine.zarr").exists()
-
-
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
     with pytest.raises(
@@ -158,17 +148,6 @@ def test_a_file_that_is_not_the_one_known_is_refused(folder: Path) -> None:
     assert source.signature("desk")
     with pytest.raises(SceneError, match="not the file of this data set"):
         source.signature("door")
-
-
-def test_dfd_indoor_pairs_in_sorted_order_and_knows_every_file() -> None:
-    manifest = find_manifest("dfd-indoor")
-    assert [len(manifest.pairs(split)) for split in ("train", "test")] == [81, 29]
-    assert len(manifest.checksums) == 330
-    for split in ("train", "test"):
-        scenes = [scene for scene in manifest.scenes if scene.name.startswith(split)]
-        for role in ("image", "depth"):
-            times = [scene.names[role] for scene in scenes]
-            assert times == sorted(set(times))
 
 
 @pytest.fixture

@@ -176,15 +176,6 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
 
 
-def test_an_image_of_another_size_is_refused(
-    manifest: Manifest, site: Site, tmp_path: Path
-) -> None:
-    other = site.folder / BELOW / "Two/Illum1/Exp0/view1.png"
-    (site.folder / BELOW / "One/Illum1/Exp0/view1.png").write_bytes(other.read_bytes())
-    with pytest.raises(SourceError, match="size differs"):
-        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
-
-
 def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     image = done.folder / "One/Illum1/Exp0/view1.png"
@@ -208,18 +199,6 @@ def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_pat
     assert done.missing == ("One/Illum1/Exp0/view1.png",)
     assert done.lock is None
     assert not (tmp_path / "in/tiny-1.lock").exists()
-
-
-def test_a_mirror_stands_for_the_site(
-    manifest: Manifest, site: Site, reference: str, tmp_path: Path
-) -> None:
-    with served(tmp_path / "server/data") as mirror:
-        done = middlebury.download_middlebury(
-            manifest, tmp_path / "in", [mirror.address], patience=QUICK
-        )
-        assert len(mirror.requests) == FILES
-    assert site.requests == []
-    assert fingerprint(manifest, done, tmp_path) == reference
 
 
 def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_path: Path) -> None:

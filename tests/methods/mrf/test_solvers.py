@@ -160,23 +160,6 @@ def test_snaps_reach_every_label_within_half_a_period(target: int) -> None:
         assert (found == target).all()
 
 
-def test_lines_go_where_no_jump_does(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 1, 6, 9, "absolute", weighted=True)
-    start = energy.unary.argmin(2)
-    # All labels of a row at once: as good as any labeling of a grid that is one row.
-    assert repair(energy, start, [(0,)]).energy <= expansion(energy, start).energy
-
-
-def test_lengths_beyond_the_labels_change_nothing(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 6, 7, 3, "absolute")
-    start = energy.unary.argmin(2)
-    kept = repair(energy, start, [(3, 128)])
-    assert np.array_equal(kept.labels, start)
-    # A period longer than the range offers each label to all: one sweep of expansions.
-    swept = repair(energy, start, [(-16,)]).energy
-    assert swept <= expansion(energy, start, max_sweeps=1).history[0]
-
-
 @settings(max_examples=60)
 @given(
     st.integers(1, 9), st.integers(1, 9), st.sampled_from(KINDS), st.booleans(), st.integers(0, 99)

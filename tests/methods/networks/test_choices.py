@@ -4,35 +4,13 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.methods.networks.choices import (
-    FILTERS,
-    LAYERS,
-    SITES,
-    SIZED,
-    kernel_sizes,
-    narrowed,
-    reach_of,
-)
+from dfdbench.methods.networks.choices import SITES, SIZED, kernel_sizes, narrowed, reach_of
 
 
 def test_sizes_are_those_of_the_thesis_s_layers() -> None:
     assert SIZED == (52, 48, 45, 40, 37, 32, 29, 24, 20, 17, 12, 8, 5, 1)
     assert len(SITES) == 9
     assert kernel_sizes([1, *[3] * 12, [5, 7]])[1] == (5, 7)
-
-
-def test_there_are_17_reductions_and_f_02_02_is_as_the_code_has_it() -> None:
-    # The thesis's network, its reductions, the swarm's.
-    assert len(FILTERS) == 1 + 17 + 1
-    expected = [96, 44, 96, 104, 150, 104, 190, 253, 190, 145, 112, 109, 112, 93, 71, 18, 71, 256]
-    assert list(FILTERS["F-02-02"]) == expected
-    high = [-(-number // 8) * 8 for number in expected[:-1]]
-    assert list(FILTERS["F-02-02H"][:-1]) == high
-    # It is called rounded down, and is printed so in four of the layers that are no multiple of 8.
-    low = dict(zip(LAYERS, FILTERS["F-02-02L"], strict=True))
-    wide = dict(zip(LAYERS, expected, strict=True))
-    assert {layer for layer in LAYERS if low[layer] < wide[layer]} == {48, 40, 27, 8}
-    assert {layer for layer in LAYERS if low[layer] > wide[layer]} == {34, 32, 29, 20, 15, 12, 5}
 
 
 def test_widths_are_divided_but_for_the_levels() -> None:

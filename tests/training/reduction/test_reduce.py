@@ -5,7 +5,7 @@ import pytest
 
 from dfdbench.board.published import load_published
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, MethodError, UnknownNameError
+from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import Card, build_network, count_parameters, save_weights
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
@@ -51,17 +51,6 @@ def test_layers_stay_as_they_are_and_rounding_adds_rows(
     for text in found.files.values():
         assert "sampling_size = 3\n" in text
         assert 'first_activation = "sigmoid"\n' in text
-
-
-def test_other_networks_and_unknown_levels_are_refused(tiny_store: Dataset, tmp_path: Path) -> None:
-    unet = {"filters": [2, 4, 8, 16, 32]}
-    path = tmp_path / "u.safetensors"
-    save_weights(path, build_network("u-net", unet), card(method="u-net", architecture=unet))
-    with pytest.raises(MethodError, match="weights of another architecture"):
-        reduce.reduce_weights(path, tiny_store, TrainingConfiguration())
-    small = save_small(tmp_path / "w.safetensors")
-    with pytest.raises(InputError, match="there is no level 4"):
-        reduce.reduce_weights(small, tiny_store, TrainingConfiguration(), level=4)
 
 
 BOARD = Path(__file__).parents[3] / "leaderboard"
