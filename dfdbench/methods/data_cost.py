@@ -44,6 +44,7 @@ def data_cost(
     kernel_size: int = 27,
     out: NDArray[np.uint16] | None = None,
     rows: slice = slice(None),
+    columns: slice = slice(None),
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every label costs at every pixel, Eq. 4.1 with integer costs.
 
@@ -68,8 +69,8 @@ def data_cost(
         Side of the square kernel in pixels, odd, whatever the sigma.
     out : (y, x, label) uint16, optional
         Memory to write the costs into. On some systems fresh memory takes as long as the costs.
-    rows : slice, optional
-        The rows of the image whose costs are asked for, without a step; all where not given.
+    rows, columns : slice, optional
+        The part of the image whose costs are asked for, without a step; all where not given.
 
     Returns
     -------
@@ -99,9 +100,10 @@ def data_cost(
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
     border = ((radius, radius), (radius, radius), (0, 0))
-    first, last, _ = rows.indices(len(sharp))
-    padded = np.pad(sharp, border, mode="edge")[first : last + 2 * radius]
-    blurred = blurred[first:last]
+    (top, bottom, _), (left, right, _) = map(slice.indices, (rows, columns), sharp.shape[:2])
+    padded = np.pad(sharp, border, mode="edge")
+    padded = padded[top : bottom + 2 * radius, left : right + 2 * radius]
+    blurred = blurred[top:bottom, left:right]
     shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
     if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:

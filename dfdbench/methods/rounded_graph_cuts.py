@@ -14,7 +14,7 @@ from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import require_pair
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
-from dfdbench.methods.sgm import MOST, path_costs
+from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
@@ -249,8 +249,17 @@ def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
     """Give blocks of 2 x 2 pixels the labels that are best along rows and columns."""
     # Two edges between blocks.
     small, large = 2 * int(blocks.smoothness[1]), 2 * int(blocks.smoothness.max())
-    costs = np.minimum(blocks.unary, MOST - large).astype(np.uint16)
-    return np.asarray(path_costs(costs, small, large, directions=4).argmin(axis=2))
+    labels = np.empty(blocks.shape, np.int64)
+    bands = path_costs_by_bands(
+        lambda rows: np.minimum(blocks.unary[rows], MOST - large).astype(np.uint16, copy=False),
+        blocks.unary.shape,
+        small,
+        large,
+        directions=4,
+    )
+    for rows, sums in bands:
+        labels[rows] = sums.argmin(axis=2)
+    return labels
 
 
 class RoundedGraphCuts(Solver):

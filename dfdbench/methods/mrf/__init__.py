@@ -2,6 +2,7 @@
 
 from dfdbench.methods.mrf.energy import (
     Energy,
+    Parts,
     Solution,
     adaptive_potts_weights,
     potts,
@@ -13,6 +14,7 @@ from dfdbench.methods.mrf.solvers import Quality, coarse_to_fine, expansion, rep
 
 __all__ = [
     "Energy",
+    "Parts",
     "Quality",
     "Solution",
     "adaptive_potts_weights",
