@@ -99,11 +99,7 @@ def data_cost(
     radius = kernel_size // 2
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
-    border = ((radius, radius), (radius, radius), (0, 0))
-    (top, bottom, _), (left, right, _) = map(slice.indices, (rows, columns), sharp.shape[:2])
-    padded = np.pad(sharp, border, mode="edge")
-    padded = padded[top : bottom + 2 * radius, left : right + 2 * radius]
-    blurred = blurred[top:bottom, left:right]
+    padded, blurred = part_of_pair(sharp, blurred, radius, rows, columns)
     shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
     if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
@@ -111,7 +107,7 @@ def data_cost(
             f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}"
         )
     offset = _fill(
-        np.ascontiguousarray(padded.transpose(2, 0, 1), np.float32),
+        padded.astype(np.float32),
         np.ascontiguousarray(blurred),
         kernels[:, radius:].astype(np.float32),
         (kernels[:, radius:] > NEGLIGIBLE).sum(1),
@@ -124,6 +120,19 @@ def data_cost(
         unary,
     )
     return unary, int(offset)
+
+
+def part_of_pair(
+    infocus: Array, defocus: Array, radius: int, rows: slice, columns: slice
+) -> tuple[Array, Array]:
+    """Return a part of both images: the first with what its blur reaches, (channel, y, x).
+
+    Where that lies outside the image, its edge is repeated.
+    """
+    (top, bottom, _), (left, right, _) = map(slice.indices, (rows, columns), infocus.shape[:2])
+    padded = np.pad(infocus, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
+    near = padded[top : bottom + 2 * radius, left : right + 2 * radius]
+    return np.ascontiguousarray(near.transpose(2, 0, 1)), defocus[top:bottom, left:right]
 
 
 def require_pair(infocus: Array, defocus: Array, *kinds: str) -> None:

@@ -37,9 +37,6 @@ SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = Mapping
 )
 # data_cost stores costs in 16 bits.
 _LARGEST_COST = 65535
-# Costs that take more memory are worked out anew whenever they are looked at, in two or three times
-# the time.
-_MOST_BYTES = 400_000_000
 # Of `weight`, what a nat costs under a blur law.
 _PER_NAT = 3
 # Of `weight`, the same times what a pixel tells of its level: the noisier the levels that pixels
@@ -216,7 +213,7 @@ class GraphCuts(Solver):
             self._limit,
             blur.kernel_size,
         )
-        if held or 2 * math.prod(shape) <= _MOST_BYTES:
+        if held or 2 * math.prod(shape) <= mrf.MOST_HELD:
             unary, offset = cost(out=self._room(shape))
             return mrf.Energy(unary, self._table, right, down, offset)
         parts = mrf.Parts(cost, shape, self._limit)

@@ -52,7 +52,7 @@ def test_costs_beyond_its_memory_give_the_same_map(
     infocus, defocus, _ = pair
     whole, parts = GraphCuts(**parameters), GraphCuts(**parameters)
     expected = whole(infocus, defocus)
-    monkeypatch.setattr("dfdbench.methods.graph_cuts._MOST_BYTES", 0)
+    monkeypatch.setattr("dfdbench.methods.mrf.MOST_HELD", 0)
     assert np.array_equal(parts(infocus, defocus), expected)
     assert parts.numbers == whole.numbers
 

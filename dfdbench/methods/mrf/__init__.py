@@ -1,6 +1,7 @@
 """Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
 
 from dfdbench.methods.mrf.energy import (
+    MOST_HELD,
     Energy,
     Parts,
     Solution,
@@ -13,6 +14,7 @@ from dfdbench.methods.mrf.energy import (
 from dfdbench.methods.mrf.solvers import Quality, coarse_to_fine, expansion, repair, split
 
 __all__ = [
+    "MOST_HELD",
     "Energy",
     "Parts",
     "Quality",

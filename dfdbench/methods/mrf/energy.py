@@ -135,6 +135,10 @@ def _table(costs: NDArray[Any], cap: int, scale: int) -> NDArray[np.int32]:
     return table.astype(np.int32)
 
 
+#: Costs that take more memory are worked out in `Parts`, if a method can, in some times the time.
+MOST_HELD = 400_000_000
+
+
 @dataclass(frozen=True, eq=False)
 class Parts:
     """Costs that are worked out anew whenever they are looked at, and never held whole.

@@ -164,15 +164,15 @@ class Mover:
         int
             Change of the energy.
         """
-        if self._favoured is None:
-            self._favoured = np.empty_like(self._labels)
-            for rows, part in bands_of(self._unary):
-                self._favoured[rows] = part.argmin(2)
+        favoured = np.empty_like(self._labels) if self._favoured is None else self._favoured
         labels, costs = self._labels.copy(), self._costs.copy()
         edges = (self._down, self._right) if columns else (self._right, self._down)
         law = self._slope, self._cap
         for lines, part in bands_of(self._unary, columns):
-            best_lines(part, labels, costs, self._favoured, *law, *edges, columns, lines.start)
+            if self._favoured is None:
+                favoured[(slice(None), lines) if columns else lines] = part.argmin(2)
+            best_lines(part, labels, costs, favoured, *law, *edges, columns, lines.start)
+        self._favoured = favoured
         change = self._sum(labels, costs) - self._sum(self._labels, self._costs)
         if change < 0:
             self._labels[...], self._costs[...] = labels, costs
