@@ -10,8 +10,8 @@ COPY manifests manifests
 COPY leaderboard leaderboard
 RUN pip install --no-cache-dir --constraint constraints.txt ".[${EXTRAS}]" \
     && rm -rf /src/* \
-    && useradd --create-home dfdbench
-USER dfdbench
+    && useradd --create-home --uid 1000 dfdbench
+USER 1000
 ENV DFDBENCH_CACHE=/home/dfdbench/cache
 WORKDIR /work
 ENTRYPOINT ["dfdbench"]

@@ -111,7 +111,7 @@ RELEASE := build/release
 release: ## Build wheel and source archive, check them, try them on each of PYTHONS; publishes nothing
 	@rm -rf $(RELEASE) && $(PYTHON) -m venv $(RELEASE)/tools
 	@$(RELEASE)/tools/bin/pip install --quiet --disable-pip-version-check build twine
-	@$(RELEASE)/tools/bin/python -m build --outdir $(RELEASE)/dist .
+	@$(RELEASE)/tools/bin/python -m build --outdir $(RELEASE)/dist . > $(RELEASE)/built.txt
 	@$(RELEASE)/tools/bin/twine check --strict $(RELEASE)/dist/*
 	@for python in $(PYTHONS); do \
 	  $$python -c '' 2> /dev/null || { echo "$$python: not here, left out"; continue; }; \
