@@ -91,6 +91,15 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any, board: B
     assert f"| 1 | {first['method']} | {first['scores'][0]:.4f} | {first['given']} |" in before
 
 
+def parsed(line: str) -> Any:
+    """The context of the command that a line names; words that it does not take raise."""
+    _, name, *words = shlex.split(line)
+    command: Any = VERBS[name].load(name)
+    while hasattr(command, "list_commands"):
+        command, words = command.get_command(None, words[0]), words[1:]
+    return command.make_context(name, words)
+
+
 @pytest.mark.slow
 def test_the_command_of_each_row_is_one_that_is_accepted(made: Any, board: Board) -> None:
     commands = {
@@ -99,10 +108,7 @@ def test_the_command_of_each_row_is_one_that_is_accepted(made: Any, board: Board
         for row in one["rows"]
     }
     for command, row in commands.items():
-        name, verb, *words = shlex.split(command)
-        context = VERBS[verb].load(verb).make_context(verb, words)
-        card = board.cards[row["method"]]
-        assert name == "dfdbench"
+        context, card = parsed(command), board.cards[row["method"]]
         assert context.params["method"] == card.entry
         assert len(context.params["param"] or ()) == len(card.parameters)
     on_tracks = next(c for c in commands if c.startswith("dfdbench tracks") and c.endswith("local"))
@@ -188,6 +194,9 @@ def test_the_gallery_holds_every_figure_that_the_package_draws(made: Any) -> Non
         assert one.picture.stat().st_size <= 100_000, one
     page = gallery.gallery_page()
     assert all(one.command in page and f"gallery/{one.picture.name}" in page for one in shown)
+    for line in {line for one in shown for line in (*one.before, one.command)}:
+        if line.startswith("dfdbench"):
+            assert parsed(line).params
 
 
 def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:

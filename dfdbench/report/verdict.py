@@ -113,8 +113,8 @@ def _others(
     """Yield the rows on the same data that have a score for each of the pairs, and their means."""
     stem = part_name(result.dataset.name)[0]
     for file in sorted((folder / RESULTS).glob(f"{stem}-*/*.json")):
-        for other in read_row(file).results:
-            if other.dataset.fingerprint != result.dataset.fingerprint or knew_blur(other):
+        for other in read_row(file).results_on(result.dataset.fingerprint):
+            if knew_blur(other):
                 continue
             scores = {pair.id: _of(pair, protocol) for pair in other.pairs}
             found = [scores.get(name) for name in ids]

@@ -39,12 +39,12 @@ description: Rankings of depth from defocus methods by data set; sort, filter, l
 
 # Leaderboard
 
-Choose a data set and a protocol; press a heading to sort; type to filter. The address keeps what
-you chose, so a link shows the same. A method's name opens what is known of it, *how* shows the
-command that makes the row and the file with the scores of every pair. Compare like with like:
+Choose a data set and a protocol, press a heading to sort, type to filter. The address keeps your
+choice, so a link shows others the same. A method's name opens its page; *how* shows the command
+that makes the row, and links the scores of every pair. Compare like with like:
 [what *given* means](../questions.md#what-does-given-mean),
 [how to read it](../leaderboard.md#how-to-read-it). [All tables](tables.md) have intervals,
-lightings, scenes and machines. [Every score as CSV](scores.csv.gz), {rows:,} rows, for
+lightings, scenes and machines. [Every score as CSV](scores.csv.gz), {rows:,} rows, opens with
 `pandas.read_csv`. [Add a row](../submit.md).
 
 <div id="board" markdown>

@@ -193,12 +193,12 @@ def _breaks(name: str, card: Card, means: pd.Series, pair: dict[str, float | Non
         for at in shares.index[:_WORST]
     )
     lost = int((shares >= 1).sum())
-    said = f"no better than a constant depth map on {lost}" if lost else "better than one on all"
+    said = f"no better on {lost}" if lost else "better on all"
     columns = ("where", "NRMSE ↓", "a constant's", "share")
     table = Table("", columns, rows, "lrrr")
     return (
-        f"\n## Where it breaks\n\n{text}Against a constant depth map, protocol `{_PROTOCOL}`, on "
-        f"{len(shares)} sets and tracks: {said}. The worst:\n\n"
+        f"\n## Where it breaks\n\n{text}Compared with a constant depth map on {len(shares)} sets "
+        f"and tracks (protocol `{_PROTOCOL}`), it is {said}. The worst:\n\n"
         + as_markdown(table).partition("\n\n")[2]
     )
 

@@ -18,7 +18,7 @@ from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Link, Table
 
 PICTURES = Path(__file__).parents[1] / "assets/pictures/datasets"
 INDEX = """---
@@ -127,7 +127,7 @@ def _fingerprint(manifest: Manifest, board: Board) -> str:
         return " or ".join(f"`{each}`" for each in known)
     if manifest.short in FAMILIES:
         return "one a seed: see its rankings"
-    return "not built by us"
+    return f"none recorded here; `dfdbench info {manifest.short}` shows that of your store"
 
 
 def _measured(manifest: Manifest) -> str:
@@ -182,8 +182,9 @@ def _row(board: ScoreBoard, manifest: Manifest) -> tuple[str, ...] | None:
     constant = next((s for s in board.standings if s.entry.label == "constant"), None)
     suite = "" if board.suite == CLEAN else f", {board.suite}"
     heading = find_metric(board.metric).heading
+    page = f"../board/{part_name(data.name)[0]}-{data.split}.md"
     return (
-        f"{data.label}, {data.split}{suite}",
+        Link(f"{data.label}, {data.split}{suite}", page),
         f"{title_of(board.protocol)}, {heading}",
         str(len(board.standings)),
         first.entry.label,

@@ -13,9 +13,9 @@ description: Every figure that dfdbench draws, each with the command that draws 
 
 # Gallery of figures
 
-Each picture is what the command above it writes; a run draws its figures by itself. Commands go on
-from each other: the first run is needed for most. Add `--figure-format pdf` to a run or a report
-for vector figures, and `python docs/site/pictures.py gallery` draws them all anew.
+Each picture is what the command above it writes. Run the commands in this order: most need the
+first run. `--figure-format pdf` gives a run's and a report's figures as vectors too.
+`python docs/site/pictures.py gallery` draws this page's pictures anew.
 """
 
 
@@ -103,7 +103,7 @@ GALLERY: dict[str, tuple[Drawn, ...]] = {
             "accuracy.png",
             "Error against seconds per pair.",
         ),
-        Drawn("lighting_figures", _REPORT, "page/1-illumination-1.png", "Scores by light."),
+        Drawn("lighting_figures", _REPORT, "page/1-scores-by-illumination.png", "Scores by light."),
         Drawn("time_figure", _REPORT, "page/1-seconds-per-pair.png", "Seconds per pair."),
         Drawn(
             "tracks_figure",

@@ -27,15 +27,17 @@ from dfdbench.board.cards import Card, load_cards
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import DfdbenchError
 from dfdbench.figures.style import depth_scales
-from dfdbench.simulation.unseen import render_pair
+from dfdbench.simulation.unseen import Pair, render_pair
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs/assets/pictures"
 #: What every method is drawn on: a pair, and the same view as a focal stack.
 SCENE, SHOWN, LIMIT = "Kitchen", "Kitchen/view1/illumination1/exposure2", 3
 PAIRS, STACKS = "demo", "demo@stack-9"
-#: Seed and room of the set that is drawn from seeds.
-ROOM = (7, 3)
+#: What is shown of the demo set: its test scenes, in the third of their lights.
+SCENES, _SHOWN = ("Kitchen", "Library", "Market"), 2
+#: What is shown of the sets that are drawn from seeds.
+ROOMS_SEED, ROOMS = 7, (9, 0, 11)
 #: Sets whose depths and difficulty are measured, where they are built.
 MEASURED = ("demo", "realworld-sim", "middlebury-default", "dfd-indoor")
 _GREY = 190
@@ -77,17 +79,24 @@ def draw_methods() -> Iterator[str]:
 
 
 def draw_datasets() -> Iterator[str]:
-    """Draw a capture of each set that is made by us: two images and the depth, side by side."""
-    demo = _pair_shown()
-    yield _keep_capture("demo", demo.infocus, demo.defocus, _truth(demo))
-    board = dfdbench.build("realworld-sim").captures("test")[0]
-    yield _keep_capture("realworld-sim", *board.shown[:2], _truth(board))
-    room = render_pair(*ROOM)
-    scale = mpl.colormaps["viridis_r"]
-    metres = room.depth.astype(np.float64)
-    levels = (metres - metres.min()) / (metres.max() - metres.min())
-    depth = (scale(levels)[..., :3] * 255).astype(np.uint8)
-    yield _keep_capture("unseen", room.infocus, room.defocus, depth)
+    """Draw captures of each set that is made by us: two images and the depth, a row a scene."""
+    demo, board = dfdbench.build(PAIRS), dfdbench.build("realworld-sim")
+    yield _keep_captures("demo", [demo.read(demo.pairs(scene)[_SHOWN]) for scene in SCENES])
+    yield _keep_captures("realworld-sim", [board.captures("test")[at] for at in range(3)])
+    rooms = [render_pair(ROOMS_SEED, number) for number in ROOMS]
+    yield _keep("datasets/unseen", np.vstack([_room(each) for each in rooms]))
+
+
+def _keep_captures(name: str, captures: Sequence[Capture]) -> str:
+    rows = [np.hstack([*each.shown[:2], _truth(each)]) for each in captures]
+    return _keep(f"datasets/{name}", np.vstack(rows))
+
+
+def _room(pair: Pair) -> NDArray[np.uint8]:
+    near, far = float(pair.depth.min()), float(pair.depth.max())
+    scale = {"cmap": "viridis_r", "vmin": near, "vmax": far}
+    depth = _coloured(pair.depth.astype(np.float64), scale)
+    return np.hstack([pair.infocus, pair.defocus, depth])
 
 
 def measure_datasets() -> Iterator[str]:
@@ -177,10 +186,6 @@ def _coloured(values: NDArray[np.float64], scale: dict[str, object]) -> NDArray[
     shares = np.clip((values - low) / (high - low), 0, 1)
     colours = mpl.colormaps[str(scale["cmap"])](np.nan_to_num(shares))[..., :3] * 255
     return np.where(np.isnan(values)[..., None], _GREY, colours).astype(np.uint8)
-
-
-def _keep_capture(name: str, *images: NDArray[np.uint8]) -> str:
-    return _keep(f"datasets/{name}", np.hstack(images))
 
 
 def _keep(name: str, image: NDArray[np.uint8] | Image.Image, widest: int = 960) -> str:
