@@ -8,7 +8,7 @@ from typing import Any
 from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
 from dfdbench.datasets.catalog import part_name
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import DfdbenchError
+from dfdbench.errors import DfdbenchError, ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.metrics.metric import mean_of
@@ -52,12 +52,7 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
         ``score``: the means; ``constant``: that of ``constant`` on the same pairs; ``best_row``:
         the best row of the leaderboard on the same data whose method was given as much, on the same
         pairs; ``worst``: where the run is worst. Each has a ``text``, and scores by metric. What
-        there is not is left out.
-
-    Raises
-    ------
-    ResultError
-        If a row of the leaderboard is damaged.
+        there is not is left out, and a damaged row of the leaderboard too.
     """
     result = run.result
     lines: dict[str, Line] = {"score": _score(result, protocol)}
@@ -113,7 +108,12 @@ def _others(
     """Yield the rows on the same data that have a score for each of the pairs, and their means."""
     stem = part_name(result.dataset.name)[0]
     for file in sorted((folder / RESULTS).glob(f"{stem}-*/*.json")):
-        for other in read_row(file).results_on(result.dataset.fingerprint):
+        try:
+            there = read_row(file).results_on(result.dataset.fingerprint)
+        except ResultError:
+            # `dfdbench leaderboard` tells of it; this run's score is as good without the row.
+            continue
+        for other in there:
             if knew_blur(other):
                 continue
             scores = {pair.id: _of(pair, protocol) for pair in other.pairs}
