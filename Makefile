@@ -19,7 +19,7 @@ DEMO_NETS := u-net,--param,weights=demo dfd-net,--param,weights=demo
 DEMO_SPLIT := Market
 DEMO := results/demo-1-$(DEMO_SPLIT)
 
-.PHONY: help demo demo-nets test test-slow test-all fuzz kills mutants docs browser benchmark size leaderboard clean
+.PHONY: help demo demo-nets test test-slow test-all fuzz kills mutants docs browser benchmark size leaderboard release clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
@@ -103,6 +103,27 @@ leaderboard: $(STAMPS)/installed ## Run every method on rooms of a SEED, or of a
 
 benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
 	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s
+
+# The Pythons that a release is tried on; those that are not here are named and left out.
+PYTHONS ?= python3.11 python3.12 python3.13
+RELEASE := build/release
+
+release: ## Build wheel and source archive, check them, try them on each of PYTHONS; publishes nothing
+	@rm -rf $(RELEASE) && $(PYTHON) -m venv $(RELEASE)/tools
+	@$(RELEASE)/tools/bin/pip install --quiet --disable-pip-version-check build twine
+	@$(RELEASE)/tools/bin/python -m build --outdir $(RELEASE)/dist . > $(RELEASE)/built.txt
+	@$(RELEASE)/tools/bin/twine check --strict $(RELEASE)/dist/*
+	@for python in $(PYTHONS); do \
+	  $$python -c '' 2> /dev/null || { echo "$$python: not here, left out"; continue; }; \
+	  for file in $(abspath $(RELEASE))/dist/*; do \
+	    place=$(abspath $(RELEASE))/$$(basename $$python)-$${file##*.}; \
+	    $$python -m venv $$place && \
+	    $$place/bin/pip install --quiet --disable-pip-version-check "$$file" && cd $$place && \
+	    DFDBENCH_CACHE=$$place/cache bin/dfdbench build demo > /dev/null && \
+	    DFDBENCH_CACHE=$$place/cache bin/dfdbench run --dataset demo --method constant 2>&1 > /dev/null | grep ^score && \
+	    bin/dfdbench leaderboard --format csv 2>&1 > /dev/null && echo "$$python: $${file##*/} works" || exit 1; \
+	  done; \
+	done
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \

@@ -3,8 +3,8 @@
 import os
 import sys
 
-_INTERRUPTED = 130
-_MISTAKE = 2
+from dfdbench.statuses import INTERRUPTED, MISTAKE
+
 _NO_MEMORY = """\
 error: not enough memory or threads
   fix       allow more (ulimit -v and -u, or the container's limits), or use fewer --workers"""
@@ -20,7 +20,7 @@ def main() -> None:
         run()
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
     except (MemoryError, RuntimeError, ImportError, OSError) as error:
         # Here, because a library may run out of memory while it is imported.
         from dfdbench.errors import is_lack_of_memory
@@ -28,7 +28,7 @@ def main() -> None:
         if not is_lack_of_memory(error):
             raise
         print(_NO_MEMORY, file=sys.stderr)
-        sys.exit(_MISTAKE)
+        sys.exit(MISTAKE)
 
 
 def _open_what_is_closed() -> None:

@@ -1,7 +1,6 @@
 """The scripts that the documentation names run."""
 
 import importlib
-import inspect
 import re
 import runpy
 import sys
@@ -12,7 +11,6 @@ import pytest
 import xarray
 
 from dfdbench.methods.calling import check_answer
-from dfdbench.methods.registry import built_in_methods
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -34,31 +32,6 @@ def test_a_source_of_ones_own_is_built_as_shown(
     (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
     exec(block, {})
     assert capsys.readouterr().out == "162 pairs\n"
-
-
-def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> None:
-    section = (DOCS / "classical.md").read_text("utf-8").partition("## Parameters")[2]
-    told: dict[str, dict[str, str]] = {}
-    name = ""
-    for line in section.partition("## s-transform")[0].splitlines():
-        if cells := re.match(r"\| (?:`([\w-]+)`)? ?\| `(\w+)` \| (.+?) \|", line):
-            name = cells[1] or name
-            told.setdefault(name, {})[cells[2]] = cells[3]
-    for name, parameters in told.items():
-        place, _, attribute = built_in_methods()[name].partition(":")
-        signature = inspect.signature(getattr(importlib.import_module(place), attribute))
-        found = {
-            key: "the set's"
-            if key == "recipe"
-            else "7, or chosen"
-            if parameter.default is None
-            else f"{parameter.default:g}"
-            for key, parameter in signature.parameters.items()
-            if key not in ("prior", "sure")  # they have sections of their own
-        }
-        assert found == parameters, name
-    classical = ["s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local"]
-    assert list(told) == classical
 
 
 def test_the_pages_table_of_tracks_is_that_of_the_board(

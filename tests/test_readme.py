@@ -126,7 +126,7 @@ def test_a_submission_and_its_review_go_as_contributing_says(place: Path) -> Non
         for command in re.findall(r"`(dfdbench [^`]+)`", step)
     ]
     commands += re.findall(r"^    (dfdbench export .+?) &&", review, re.M)
-    commands += re.findall(r"dfdbench-review (dfdbench predict .+)", review)
+    commands += [f"dfdbench {words}" for words in re.findall(r"-review (predict .+)", review)]
     commands += re.findall(r"^    (dfdbench score .+)", review, re.M)
     assert len(commands) == 6
     scores: list[list[str]] = []

@@ -24,7 +24,7 @@ def checkout(tmp_path: Path) -> Path:
         fill(tmp_path / "CITATION.cff", "license: MIT", f'repository-code: "{ADDRESS}"')
         fill(tmp_path / "README.md", "## Two commands", f"git clone {ADDRESS}")
     changes = tmp_path / "CHANGELOG.md"
-    text = changes.read_text("utf-8").replace("## [Unreleased]", "## [0.1.0] - 2026-12-01", 1)
+    text = changes.read_text("utf-8")
     changes.write_text(f"{text}\n## [0.0.1] - 2026-01-01\n\nThe first.\n", "utf-8")
     return tmp_path
 
@@ -54,4 +54,4 @@ def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
 
 def test_the_versions_agree_today() -> None:
     found = set(script()["problems_of"]("v0.1.0")) - set(script()["repository_problems"]())
-    assert [text for text in found if not text.startswith("CHANGELOG.md")] == []
+    assert not found

@@ -126,8 +126,8 @@ def _composite(
     planes, radius = light.shape[2], quadrants.shape[1] - 1
     starts, places, lights = _groups(depth, light, len(quadrants), radius)
     halves, weights = _rows_of(quadrants, present)
-    # A row each, a plane after the other.
-    room = (width + LANES - 1) // LANES * LANES
+    # A row each, a plane after the other, and room for a vector that begins in the last column.
+    room = width + 2 * LANES
     layer = np.zeros((planes, room), np.float64)
     surface = np.zeros((planes, room), np.float64)
     total = np.zeros((planes, room), np.float64)
@@ -249,7 +249,7 @@ def _spread(
     begin, end = width, 0
     for group in range(groups[0], groups[1]):
         away = abs(places[group, _TOGETHER] - y)
-        first = max(0, places[group, 0] - halves[level, away]) // LANES * LANES
+        first = max(0, places[group, 0] - halves[level, away])
         last = min(width, places[group, _TOGETHER - 1] + halves[level, away] + 1)
         if first >= last:
             continue
@@ -267,7 +267,7 @@ def _spread(
             if planes > 2:
                 _add(layer, 2 * room + x, row, c)
                 _add(layer, 3 * room + x, row, d)
-    return begin, (end + LANES - 1) // LANES * LANES
+    return begin, end
 
 
 @compiled()

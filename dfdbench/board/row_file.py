@@ -109,6 +109,7 @@ class RowRun(Record):
                 machine=self.machine[at] if self.machine else 0,
                 prediction_sha256=self.prediction_sha256[at],
                 answered=self.answered[at] if self.answered else 1.0,
+                regions={},  # what is left out is looked up anew each time
                 scores={
                     label: {name: column[at] for name, column in columns.items()}
                     for label, columns in self.scores.items()
@@ -196,44 +197,45 @@ class Row(Record):
     @functools.cached_property
     def results(self) -> tuple[record.Result, ...]:
         """The runs, each as a result of its own; errors of pairs are not kept."""
+        return tuple(map(self._result, self.runs))
+
+    def results_on(self, fingerprint: str) -> Iterator[record.Result]:
+        """Yield the results of those runs that are on these data: most rows are on many tracks."""
+        return (self._result(run) for run in self.runs if run.fingerprint == fingerprint)
+
+    def _result(self, run: RowRun) -> record.Result:
         manifest = self.manifest
-        pairs = _pairs_of(self.dataset, self.split)[0]
-        places = [pair.at for pair in pairs]
-        method, environment = self.method.model_dump(), self.environment.model_dump()
-        found = []
-        for run in self.runs:
-            records = run.records(pairs, self.pairs, places)
-            done = sum(status == "ok" for status in run.status)
-            on = "" if run.label == CLEAN else f"{AT}{run.label}"
-            dataset = record.DatasetRecord.of(
-                manifest,
-                name=self.dataset + on,
-                short=manifest.short + on,
-                manifest_sha256=self.manifest_sha256,
-                fingerprint=run.fingerprint,
-                split=self.split,
-                expected=len(pairs),
-                evaluated=done,
-                recipe=run.recipe,
-                degradation=run.label,
-                options=run.options,
-            )
-            result = record.Result.model_construct(
-                schema_version=1,
-                dataset=dataset,
-                protocols=[RELEASED[label].as_dict() for label in run.scores],
-                method=record.MethodRecord.model_validate(method | run.method),
-                environment=record.Environment.model_validate(environment | run.environment),
-                other_environments=run.other_environments,
-                seed=self.seed,
-                pairs=records,
-                averages=record.average(records, list(run.scores))
-                if done == len(records)
-                else None,
-                warnings=run.warnings,
-            )
-            found.append(result)
-        return tuple(found)
+        pairs, names, places = _pairs_of(self.dataset, self.split)
+        records = run.records(pairs, names, places)
+        done = sum(status == "ok" for status in run.status)
+        on = "" if run.label == CLEAN else f"{AT}{run.label}"
+        dataset = record.DatasetRecord.of(
+            manifest,
+            name=self.dataset + on,
+            short=manifest.short + on,
+            manifest_sha256=self.manifest_sha256,
+            fingerprint=run.fingerprint,
+            split=self.split,
+            expected=len(pairs),
+            evaluated=done,
+            recipe=run.recipe,
+            degradation=run.label,
+            options=run.options,
+        )
+        whole = done == len(records)
+        environment = self.environment.model_dump() | run.environment
+        return record.Result.model_construct(
+            schema_version=1,
+            dataset=dataset,
+            protocols=[RELEASED[label].as_dict() for label in run.scores],
+            method=record.MethodRecord.model_validate(self.method.model_dump() | run.method),
+            environment=record.Environment.model_validate(environment),
+            other_environments=run.other_environments,
+            seed=self.seed,
+            pairs=records,
+            averages=record.average(records, list(run.scores)) if whole else None,
+            warnings=run.warnings,
+        )
 
     @property
     def given_blur(self) -> bool:
@@ -363,10 +365,10 @@ def read_row(path: Path) -> Row:
 
 
 @functools.lru_cache(maxsize=64)
-def _pairs_of(dataset: str, split: str) -> tuple[tuple[Pair, ...], list[str]]:
-    """Return a split's pairs and their names; many rows are on the same."""
+def _pairs_of(dataset: str, split: str) -> tuple[tuple[Pair, ...], list[str], list[dict[str, int]]]:
+    """Return a split's pairs, their names and places; many rows are on the same."""
     pairs = _manifest_of(dataset).pairs(split)
-    return pairs, [pair.id for pair in pairs]
+    return pairs, [pair.id for pair in pairs], [pair.at for pair in pairs]
 
 
 def require_pairs(row: Row, where: str) -> None:

@@ -24,13 +24,13 @@ from typer.main import get_command
 
 from dfdbench.cli.screen import (
     GOES_ON,
-    INTERRUPTED,
     end_unread,
     say,
     say_stopped,
     spell_out_what_cannot_be_shown,
 )
 from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory
+from dfdbench.statuses import INTERRUPTED, MISTAKE
 from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
 
 
@@ -229,14 +229,14 @@ def main() -> None:
             sys.stdout.flush()
     except DfdbenchError as error:
         say(f"error: {error}")
-        sys.exit(2)
+        sys.exit(MISTAKE)
     except UnicodeEncodeError as error:
         if "surrogates" not in error.reason:
             raise
         # A name may have come in by any option, argument, folder or variable.
         got = ascii(error.object)[:100]
         say(f"error: {Problem('a name that is not UTF-8', got=got, fix='rename it')}")
-        sys.exit(2)
+        sys.exit(MISTAKE)
     except BrokenPipeError:
         end_unread()
     except OSError as error:
@@ -247,5 +247,5 @@ def main() -> None:
         sys.stderr.flush()
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             # What standard output still holds cannot be written either.
-            os._exit(2)
-        sys.exit(2)
+            os._exit(MISTAKE)
+        sys.exit(MISTAKE)

@@ -24,6 +24,7 @@ from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.wording import method_label
+from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, Table
 
 _CONSTANT = "constant"
@@ -69,7 +70,7 @@ def depths(
         if figure is not None:
             screen.save_figure(audits.depths_figure(side), figure)
         tables = [run_errors.level_count_table(side)]
-    screen.print_tables(tables, format)
+    screen.show(format, tables)
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
@@ -276,7 +277,7 @@ def _end(*records: cover.CoverageRecord) -> None:
     if leaks:
         raise LeakError.of(leak.as_problem() for leak in leaks)
     if not all(record.covered for record in records):
-        raise typer.Exit(1)
+        raise typer.Exit(NO)
 
 
 def _refuse_mixtures(

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
-from dfdbench.cli.screen import progress, say, writing
+from dfdbench.cli.screen import progress, say, show, writing
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
+from dfdbench.statuses import MISTAKE
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import counted, listed
 
@@ -51,6 +52,7 @@ def build(
         bool, Option("--offline", help="Fetch nothing; use what was fetched before.")
     ] = False,
     seed: Annotated[str | None, Option(metavar="N", help="Of unseen sets: what is drawn.")] = None,
+    format: options.Facts = "table",
     cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
@@ -73,7 +75,7 @@ def build(
         shown=progress,
         on_fetched=_tell_fetched,
     )
-    _tell(report)
+    _tell(report, format)
     for text in report.warnings:
         say(f"warning: {text}")
     for number, problem in enumerate(report.problems, 1):
@@ -81,7 +83,7 @@ def build(
     if report.missing:
         say(_missing_text(report))
         if not allow_missing:
-            raise typer.Exit(2)
+            raise typer.Exit(MISTAKE)
 
 
 def export(
@@ -91,6 +93,7 @@ def export(
     images_only: Annotated[
         bool, Option("--images-only", help="Write no depth, which methods must not see.")
     ] = False,
+    format: options.Facts = "table",
     cache: options.Cache = None,
 ) -> None:
     """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
@@ -102,7 +105,8 @@ def export(
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step, images_only)
-    print(f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}")
+    text = f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}"
+    show(format, text=text, pairs=count, folder=png)
 
 
 def _steps(pair: str | None) -> tuple[int, int] | None:
@@ -131,13 +135,23 @@ def _tell_fetched(obtained: Obtained) -> None:
         say(f"their checksums are kept in {done.lock}")
 
 
-def _tell(report: BuildReport) -> None:
+def _tell(report: BuildReport, format: str) -> None:
     scenes = len(report.scenes_built) + len(report.scenes_kept)
     kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
     pairs = counted(report.pairs, "pair")
-    print(f"built {report.manifest.stem}: {pairs} of {counted(scenes, 'scene')}{kept}")
-    print(f"store        {report.path}")
-    print(f"fingerprint  {report.fingerprint}")
+    show(
+        format,
+        text=f"built {report.manifest.stem}: {pairs} of {counted(scenes, 'scene')}{kept}\n"
+        f"store        {report.path}\n"
+        f"fingerprint  {report.fingerprint}",
+        dataset=report.manifest.stem,
+        pairs=report.pairs,
+        scenes_built=report.scenes_built,
+        scenes_kept=report.scenes_kept,
+        missing=[pair.id for pair in report.missing],
+        store=report.path,
+        fingerprint=report.fingerprint,
+    )
 
 
 def _missing_text(report: BuildReport) -> str:
@@ -163,6 +177,7 @@ def new_dataset(
         Path | None, Option(help="The manifest to write; default: NAME-1.toml, here.")
     ] = None,
     name: Annotated[str | None, Option(help="The data set's name; default: the folder's.")] = None,
+    format: options.Facts = "table",
 ) -> None:
     """Look at a folder of captures and write a manifest for a person to finish."""
     from dfdbench.building.new_manifest import new_manifest
@@ -174,9 +189,14 @@ def new_dataset(
         raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
     with writing(path):
         write_whole(path, written.toml)
-    for heading, lines in (("found", written.found), ("say yourself", written.open)):
-        print(f"{heading}:")
-        for line in lines:
-            print(f"  {line}")
-    print(f"manifest     {path}")
-    print(f"next         dfdbench build {path} --source {folder}")
+    then = f"dfdbench build {path} --source {folder}"
+    lines = ("found:", *(f"  {line}" for line in written.found))
+    lines += ("say yourself:", *(f"  {line}" for line in written.open))
+    lines += (f"manifest     {path}", f"next         {then}")
+    facts: dict[str, Any] = {
+        "found": written.found,
+        "say_yourself": written.open,
+        "manifest": path,
+        "next": then,
+    }
+    show(format, text="\n".join(lines), **facts)

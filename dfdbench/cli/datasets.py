@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,8 +17,8 @@ from rich.filesize import decimal
 from typer import Argument, Option
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
-from dfdbench.cli.screen import print_table, print_tables, progress, say
+from dfdbench.cli.options import Cache, DataSetArgument, Facts, Printed, Workers, data_sets, pool_of
+from dfdbench.cli.screen import progress, say, show
 from dfdbench.datasets.catalog import (
     Heading,
     default_store,
@@ -29,6 +30,7 @@ from dfdbench.datasets.catalog import (
 )
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
+from dfdbench.statuses import NO
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.packages import EXTRAS
 from dfdbench.tables.table import Format, Table, counted
@@ -43,36 +45,50 @@ def list_datasets(
     entries: Annotated[
         bool, Option("--entries", help="Show where each method is defined instead.")
     ] = False,
+    format: Facts = "table",
 ) -> None:
     """List the data sets, their tracks and the registered methods."""
     from dfdbench.methods.registry import method_words, registered_methods
 
-    rows = [
+    sets = [
         _listed(heading, heading.short, default_store(heading, cache).exists())
         for heading in released_headings()
     ]
-    rows += _own(cache)
+    sets += _own(cache)
     heads = ("name", "manifest", "scenes", "pairs", "built", "")
-    print_table(Table("data sets", heads, tuple(rows), "llrrll"))
-    tracks = tuple(
-        (f"{track.name}-{severity}", step, track.title if severity == 1 else "")
+    tracks = [
+        {"track": f"{track.name}-{severity}", "step": step, "title": track.title}
         for track in TRACKS.values()
         for severity, step in enumerate(track.steps, 1)
+    ]
+    rows = tuple(
+        (at["track"], at["step"], at["title"] if at["track"].endswith("-1") else "")
+        for at in tracks
     )
     note = "Of any set with synthetic blur: dfdbench build demo@noise-1"
-    print_table(Table("tracks", ("track", "", ""), tracks, "lll", (note,)))
     found = registered_methods() if entries else method_words()
     columns = ("name", "entry" if entries else "what it is")
-    print_table(Table("methods", columns, tuple(sorted(found.items())), "ll"))
+    tables = (
+        Table("data sets", heads, tuple(map(_cells, sets)), "llrrll", records=tuple(sets)),
+        Table("tracks", ("track", "", ""), rows, "lll", (note,), records=tuple(tracks)),
+        Table("methods", columns, tuple(sorted(found.items())), "ll"),
+    )
+    show(format, tables)
 
 
-def _listed(manifest: Heading | Manifest, name: str, built: bool) -> tuple[str, ...]:
-    scenes, pairs = str(manifest.scene_count), str(manifest.pair_count)
-    return name, manifest.stem, scenes, pairs, "yes" if built else "no", manifest.title
+def _listed(manifest: Heading | Manifest, name: str, built: bool) -> dict[str, object]:
+    counts = {"scenes": manifest.scene_count, "pairs": manifest.pair_count, "built": built}
+    return {"name": name, "manifest": manifest.stem, **counts, "title": manifest.title}
 
 
-def _own(cache: Path | None) -> list[tuple[str, ...]]:
-    """Return the rows of the sets of one's own in the cache."""
+def _cells(record: dict[str, object]) -> tuple[str, ...]:
+    words = {True: "yes", False: "no", None: ""}
+    shown = (words[v] if v is None or isinstance(v, bool) else str(v) for v in record.values())
+    return tuple(shown)
+
+
+def _own(cache: Path | None) -> list[dict[str, object]]:
+    """Return the records of the sets of one's own in the cache."""
     found = own_stores(cache)
     if not found:
         return []
@@ -85,11 +101,14 @@ def _own(cache: Path | None) -> list[tuple[str, ...]]:
         try:
             rows.append(_listed(Dataset(path).manifest, name, built=True))
         except DfdbenchError as error:
-            rows.append((name, path.stem, "", "", "yes", error.problems[0].what))
+            broken = {"name": name, "manifest": path.stem, "scenes": None, "pairs": None}
+            rows.append(broken | {"built": True, "title": error.problems[0].what})
     return rows
 
 
-def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) -> None:
+def verify(
+    name: DataSetArgument, workers: Workers = None, format: Facts = "table", cache: Cache = None
+) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
     from dfdbench.datasets.dataset import open_dataset
     from dfdbench.datasets.integrity import verify_store
@@ -97,13 +116,15 @@ def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) 
     store = open_dataset(name, cache=cache)
     with progress("reading scenes", "nothing was written") as step:
         found = verify_store(store, pool_of(workers), step)
-    print(f"store        {store.path}")
-    print(f"read         {counted(found.arrays, 'array')} of {counted(found.scenes, 'scene')}")
-    print(f"recorded     {found.recorded}")
-    print(f"recomputed   {found.recomputed or 'not possible: an array cannot be read'}")
-    for difference in found.differences:
-        place = f"{difference.scene}/{difference.array}".rstrip("/")
-        print(f"differs      {place}: {difference.what}")
+    lines = [
+        f"store        {store.path}",
+        f"read         {counted(found.arrays, 'array')} of {counted(found.scenes, 'scene')}",
+        f"recorded     {found.recorded}",
+        f"recomputed   {found.recomputed or 'not possible: an array cannot be read'}",
+        *(f"differs      {each.place}: {each.what}" for each in found.differences),
+        *["sound        the store holds what was built"] * found.sound,
+    ]
+    show(format, text="\n".join(lines), store=store.path, sound=found.sound, **asdict(found))
     if not found.sound:
         usual = str(store.path) == str(default_store(store.manifest, cache))
         place = "" if usual else f" --store {store.path}"
@@ -113,11 +134,10 @@ def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) 
             f"  fix       {build}, with the options it was "
             "built with, writes the scenes that differ again"
         )
-        raise typer.Exit(1)
-    print("sound        the store holds what was built")
+        raise typer.Exit(NO)
 
 
-def cache_verb(context: typer.Context, cache: Cache = None) -> None:
+def cache_verb(context: typer.Context, format: Printed = Format.table, cache: Cache = None) -> None:
     """List what lies in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
         return
@@ -126,7 +146,9 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     rows = tuple((each.kind, each.name, str(each.files), decimal(each.size)) for each in entries)
     total = sum(entry.size for entry in entries)
     title = f"{folder}: {decimal(total)}"
-    print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))
+    records = tuple(map(asdict, entries))
+    table = Table(title, ("kind", "name", "files", "size"), rows, "llrr", records=records)
+    show(format, [table], folder=folder, size=total)
 
 
 def clear_cache(
@@ -134,6 +156,7 @@ def clear_cache(
         list[str] | None, Argument(help="downloads, stores, or names that are listed.")
     ] = None,
     yes: Annotated[bool, Option("--yes", help="Do not ask.")] = False,
+    format: Facts = "table",
     cache: Cache = None,
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
@@ -151,15 +174,14 @@ def clear_cache(
     chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")
-    if not chosen:
-        print("nothing to remove")
-        return
-    if not yes:
+    if chosen and not yes:
         if not sys.stdin.isatty():
             raise InputError("nobody can be asked", where="dfdbench cache clear", fix="say --yes")
-        typer.confirm("Remove them?", abort=True)
+        typer.confirm("Remove them?", abort=True, err=True)
     remove_entries(tuple(chosen))
-    print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
+    size = sum(entry.size for entry in chosen)
+    text = f"removed {len(chosen)} entries, {decimal(size)}" if chosen else "nothing to remove"
+    show(format, text=text, removed=[entry.path for entry in chosen], size=size)
 
 
 def info(
@@ -176,6 +198,7 @@ def info(
     croissant: Annotated[
         bool, Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
     ] = False,
+    format: Facts = "table",
     cache: Cache = None,
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
@@ -196,15 +219,20 @@ def info(
 
         print(croissant_text(manifest), end="")
     elif pairs is not None:
-        for pair in (store or manifest).pairs(pairs):
-            print(pair.id)
+        ids = [pair.id for pair in (store or manifest).pairs(pairs)]
+        show(format, text="\n".join(ids), pairs=ids)
     elif store:
-        _show_store(store)
+        _show_store(store, format)
     else:
-        _show_manifest(manifest, cache)
+        _show_manifest(manifest, format, cache)
 
 
-def _show_store(store: Dataset) -> None:
+def _as_data(manifest: Manifest) -> dict[str, Any]:
+    content = manifest.model_dump(mode="json", exclude={"toml", "checksums"}, exclude_none=True)
+    return {"sha256": manifest.sha256, **content}
+
+
+def _show_store(store: Dataset, format: str) -> None:
     from dfdbench.system.location import size_of
 
     attributes = store.attributes
@@ -228,27 +256,33 @@ def _show_store(store: Dataset) -> None:
         f"  pairs        {len(store.pairs('all'))} of {store.manifest.pair_count}, "
         f"{len(missing)} missing",
     ]
-    print("\n".join(lines))
-    _show_scenes(store)
+    if format == Format.table:
+        print("\n".join(lines))
+    facts = {"path": store.path, "built": True, "size": size_of(store.path)}
+    facts |= {name: value for name, value in attributes.items() if name != "manifest"}
+    show(format, _scene_tables(store), manifest=_as_data(store.manifest), store=facts)
 
 
-def _show_scenes(store: Dataset) -> None:
+def _scene_tables(store: Dataset) -> list[Table]:
     from dfdbench.datasets.fingerprint import scene_record
 
-    rows = []
+    rows, records = [], []
     others: list[tuple[str, str, str]] = []
     for scene in store.scenes:
         record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
         for name, value in record.found.items():
             others.append((scene, name, json.dumps(value, ensure_ascii=False)))
-        size = " × ".join(map(str, store.shape_of(scene)))
-        pairs = str(len(store.pairs(scene)))
-        rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))
+        size, pairs = store.shape_of(scene), len(store.pairs(scene))
+        source, digest = record.source_sha256, record.digest
+        rows.append((scene, " × ".join(map(str, size)), str(pairs), source[:16], digest[:16]))
+        facts = {"scene": scene, "size": size, "pairs": pairs, "found": record.found}
+        records.append(facts | {"made_from": source, "digest": digest})
     heading = ("scene", "y × x", "pairs", "made from", "digest")
-    print_table(Table("scenes", heading, tuple(rows), "lrrll"))
+    tables = [Table("scenes", heading, tuple(rows), "lrrll", records=tuple(records))]
     if others:
         columns = ("scene", "what", "value")
-        print_table(Table("what the source found out", columns, tuple(others), "lll"))
+        tables.append(Table("what the source found out", columns, tuple(others), "lll"))
+    return tables
 
 
 def _without_recipe(manifest: Manifest) -> str:
@@ -275,7 +309,7 @@ def _option(name: str, value: Any) -> str:
     return f"{name.replace('_', ' ')} {value}"
 
 
-def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
+def _show_manifest(manifest: Manifest, format: str, cache: Path | None) -> None:
     lines = [
         f"{manifest.title}",
         f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
@@ -308,8 +342,10 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
     citations = dict.fromkeys(cite for source in manifest.sources for cite in source.citations)
     lines += [f"  cite       {citation}" for citation in citations]
     place = default_store(manifest, cache)
-    lines.append(f"  store      {place} ({'built' if place.exists() else 'not built'})")
-    print("\n".join(lines))
+    built = place.exists()
+    lines.append(f"  store      {place} ({'built' if built else 'not built'})")
+    store = {"path": place, "built": built}
+    show(format, text="\n".join(lines), manifest=_as_data(manifest), store=store)
 
 
 #: Of the environment, what changes how libraries and dfdbench itself work.
@@ -340,7 +376,7 @@ def doctor(
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
     rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
     table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
-    print_tables([table], format)
+    show(format, [table])
 
 
 def _system(found: Environment) -> Iterator[tuple[str, str]]:

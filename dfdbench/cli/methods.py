@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from dfdbench.cli.options import Params, Seed, methods, values_of
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.options import Facts, Params, Printed, Seed, methods, values_of
+from dfdbench.cli.screen import progress, say, show
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.table import Table, counted
+from dfdbench.statuses import NO
+from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
@@ -59,6 +61,7 @@ def predict(
         Path | None, Option(metavar="FILE.png", help="Draw images and depth.")
     ] = None,
     seed: Seed = 0,
+    format: Facts = "table",
 ) -> None:
     """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
     from dfdbench.evaluation.predict import DepthPredictor, captures_in
@@ -83,13 +86,13 @@ def predict(
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
-        _predict_folder(predictor, captures, out)
+        _predict_folder(predictor, captures, out, format)
     else:
-        _predict_pair(predictor, images, out, figure)
+        _predict_pair(predictor, images, out, figure, format)
 
 
 def _predict_pair(
-    predictor: DepthPredictor, images: list[Path], out: Path, figure: Path | None
+    predictor: DepthPredictor, images: list[Path], out: Path, figure: Path | None, format: str
 ) -> None:
     import numpy as np
 
@@ -105,9 +108,20 @@ def _predict_pair(
     if estimate.sigma is not None:
         where = "beside the depth" if out.suffix == ".npz" else f"not in {out.name}: --out NAME.npz"
         say(f"sigma        {float(np.nanmedian(estimate.sigma)):.3g}, the median pixel's; {where}")
-    if gaps := np.count_nonzero(np.isnan(estimate.depth)):
+    gaps = np.count_nonzero(np.isnan(estimate.depth))
+    if gaps:
         say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
-    print(f"depth        {out}: {predictor.meaning}")
+    show(
+        format,
+        text=f"depth        {out}: {predictor.meaning}",
+        depth=out,
+        unit=predictor.unit,
+        meaning=predictor.meaning,
+        matched=estimate.found,
+        seconds=estimate.seconds,
+        pixels=estimate.depth.size,
+        without_answer=int(gaps),
+    )
     if figure:
         from dfdbench.cli.screen import save_figure
         from dfdbench.figures.runs import predicted_figure
@@ -116,7 +130,7 @@ def _predict_pair(
 
 
 def _predict_folder(
-    predictor: DepthPredictor, captures: Mapping[str, tuple[Path, ...]], out: Path
+    predictor: DepthPredictor, captures: Mapping[str, tuple[Path, ...]], out: Path, format: str
 ) -> None:
     from dfdbench.evaluation.predict import read_image, read_stack, write_depth, write_submission
 
@@ -143,7 +157,9 @@ def _predict_folder(
     if sure:
         say(f"sigma        beside the depth of {counted(sure, 'map')}, in .npz files")
     meaning = "distances in metres" if zipped else predictor.meaning
-    print(f"depth        {out}: {counted(len(captures), 'map')} of {meaning}")
+    text = f"depth        {out}: {counted(len(captures), 'map')} of {meaning}"
+    unit = "metres" if zipped else predictor.unit
+    show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=list(captures))
 
 
 def check_method_command(
@@ -155,6 +171,7 @@ def check_method_command(
         ),
     ],
     param: Params = None,
+    format: Printed = Format.table,
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before a long run."""
     from dfdbench.evaluation.loading import load_to_check
@@ -172,10 +189,13 @@ def check_method_command(
         for trial in trials
     )
     columns = ("", "input", "time", "what is wrong")
-    print_table(Table(f"{method} on awkward inputs", columns, rows, "llrl"))
+    records = tuple(map(asdict, trials))
+    table = Table(f"{method} on awkward inputs", columns, rows, "llrl", records=records)
     failed = sum(bool(trial.error) for trial in trials)
-    if failed:
-        print(f"{failed} of {counted(len(trials), 'trial')} failed")
-        raise typer.Exit(1)
     odd = sum(bool(trial.warning) for trial in trials)
-    print("fit for a run" + (f", {counted(odd, 'warning')}" if odd else ""))
+    text = "fit for a run" + (f", {counted(odd, 'warning')}" if odd else "")
+    if failed:
+        text = f"{failed} of {counted(len(trials), 'trial')} failed"
+    show(format, [table], text, trials=len(trials), failed=failed, warnings=odd)
+    if failed:
+        raise typer.Exit(NO)

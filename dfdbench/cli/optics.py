@@ -1,5 +1,6 @@
 """The verbs for a lens: optics blur, optics pairs, optics sharpness."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -7,15 +8,15 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from typer import Argument, Option
 
-from dfdbench.cli.options import LARGEST_PIXEL, parse_length
-from dfdbench.cli.screen import print_table, save_figure
+from dfdbench.cli.options import LARGEST_PIXEL, Printed, parse_length
+from dfdbench.cli.screen import save_figure, show
 from dfdbench.errors import InputError
 from dfdbench.figures.camera import blur_figure, pair_figure, temperature_figure, voltage_figure
 from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
 from dfdbench.optics.sharpness import Measurement, read_lens_captures
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Format, Table
 
 _ROWS = 20
 _DRAWN = 3
@@ -30,6 +31,7 @@ def blur(
         tuple[str, str], Option(help="Distances shown; metres unless a unit is given.")
     ] = ("0.3", "4"),
     out: Annotated[Path, Option(help="Where the curve is drawn.")] = Path("blur.png"),
+    format: Printed = Format.table,
 ) -> None:
     """Print a thin lens's blur by distance and draw the curve (thesis, Fig. 2.5)."""
     lens = ThinLens(
@@ -44,7 +46,7 @@ def blur(
         raise InputError(what, where="--range")
     # A figure that cannot be kept is refused before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
-    print_table(_blur_table(lens, near, far))
+    show(format, [_blur_table(lens, near, far)], figure=out)
 
 
 def pairs(
@@ -56,6 +58,7 @@ def pairs(
     ] = ("1.5", "2.2"),
     limit: Annotated[int, Option(min=1, help="How many pairs are shown.")] = 20,
     out: Annotated[Path, Option(help="Where the best pairs are drawn.")] = Path("pairs.png"),
+    format: Printed = Format.table,
 ) -> None:
     """Rank pairs of voltage steps by how well their blur tells distances apart (thesis, 7.2.3)."""
     table = read_lens_table(lens)
@@ -65,16 +68,18 @@ def pairs(
         what = f"no pair has a monotonic difference of blur from {near:g} to {far:g} m"
         raise InputError(what, where="--range", fix="choose a narrower range")
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
-    print_table(_pair_table(ranked, limit))
+    show(format, [_pair_table(ranked, limit)], usable=len(ranked), figure=out)
 
 
 def sharpness(
     source: Annotated[Path, Argument(help="Folder with temperature, up and down.")],
     out: Annotated[Path, Option(help="Folder for the figures.")] = Path("sharpness"),
+    format: Printed = Format.table,
 ) -> None:
     """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
     output_place(out, source)
     found = read_lens_captures(source)
+    tables = []
     warming = found.get("temperature", ())
     if warming:
         rows = tuple(
@@ -83,11 +88,13 @@ def sharpness(
         )
         columns = ("temperature (°C)", "image", "background")
         save_figure(temperature_figure(warming), out / "temperature.png")
-        print_table(Table("discrete cosine sharpness over temperature", columns, rows, "rrr"))
+        title, records = "discrete cosine sharpness over temperature", tuple(map(asdict, warming))
+        tables.append(Table(title, columns, rows, "rrr", records=records))
     up, down = found.get("up", ()), found.get("down", ())
     if up or down:
         save_figure(voltage_figure(up, down), out / "voltage.png")
-        print_table(_hysteresis_table(up, down))
+        tables.append(_hysteresis_table(up, down))
+    show(format, tables, figures=out)
 
 
 def _hysteresis_table(up: tuple[Measurement, ...], down: tuple[Measurement, ...]) -> Table:
@@ -99,12 +106,17 @@ def _hysteresis_table(up: tuple[Measurement, ...], down: tuple[Measurement, ...]
         gap = "–" if None in values else f"{ways[0][step] - ways[1][step]:+.4f}"
         rows.append((str(step), *cells, gap))
     columns = ("voltage step", "going up", "going down", "difference")
-    return Table("discrete cosine sharpness over voltage", columns, tuple(rows), "rrrr")
+    records = tuple(
+        {"way": way, **asdict(m)} for way, ms in (("up", up), ("down", down)) for m in ms
+    )
+    title = "discrete cosine sharpness over voltage"
+    return Table(title, columns, tuple(rows), "rrrr", records=records)
 
 
 def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
     ticks = [float(tick) for tick in MaxNLocator(_ROWS).tick_values(near, far)]
     rows = []
+    records: list[dict[str, float | None]] = []
     for distance in (tick for tick in ticks if near <= tick <= far):
         width = float(lens.blur_radius(distance))
         whole = int(lens.quantised_blur_radius(distance))
@@ -117,6 +129,9 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
                 _resolution(lens, distance),
             )
         )
+        step = float(lens.depth_resolution(distance)) if distance >= lens.focus_distance else None
+        size = {"radius_m": width, "pixels": width / lens.pixel_size, "quantised": whole}
+        records.append({"distance_m": distance, **size, "resolution_m": step})
     sharp_near, sharp_far = lens.depth_of_field()
     far_text = "infinity" if np.isinf(sharp_far) else f"{sharp_far:.4f} m"
     depth = "infinite" if np.isinf(sharp_far) else f"{sharp_far - sharp_near:.4f} m"
@@ -131,7 +146,7 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
     title = (
         f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at {lens.focus_distance:g} m"
     )
-    return Table(title, columns, tuple(rows), "rrrrr", notes)
+    return Table(title, columns, tuple(rows), "rrrrr", notes, records=tuple(records))
 
 
 def _resolution(lens: ThinLens, distance: float) -> str:
@@ -139,6 +154,11 @@ def _resolution(lens: ThinLens, distance: float) -> str:
         return "–"
     step = float(lens.depth_resolution(distance))
     return "none" if np.isinf(step) else f"{step:.3f}"
+
+
+def _as_data(pair: StepPair) -> dict[str, object]:
+    judged = {"repeats": pair.repeats, "span": pair.span, "longest_run": pair.longest_run}
+    return {**asdict(pair), **judged}
 
 
 def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
@@ -163,7 +183,8 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
         *((f"{left} more usable pairs: --limit {len(ranked)}",) if left else ()),
     )
     columns = ("", "pair", *distances, "repeats", "span", "run")
-    return Table(title, columns, rows, "rl" + "r" * (len(distances) + 3), notes)
+    align = "rl" + "r" * (len(distances) + 3)
+    return Table(title, columns, rows, align, notes, records=tuple(map(_as_data, shown)))
 
 
 def _range(given: tuple[str, str]) -> tuple[float, float]:

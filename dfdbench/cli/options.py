@@ -8,7 +8,7 @@ import os
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -81,6 +81,10 @@ Protocol = Annotated[
 ]
 Out = Annotated[str | None, Option(help="Folder; default: below results/ or training/.")]
 Printed = Annotated[Format, Option(help="How the tables are printed.")]
+#: Of an answer that is no table.
+Facts = Annotated[
+    Literal["table", "json"], Option("--format", help="Lines for people, or facts as JSON.")
+]
 EveryTable = Annotated[
     bool,
     Option("--tables", help="Print all tables: pairs, times, spread, scenes; or see tables.md."),

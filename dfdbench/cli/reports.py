@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,8 +14,9 @@ from typer import Argument, Option
 import dfdbench
 from dfdbench.board import LEADERBOARD, SCORE_TOLERANCE
 from dfdbench.cli import screen
-from dfdbench.cli.options import FigureFormats, Printed, Protocol
+from dfdbench.cli.options import Facts, FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
+from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ Dataset = Annotated[str | None, Option(help="Store; default: where the runs foun
 
 
 #: A page, or one table of methods beside metrics.
-ReportFormat = Literal["html", "markdown", "table", "latex", "csv"]
+ReportFormat = Literal["html", "markdown", "table", "latex", "csv", "json"]
 _PAGES = ("html", "markdown")
 
 
@@ -75,9 +77,9 @@ def report(
 
         with screen.writing(out):
             write_whole(out, render(tables, Format(format)))
-        print(out)
+        screen.show("json" if format == "json" else None, text=str(out), file=out)
     else:
-        screen.print_tables(tables, Format(format))
+        screen.show(format, tables)
     if figure is not None:
         from dfdbench.figures.comparisons import accuracy_figure
 
@@ -98,7 +100,7 @@ def _refuse_what_does_not_fit(
         what, fix = "a table's figure has the form that its name says", "--figure FILE.pdf"
         raise InputError(what, where="--figure-format", fix=fix)
     if format in _PAGES and (metric or figure):
-        where, fix = "--metric, --figure", "leave it out, or add --format table, latex or csv"
+        where, fix = "--metric, --figure", "leave it out, or add --format table, latex, csv or json"
         raise InputError("a page shows every metric and figure", where=where, fix=fix)
 
 
@@ -140,7 +142,7 @@ def compare(
     picture = output_place(_picture(out, *runs), first, second)
     (tables,) = found.tables.values()
     # A sheet holds one kind of row.
-    screen.print_tables(tables[:1] if format is Format.csv else tables, format)
+    screen.show(format, tables[:1] if format is Format.csv else tables)
     figure = found.figure(min(most, _PANELS))
     if figure is None:
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
@@ -188,7 +190,7 @@ def leaderboard(
         return
     # What is shipped is the clone's to write.
     path = board.write() if folder or board.folder == LEADERBOARD else None
-    screen.print_tables(board.tables(), format)
+    screen.show(format, board.tables())
     screen.say(f"written      {path}" if path else f"rows of dfdbench {dfdbench.__version__}")
 
 
@@ -207,12 +209,13 @@ def verify_rows(
     weights: Annotated[
         Path | None, Option(help="Your copy of weights that are not shipped.")
     ] = None,
+    format: Facts = "table",
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
     from dfdbench.board.row_file import read_row
     from dfdbench.board.verification import verify
 
-    failed = False
+    answers: list[dict[str, object]] = []
     for path in rows:
         row = read_row(path)
         if row.method.scored:
@@ -220,12 +223,16 @@ def verify_rows(
             continue
         with screen.progress(f"verifying {path.stem}", "the same command draws anew") as step:
             found = verify(row, path, pairs, seed, tolerance, trust or (), weights, step)
-        print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
-        print(f"drawn        {len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}")
-        for pair in found.pairs:
-            print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
+        if format == "table":
+            print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
+            drawn = f"{len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}"
+            print(f"drawn        {drawn}")
+            for pair in found.pairs:
+                print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
         if not found.same_source:
             screen.say("the method's source file is not the one that the row was made with")
-        failed |= not found.passed
-    if failed:
-        raise typer.Exit(1)
+        answers.append({"row": path, "verified": found.passed, **asdict(found)})
+    if format == "json":
+        screen.show(format, rows=answers)
+    if not all(answer["verified"] for answer in answers):
+        raise typer.Exit(NO)

@@ -8,8 +8,8 @@ from typing import Annotated, TypeVar
 from typer import Argument, Option
 
 from dfdbench.building.registering import Registered, register_scenes
-from dfdbench.cli.options import LARGEST_PIXEL, parse_length
-from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
+from dfdbench.cli.options import LARGEST_PIXEL, Facts, Printed, parse_length
+from dfdbench.cli.screen import progress, save_figure, say, show, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Recording
 from dfdbench.errors import InputError, SourceError, UnknownNameError, unknown_name
@@ -22,7 +22,7 @@ from dfdbench.simulation.board_scene import (
     write_captures,
     write_lens_test,
 )
-from dfdbench.tables.table import Table, counted
+from dfdbench.tables.table import Format, Table, counted
 
 OVERLAY = "registration.png"
 _T = TypeVar("_T")
@@ -42,6 +42,7 @@ def register(
         bool,
         Option("--fresh", help=f"Estimate again, and keep the old as {registration.PREVIOUS}."),
     ] = False,
+    format: Printed = Format.table,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
     manifest = find_manifest(dataset)
@@ -61,7 +62,10 @@ def register(
     if found:
         columns = ("scene", "", "rays on their side", "known to (pixels)", "moved by (pixels)")
         rows = tuple(_row(name, one) for name, one in found.items())
-        print_table(Table("registration", columns, rows, "llrrr", _notes(found)))
+        records = tuple(map(_record, found, found.values()))
+        show(
+            format, [Table("registration", columns, rows, "llrrr", _notes(found), records=records)]
+        )
     SourceError.raise_if(problems)
     if not found:
         raise SourceError("no raw scene, such as k33/frames", where=str(source))
@@ -74,6 +78,14 @@ def _row(name: str, one: Registered) -> tuple[str, ...]:
     how = "by itself" if found.boards == 1 else f"with {found.boards} boards"
     agreed = "–" if found.agreement is None else f"{100 * found.agreement:.1f} %"
     return name, f"estimated {how}", agreed, f"± {found.known_to:.1f}", moved
+
+
+def _record(name: str, one: Registered) -> dict[str, object]:
+    found = {"agreement": None, "known_to": None, "boards": None}
+    if one.found:
+        found = {key: getattr(one.found, key) for key in found}
+    overlay = one.files.folder / OVERLAY
+    return {"scene": name, "kept": one.found is None, **found, "moved": one.moved, "file": overlay}
 
 
 def _notes(scenes: Mapping[str, Registered]) -> tuple[str, ...]:
@@ -100,6 +112,7 @@ def simulate_realworld(
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
     workers: Annotated[int, Option(min=1, max=1024, help="Scenes made at once.")] = os.cpu_count()
     or 1,
+    format: Facts = "table",
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
     output_place(out)
@@ -118,18 +131,21 @@ def simulate_realworld(
     with writing(out), progress("simulating scenes") as step:
         made = write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
-    print(f"simulated {counted(len(made), 'scene')}{kept}")
-    print(f"captures     {out}")
-    print(f"truth        {out / 'truth'} (never read by build or register)")
+    truth = out / "truth"
+    text = f"simulated {counted(len(made), 'scene')}{kept}\ncaptures     {out}\n"
+    text += f"truth        {truth} (never read by build or register)"
+    show(format, text=text, scenes=names, simulated=made, captures=out, truth=truth)
     say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
-def simulate_lens(out: Annotated[Path, Option(help="Folder to write into.")]) -> None:
+def simulate_lens(
+    out: Annotated[Path, Option(help="Folder to write into.")], format: Facts = "table"
+) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
     with writing(out):
-        print(f"simulated {write_lens_test(out)} images")
-    print(f"captures     {out}")
+        count = write_lens_test(out)
+    show(format, text=f"simulated {count} images\ncaptures     {out}", images=count, captures=out)
     say(f"next         dfdbench rig optics sharpness {out}")
 
 

@@ -6,7 +6,7 @@ import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Option
@@ -14,9 +14,10 @@ from typer import Option
 import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
-from dfdbench.cli.screen import print_tables, progress, say
+from dfdbench.cli.screen import progress, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
+from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def transfer(
         shown=progress,
     )
     done.draw(("png", *(figure_format or ())))
-    print_tables([done.as_table()], format)
+    show(format, [done.as_table()], folder=done.folder)
     say(f"results      {done.folder}")
 
 
@@ -201,8 +202,10 @@ def tune(
             cache=cache,
             on_pair=step,
         )
-    print_tables([tried_table(found, f"{method} on training captures of {dataset}")], format)
-    say(f"next         dfdbench run --dataset {dataset} --method {method} {best_words(found)}")
+    then = f"dfdbench run --dataset {dataset} --method {method} {best_words(found)}"
+    table = tried_table(found, f"{method} on training captures of {dataset}")
+    show(format, [table], next=then)
+    say(f"next         {then}")
 
 
 def score(
@@ -274,26 +277,35 @@ def _show(
     `also` names forms of its figures beside PNG; None for no figures. `every` prints all tables,
     `then` is the command that goes on from a part of the pairs.
     """
+    from dfdbench.report.verdict import verdict_text  # imports xarray
+
     for note in done.notes:
         say(note)
     if also is not None:
         done.draw(("png", *also))
-    tables = done.tables()
-    print_tables(tables if every else tables[:1], format)
+    tables = done.tables() if every else done.tables()[:1]
+    facts: dict[str, Any] = {"folder": done.folder, "failed": done.failed}
+    if format is not Format.json:
+        show(format, tables)
     if done.failed:
         again = "it" if done.failed == 1 else "them"
         say(f"{counted(done.failed, 'pair')} failed; the same command tries {again} again")
     if submit:
-        say(f"submission   {done.submit()}")
+        facts["submission"] = done.submit()
+        say(f"submission   {facts['submission']}")
         if not all(result.complete for result in done.results.values()):
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
-        say(done.verdict())
-        say(f"next         {then or f'dfdbench report {shlex.quote(str(done.folder))}'}")
+        facts["verdict"] = done.verdict_facts()
+        facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
+        say(verdict_text(facts["verdict"]))
+        say(f"next         {facts['next']}")
     else:
         say(f"results      {done.folder}")
+    if format is Format.json:
+        show(format, tables, **facts)
     if done.failed and not done.result.method.scored:
-        raise typer.Exit(1)
+        raise typer.Exit(NO)
 
 
 def _say_score(label: str, result: Result, protocol: str) -> None:

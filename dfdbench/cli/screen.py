@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import typer
 
 from dfdbench.errors import InputError, ResultError, reason_of
+from dfdbench.statuses import DONE, INTERRUPTED
 from dfdbench.tables.table import Format, Table, least_width
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 #: How the file of a figure may end.
 PICTURES = (".png", ".pdf", ".svg")
-#: The status of a command that Ctrl-C ended.
-INTERRUPTED = 130
 #: How most work that was stopped is taken up.
 GOES_ON = "the same command goes on from here"
 #: Where no bar can be drawn, a line this often says how far the work is.
@@ -57,7 +56,7 @@ def end_unread() -> NoReturn:
     """End the command where the reader of a pipe, head for example, has enough: no mistake."""
     # Nothing more may be written, not even what Python would say of that as it ends.
     sys.stderr.close()
-    os._exit(0)
+    os._exit(DONE)
 
 
 def print_table(table: Table) -> None:
@@ -82,15 +81,31 @@ def print_table(table: Table) -> None:
         console.print(part)
 
 
-def print_tables(tables: Iterable[Table], format: Format | None) -> None:
-    """Print tables to standard output in a form; None for the terminal's."""
-    if format in (None, Format.table):
+def show(format: str | None, tables: Sequence[Table] = (), text: str = "", **facts: object) -> None:
+    """Print an answer to standard output: to people its tables and text, as JSON all facts.
+
+    Parameters
+    ----------
+    format : str or None
+        A `Format`; None for the terminal's.
+    tables : sequence of Table
+        What is shown of it in any form.
+    text : str
+        Lines below the tables; neither JSON nor CSV has room for them.
+    **facts
+        The same as data, and what only a script wants: in JSON, beside the tables.
+    """
+    # Rich, and what renders, are imported where something is printed.
+    form = Format(format or Format.table)
+    if form is Format.table:
         for table in tables:
             print_table(table)
     else:
-        from dfdbench.tables.render import render
+        from dfdbench.tables.render import as_json, render
 
-        print(render(list(tables), format), end="")
+        print(as_json(tables, **facts) if form is Format.json else render(tables, form), end="")
+    if text and form not in (Format.csv, Format.json):
+        print(text)
 
 
 @contextmanager
@@ -238,7 +253,5 @@ def give(
     if format is Format.json:
         print(next(iter(files.values())), end="")
     else:
-        print_tables(tables, format)
-        if verdict and format is not Format.csv:
-            print(verdict)
+        show(format, tables, verdict)
     say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")

@@ -11,11 +11,12 @@ from typer import Argument, Option
 
 from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
-from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
+from dfdbench.cli.screen import progress, save_figure, say, show, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
+from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
 from dfdbench.tables.table import Format, counted
 
@@ -90,7 +91,7 @@ def experiment(
     )
     tables, cards = run_trials(asked, planned, folder, limit, device, progress)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
-    print_tables(tables, format)
+    show(format, tables, folder=folder)
     say(f"table        {folder / 'scores.md'}, scores.csv")
 
 
@@ -197,7 +198,7 @@ def reduce(
         )
     with writing(folder):
         found.write(folder)
-    print_tables(found.tables, format)
+    show(format, found.tables, folder=folder, networks=list(found.files))
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
@@ -243,6 +244,7 @@ def architecture(
         int | None, Option(min=1, max=1024, help="Trainings at once; default: one, here.")
     ] = None,
     scheduler: options.Scheduler = None,
+    format: options.Printed = Format.table,
     device: training.Device = "auto",
     threads: training.Threads = None,
     cache: options.Cache = None,
@@ -275,17 +277,25 @@ def architecture(
     training.use_threads(threads)
     with progress("trainings of the search") as bar:
         outcome = run_search(plan, folder, iterations, pool, device, threads, limit, bar)
-    _tell(plan, folder, outcome, dataset)
+    _tell(plan, folder, outcome, dataset, format)
 
 
-def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
+def _tell(
+    plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str, format: Format
+) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
     from dfdbench.training.search.swarm_search import BEST, TABLES
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")
+    facts: dict[str, Any] = {
+        "folder": folder,
+        "trainings": outcome.trainings,
+        "finished": outcome.finished,
+    }
     if not outcome.course:
+        show(format, **facts)
         return
     title = f"particle swarm on {plan.store.manifest.stem}, seed {plan.choices.seed}"
     save_figure(objective_figure(outcome.course, title), folder / "objective.png")
@@ -293,10 +303,11 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     if outcome.best:
         filters = particle_at(outcome.best.position).filters
         save_figure(widths_figure(filters, title), folder / "widths.png")
-    print_tables(outcome.write(plan, folder), None)
+    best = folder / BEST if outcome.best else None
+    show(format, outcome.write(plan, folder), best=best, **facts)
     say(f"log          {folder / 'positions.csv'}; tables {folder / TABLES}")
     if outcome.best is None:
         say("every training failed: nothing was found")
-        raise typer.Exit(1)
+        raise typer.Exit(NO)
     say(f"best         {folder / BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / BEST}")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from dfdbench.cli.options import Cache, Out, Seed, data_sets, values_of
-from dfdbench.cli.screen import print_tables, progress, save_figure, say
+from dfdbench.cli.options import Cache, Facts, Out, Seed, data_sets, values_of
+from dfdbench.cli.screen import progress, save_figure, say, show
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
@@ -52,6 +52,7 @@ def train_command(
     ] = False,
     seed: Seed = 0,
     out: Out = None,
+    format: Facts = "table",
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,
@@ -62,7 +63,9 @@ def train_command(
         _refuse_unused(fold is not None, config != "published", device != "auto")
         use_threads(threads)
         steps = values_of(changes, "--set")
-        _train_volume_net(dataset, split, weights, limit, resume, fresh, seed, out, steps, cache)
+        _train_volume_net(
+            dataset, split, weights, limit, resume, fresh, seed, out, steps, format, cache
+        )
         return
     dataset = dataset or "middlebury"
     with needed():
@@ -92,7 +95,8 @@ def train_command(
     with progress(f"training {method}", RESUMED) as bar:
         outcome = train(task, folder.path, limit, device, bar, fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
-    print_tables([card_table(outcome.card), patches_table(drawn)], None)
+    tables = [card_table(outcome.card), patches_table(drawn)]
+    show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
     _tell(folder, outcome, f"--method {method} --dataset {dataset}")
 
 
@@ -114,6 +118,7 @@ def _train_volume_net(
     seed: int,
     out: str | None,
     changes: Mapping[str, Any],
+    format: str,
     cache: Path | None,
 ) -> None:
     with needed():
@@ -143,7 +148,7 @@ def _train_volume_net(
             examples, trained_on, place, seed, steps, limit, start, bar, fresh
         )
     save_figure(cameras_figure(log, f"volume-net, {trained_on}, seed {seed}"), place / FIGURES[0])
-    print_tables([card_table(card)], None)
+    show(format, [card_table(card)], weights=path, card=card.model_dump())
     say(f"log          {place / 'losses.csv'}, scores.csv")
     say(f"weights      {path}, and their card {path.with_suffix('.md')}")
     say(f"next         dfdbench run --method volume-net --param weights={path}")
@@ -199,7 +204,7 @@ def card_table(card: Card) -> Table:
             for name, value in scores.items()
         ),
     ]
-    return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")
+    return Table(f"{card.method}, seed {card.seed}", ("what", "found"), tuple(rows), "ll")
 
 
 def patches_table(drawn: Selections) -> Table:
@@ -209,7 +214,7 @@ def patches_table(drawn: Selections) -> Table:
     for name, number in (("least", int(patches.argmin())), ("most", int(patches.argmax()))):
         rows.append((name, f"{patches[number]:,}", drawn.pairs[number]))
     title = f"{patches.sum():,} patches drawn, by pair"
-    return Table(title, ("", "patches", "pair"), tuple(rows), "lrl")
+    return Table(title, ("which", "patches", "pair"), tuple(rows), "lrl")
 
 
 def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:

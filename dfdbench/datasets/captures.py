@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
@@ -15,6 +14,9 @@ from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import InputError
 from dfdbench.system.thumbnails import Thumbnail, depth_map, gallery, heading, photograph
+
+if TYPE_CHECKING:
+    import xarray
 
 Role = Literal["infocus", "defocus"]
 #: What an image may be; a store holds their numbers.
@@ -136,6 +138,8 @@ class Capture:
         facts, count = self.facts, len(self.images)
         near, far = self.about.ends
         known = {name: np.broadcast_to(getattr(facts, name), count) for name in BY_IMAGE}
+        import xarray  # a run of pairs has no need of it
+
         return xarray.DataArray(
             self.images,
             dims=("image", "y", "x", "channel"),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-import xarray
 import zarr
 from numpy.typing import NDArray
 from upath import UPath
@@ -40,6 +39,8 @@ from dfdbench.system.location import Place, as_location, exists, is_local, zarr_
 from dfdbench.system.thumbnails import gallery, heading
 
 if TYPE_CHECKING:
+    import xarray
+
     from dfdbench.datasets.integrity import StoreVerification
 
 FORMAT = "dfdbench store"

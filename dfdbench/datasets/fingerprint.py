@@ -1,12 +1,13 @@
 """Hashes of what arrays hold, whatever file they lie in, and what tells a store's damage."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import xarray
 import zarr
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
@@ -20,6 +21,9 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import StoreError
 from dfdbench.system.location import zarr_store
 from dfdbench.system.strict import problems_of
+
+if TYPE_CHECKING:
+    import xarray
 
 #: The attribute of a store that holds `attributes_digest`.
 ATTRIBUTES_SHA256 = "attributes_sha256"
@@ -201,6 +205,8 @@ def open_scene(location: UPath, name: str) -> xarray.Dataset:
     Exception
         What zarr and xarray come to where files are damaged: see `dfdbench.datasets.fingerprint`.
     """
+    import xarray  # a run of pairs has no need of it
+
     scene: xarray.Dataset = xarray.open_zarr(
         WholeArrays(zarr_store(location)),
         group=name,

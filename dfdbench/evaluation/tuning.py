@@ -80,12 +80,12 @@ def tried_table(tried: pd.DataFrame, title: str) -> Table:
     """Return the table of what `cross_validate` found."""
     metrics = {name: find_metric(name) for name in map(str, tried)}
     names = [str(name) for name in tried.index.names]
-    rows = [
-        (*map(plain, parameters.values()), *map(score_text, scores))
-        for parameters, scores in zip(_parameters(tried), tried.to_numpy().tolist(), strict=True)
-    ]
+    trials = list(zip(_parameters(tried), tried.to_numpy().tolist(), strict=True))
+    rows = [(*map(plain, given.values()), *map(score_text, scores)) for given, scores in trials]
+    records = tuple(given | dict(zip(metrics, scores, strict=True)) for given, scores in trials)
     columns = (*names, *(metric.heading for metric in metrics.values()))
-    return Table(title, columns, tuple(rows), "l" * len(names) + "r" * len(metrics))
+    align = "l" * len(names) + "r" * len(metrics)
+    return Table(title, columns, tuple(rows), align, records=records)
 
 
 def best_words(tried: pd.DataFrame) -> str:

@@ -44,6 +44,7 @@ def data_cost(
     kernel_size: int = 27,
     out: NDArray[np.uint16] | None = None,
     rows: slice = slice(None),
+    columns: slice = slice(None),
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every label costs at every pixel, Eq. 4.1 with integer costs.
 
@@ -68,8 +69,8 @@ def data_cost(
         Side of the square kernel in pixels, odd, whatever the sigma.
     out : (y, x, label) uint16, optional
         Memory to write the costs into. On some systems fresh memory takes as long as the costs.
-    rows : slice, optional
-        The rows of the image whose costs are asked for, without a step; all where not given.
+    rows, columns : slice, optional
+        The part of the image whose costs are asked for, without a step; all where not given.
 
     Returns
     -------
@@ -98,10 +99,7 @@ def data_cost(
     radius = kernel_size // 2
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
-    border = ((radius, radius), (radius, radius), (0, 0))
-    first, last, _ = rows.indices(len(sharp))
-    padded = np.pad(sharp, border, mode="edge")[first : last + 2 * radius]
-    blurred = blurred[first:last]
+    padded, blurred = part_of_pair(sharp, blurred, radius, rows, columns)
     shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
     if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
@@ -109,7 +107,7 @@ def data_cost(
             f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}"
         )
     offset = _fill(
-        np.ascontiguousarray(padded.transpose(2, 0, 1), np.float32),
+        padded.astype(np.float32),
         np.ascontiguousarray(blurred),
         kernels[:, radius:].astype(np.float32),
         (kernels[:, radius:] > NEGLIGIBLE).sum(1),
@@ -122,6 +120,19 @@ def data_cost(
         unary,
     )
     return unary, int(offset)
+
+
+def part_of_pair(
+    infocus: Array, defocus: Array, radius: int, rows: slice, columns: slice
+) -> tuple[Array, Array]:
+    """Return a part of both images: the first with what its blur reaches, (channel, y, x).
+
+    Where that lies outside the image, its edge is repeated.
+    """
+    (top, bottom, _), (left, right, _) = map(slice.indices, (rows, columns), infocus.shape[:2])
+    padded = np.pad(infocus, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
+    near = padded[top : bottom + 2 * radius, left : right + 2 * radius]
+    return np.ascontiguousarray(near.transpose(2, 0, 1)), defocus[top:bottom, left:right]
 
 
 def require_pair(infocus: Array, defocus: Array, *kinds: str) -> None:

@@ -167,7 +167,7 @@ class GraphCuts(Solver):
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
-        solution = self.solve(infocus, *images)
+        solution = self._solved(self._energy(infocus, images, held=posterior is not None))
         if posterior is not None:
             costs = np.moveaxis(self._memory.costs, 2, 0)
             posterior.add_all(self.blur.depth_of_level(self._levels), costs, self._memory.nat)
@@ -177,7 +177,9 @@ class GraphCuts(Solver):
 
     def solve(self, infocus: Image, *images: Image) -> mrf.Solution:
         """Return the solver's labels, energy and history."""
-        energy = self.energy(infocus, *images)
+        return self._solved(self._energy(infocus, images))
+
+    def _solved(self, energy: mrf.Energy) -> mrf.Solution:
         if self._solver == "expansion":
             return mrf.expansion(energy)
         return mrf.split(energy, self._quality)  # type: ignore[arg-type]
@@ -187,31 +189,42 @@ class GraphCuts(Solver):
 
         Its costs lie in memory that the next call in this thread writes over.
         """
+        return self._energy(infocus, images, held=True)
+
+    def _energy(self, infocus: Image, images: Sequence[Image], held: bool = False) -> mrf.Energy:
+        """Return the energy, its costs in parts where they are large and need not be held."""
         shape = (*infocus.shape[:2], len(self._levels))
-        memory: NDArray[np.uint16] | None = getattr(self._memory, "costs", None)
-        if memory is None or memory.shape != shape:
-            self._memory.costs = memory = None
-            self._memory.costs = memory = np.empty(shape, np.uint16)
-        blur = self.blur
-        if isinstance(blur, BlurLaw):
-            unary, offset = self._law_cost(infocus, images, memory)
-        else:
-            # Of a recipe's residuals nothing is known but that images are rounded.
-            self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
-            unary, offset = data_cost(
-                self._channels(infocus),
-                self._channels(images[0]),
-                blur.sigmas[self._levels],
-                self._weight,
-                self._limit,
-                blur.kernel_size,
-                memory,
-            )
         right, down = None, None
         if self._threshold is not None:
             grey = infocus if infocus.ndim == 2 else cv2.cvtColor(infocus, cv2.COLOR_RGB2GRAY)
             right, down = mrf.adaptive_potts_weights(np.asarray(grey), self._threshold)
-        return mrf.Energy(unary, self._table, right, down, offset)
+        blur = self.blur
+        if isinstance(blur, BlurLaw):
+            unary, offset = self._law_cost(infocus, images, self._room(shape))
+            return mrf.Energy(unary, self._table, right, down, offset)
+        # Of a recipe's residuals nothing is known but that images are rounded.
+        self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
+        cost = partial(
+            data_cost,
+            self._channels(infocus),
+            self._channels(images[0]),
+            blur.sigmas[self._levels],
+            self._weight,
+            self._limit,
+            blur.kernel_size,
+        )
+        if held or 2 * math.prod(shape) <= mrf.MOST_HELD:
+            unary, offset = cost(out=self._room(shape))
+            return mrf.Energy(unary, self._table, right, down, offset)
+        parts = mrf.Parts(cost, shape, self._limit)
+        return mrf.Energy(parts, self._table, right, down, parts.offset())
+
+    def _room(self, shape: tuple[int, ...]) -> NDArray[np.uint16]:
+        memory: NDArray[np.uint16] | None = getattr(self._memory, "costs", None)
+        if memory is None or memory.shape != shape:
+            self._memory.costs = memory = None
+            self._memory.costs = memory = np.empty(shape, np.uint16)
+        return memory
 
     def _law_cost(
         self, infocus: Image, images: Sequence[Image], memory: NDArray[np.uint16]

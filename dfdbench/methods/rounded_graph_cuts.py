@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
-from dfdbench.methods.data_cost import require_pair
+from dfdbench.methods.data_cost import part_of_pair, require_pair
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
-from dfdbench.methods.sgm import MOST, path_costs
+from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
@@ -41,6 +42,8 @@ def rounded_cost(
     kernels: NDArray[np.float64],
     unit: float,
     limit: int,
+    rows: slice = slice(None),
+    columns: slice = slice(None),
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every label costs at every pixel, given that `defocus` was rounded.
 
@@ -59,6 +62,8 @@ def rounded_cost(
         Integer cost of one nat, a factor e of probability.
     limit : int
         Costs this far above a pixel's least are stored as `limit`, 1 to 65535.
+    rows, columns : slice, optional
+        The part of the image whose costs are asked for, without a step; f and v are the part's.
 
     Returns
     -------
@@ -87,14 +92,13 @@ def rounded_cost(
     require_pair(sharp, blurred, "uint8")
     radius = kernels.shape[1] // 2
     half = np.ascontiguousarray(kernels[:, radius:])
-    border = ((radius, radius), (radius, radius), (0, 0))
-    padded = np.pad(sharp, border, mode="edge").transpose(2, 0, 1).astype(np.float64)
-    unary = np.empty((*sharp.shape[:2], len(half)), np.uint16)
+    padded, blurred = part_of_pair(sharp, blurred, radius, rows, columns)
+    unary = np.empty((*blurred.shape[:2], len(half)), np.uint16)
     planes = np.ascontiguousarray(blurred.transpose(2, 0, 1))
     chosen, mixture = _mixture(kernels)
     half = half[chosen]
     lengths = (half > NEGLIGIBLE).sum(1)
-    _misfits(np.ascontiguousarray(padded), planes, half, lengths, mixture, unary)
+    _misfits(padded.astype(np.float64), planes, half, lengths, mixture, unary)
     return unary, costs_of_misfits(unary, sharp.shape[2], unit, limit)
 
 
@@ -245,12 +249,26 @@ _UNIT = 4
 REPAIRS = ((-16, 128, 64, 32, 16, 8), (0, 16, 8, 0))
 
 
+# Of blocks, what costs along paths take at most at a time.
+_BAND_BYTES = 25_000_000
+
+
 def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
     """Give blocks of 2 x 2 pixels the labels that are best along rows and columns."""
     # Two edges between blocks.
     small, large = 2 * int(blocks.smoothness[1]), 2 * int(blocks.smoothness.max())
-    costs = np.minimum(blocks.unary, MOST - large).astype(np.uint16)
-    return np.asarray(path_costs(costs, small, large, directions=4).argmin(axis=2))
+    labels = np.empty(blocks.shape, np.int64)
+    bands = path_costs_by_bands(
+        lambda rows: np.minimum(blocks.unary[rows], MOST - large).astype(np.uint16, copy=False),
+        blocks.unary.shape,
+        small,
+        large,
+        directions=4,
+        most_bytes=_BAND_BYTES,
+    )
+    for rows, sums in bands:
+        labels[rows] = sums.argmin(axis=2)
+    return labels
 
 
 class RoundedGraphCuts(Solver):
@@ -326,7 +344,7 @@ class RoundedGraphCuts(Solver):
         limit = 4 * int(self._smoothness.max()) + 1
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            unary = None
+            unary: Any = None
             for blurred in all_blurred(self.blurs, infocus, images):
                 unary = law_misfits(blurred, unary)
                 del blurred
@@ -340,7 +358,11 @@ class RoundedGraphCuts(Solver):
             if self.chosen.weight:
                 offset += add_energy(unary, _UNIT * self.chosen.energy, limit)
         else:
-            unary, offset = rounded_cost(infocus, images[0], blur.kernels(), _UNIT, limit)
+            cost = partial(rounded_cost, infocus, images[0], blur.kernels(), _UNIT, limit)
+            parts = mrf.Parts(cost, (*infocus.shape[:2], self.levels), limit)
+            # Without noise every part has the costs that it has in the whole.
+            large = 2 * math.prod(parts.shape) > mrf.MOST_HELD and posterior is None
+            unary, offset = (parts, 0) if large and parts.offset() == 0 else cost()
         energy = mrf.Energy(unary, self._smoothness, offset=offset)
         if offset > 0:
             labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels

@@ -181,7 +181,7 @@ class Protocol:
     @property
     def label(self) -> str:
         """What results and folders call it, see `label_of`."""
-        return label_of(self.as_dict())
+        return label_of({"name": self.name, "version": self.version})
 
     @property
     def in_metres(self) -> bool:

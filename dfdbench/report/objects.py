@@ -149,9 +149,16 @@ class Run:
 
         A line each, as ``dfdbench run`` ends with them; of a run on tracks, that on clean images.
         """
-        from dfdbench.report.verdict import verdict  # it reads rows, for which a run need not wait
+        from dfdbench.report.verdict import verdict_text
 
-        return verdict(self._first, self.protocol)
+        return verdict_text(self.verdict_facts())
+
+    def verdict_facts(self) -> dict[str, dict[str, Any]]:
+        """Return the verdict's lines as data: see `dfdbench.report.verdict.verdict_facts`."""
+        # It reads rows, for which a run need not wait.
+        from dfdbench.report.verdict import verdict_facts
+
+        return verdict_facts(self._first, self.protocol)
 
     @property
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:

@@ -1,8 +1,9 @@
 """What a run comes to: its score, a constant's, the best comparable row's, its worst pairs."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
 from dfdbench.datasets.catalog import part_name
@@ -24,8 +25,17 @@ CONSTANT = "constant"
 _STANDS_OUT = 1.05
 
 
-def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> str:
-    """Return what a run comes to, a line each, as ``dfdbench run`` ends with it.
+#: A line of a verdict, as ``text``, and the scores and names in it as data.
+Line = dict[str, Any]
+
+
+def verdict_text(lines: Mapping[str, Line]) -> str:
+    """Return what `verdict_facts` found a line each, as ``dfdbench run`` ends with it."""
+    return "\n".join(f"{name.replace('_', ' '):<12} {line['text']}" for name, line in lines.items())
+
+
+def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> dict[str, Line]:
+    """Return what a run comes to.
 
     Parameters
     ----------
@@ -38,10 +48,11 @@ def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> st
 
     Returns
     -------
-    str
-        The scores; the score of ``constant`` on the same pairs; the best row of the leaderboard on
-        the same data whose method was given as much, on the same pairs; where the run is worst.
-        What there is not is left out.
+    dict of str to Line
+        ``score``: the means; ``constant``: that of ``constant`` on the same pairs; ``best_row``:
+        the best row of the leaderboard on the same data whose method was given as much, on the same
+        pairs; ``worst``: where the run is worst. Each has a ``text``, and scores by metric. What
+        there is not is left out.
 
     Raises
     ------
@@ -49,11 +60,12 @@ def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> st
         If a row of the leaderboard is damaged.
     """
     result = run.result
-    lines = {"score": _score(result, protocol)}
+    lines: dict[str, Line] = {"score": _score(result, protocol)}
     pairs = [pair for pair in result.pairs if _of(pair, protocol) is not None]
     own = mean_of(_of(pair, protocol) for pair in pairs)
     if own is not None:
-        title = metrics_of(protocol)[ranked_by(protocol)[0]].title
+        name = ranked_by(protocol)[0]
+        title = metrics_of(protocol)[name].title
         folder = leaderboard_folder() if leaderboard is None else leaderboard
         others = dict(_others(result, protocol, [pair.id for pair in pairs], folder))
         constant = next((mean for row, mean in others.items() if row.name == CONSTANT), None)
@@ -61,10 +73,11 @@ def verdict(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> st
             if constant is None and run.store:
                 constant = _constant(run.store, pairs, protocol)
             if constant is not None:
-                lines["constant"] = f"{title} {score_text(constant)}: {_beside(own, constant)}"
-        lines |= _best(result, own, title, others)
+                text = f"{title} {score_text(constant)}: {_beside(own, constant)}"
+                lines["constant"] = {name: constant, "text": text}
+        lines |= _best(result, own, name, title, others)
         lines |= _worst(result, protocol, pairs, title)
-    return "\n".join(f"{name:<12} {text}" for name, text in lines.items())
+    return lines
 
 
 class _Row:
@@ -74,26 +87,24 @@ class _Row:
         self.name, self.result = name, result
 
 
-def _score(result: Result, protocol: str) -> str:
+def _score(result: Result, protocol: str) -> Line:
     """Return the mean scores; of an incomplete run, those of what was run, and why."""
     data, count = result.dataset, counted(result.dataset.expected, "pair")
     under = f"protocol {protocol}, split {data.split}"
     done = [pair for pair in result.pairs if pair.status == "ok"]
     if gaps := sum(pair.lacks_answers(protocol) for pair in done):
         why = f"{counted(gaps, 'pair')} without an answer for every pixel"
-        return f"none: {why}  ({under}; --protocol sure)"
+        return {"text": f"none: {why}  ({under}; --protocol sure)"}
     if len(done) < data.expected:
         missing = sum(pair.status == "missing" for pair in result.pairs)
         absent = f"; {counted(missing, 'pair')} not in the store" if missing else ""
         count = f"only {len(done)} of {count}{absent}"
     if not done:
-        return f"none: {count} were evaluated  ({under})"
-    means = {
-        metric.title: mean_of(pair.score(protocol, name) for pair in done)
-        for name, metric in metrics_of(protocol).items()
-    }
-    scores = "  ".join(f"{title} {score_text(mean)}" for title, mean in means.items())
-    return f"{scores}  ({under}, {count})"
+        return {"text": f"none: {count} were evaluated  ({under})"}
+    metrics = metrics_of(protocol)
+    means = {name: mean_of(pair.score(protocol, name) for pair in done) for name in metrics}
+    scores = "  ".join(f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
+    return means | {"pairs": len(done), "text": f"{scores}  ({under}, {count})"}
 
 
 def _others(
@@ -102,8 +113,8 @@ def _others(
     """Yield the rows on the same data that have a score for each of the pairs, and their means."""
     stem = part_name(result.dataset.name)[0]
     for file in sorted((folder / RESULTS).glob(f"{stem}-*/*.json")):
-        for other in read_row(file).results:
-            if other.dataset.fingerprint != result.dataset.fingerprint or knew_blur(other):
+        for other in read_row(file).results_on(result.dataset.fingerprint):
+            if knew_blur(other):
                 continue
             scores = {pair.id: _of(pair, protocol) for pair in other.pairs}
             found = [scores.get(name) for name in ids]
@@ -139,7 +150,9 @@ def _kind(result: Result) -> str:
     return re.sub(r"trained on .*", "trained weights", given_to(result))
 
 
-def _best(result: Result, own: float, title: str, others: dict[_Row, float]) -> dict[str, str]:
+def _best(
+    result: Result, own: float, metric: str, title: str, others: dict[_Row, float]
+) -> dict[str, Line]:
     """Return the best row whose method was given as much; where there is none, the best of all."""
     label = method_label(result.method)
     means = {
@@ -153,14 +166,17 @@ def _best(result: Result, own: float, title: str, others: dict[_Row, float]) -> 
     best = min(alike or means, key=means.__getitem__)
     given = _kind(best.result)
     text = f"{best.name}: {title} {score_text(means[best])}"
-    if not alike:
-        return {"best row": f"{text}, but it was given {given}, and yours {_kind(result)}"}
-    return {"best row": f"{text}, given as much ({given}); {_beside(own, means[best])}"}
+    if alike:
+        text += f", given as much ({given}); {_beside(own, means[best])}"
+    else:
+        text += f", but it was given {given}, and yours {_kind(result)}"
+    facts = {"row": best.name, "given": given, "given_as_much": bool(alike)}
+    return {"best_row": facts | {metric: means[best], "text": text}}
 
 
 def _worst(
     result: Result, protocol: str, pairs: Sequence[PairResult], title: str
-) -> dict[str, str]:
+) -> dict[str, Line]:
     """Return where the mean is highest, by scene or an axis, and the worst pair."""
     groups: dict[str, list[float]] = {}
     for pair in pairs:
@@ -168,8 +184,10 @@ def _worst(
             groups.setdefault(f"{name} {value}", []).append(_of(pair, protocol) or 0.0)
     means = {place: mean_of(found) or 0.0 for place, found in groups.items() if len(found) > 1}
     last = ranked(result, protocol)[-1]
-    text = f"pair {last.id}, {title} {score_text(_of(last, protocol))}"
+    score = _of(last, protocol)
+    text = f"pair {last.id}, {title} {score_text(score)}"
     place = max(means, key=means.__getitem__, default="")
     if place and means[place] > _STANDS_OUT * (mean_of(_of(p, protocol) for p in pairs) or 0.0):
         text = f"{place}, {title} {score_text(means[place])} on average; {text}"
-    return {"worst": text} if len(pairs) > 1 else {}
+    line = {"pair": last.id, ranked_by(protocol)[0]: score, "text": text}
+    return {"worst": line} if len(pairs) > 1 else {}

@@ -11,21 +11,9 @@ from numpy.typing import NDArray
 from pydantic import FiniteFloat, ValidationError
 
 from dfdbench.errors import DfdbenchError, Problem, SourceError, reason_of
+from dfdbench.rig import sighting as sights
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, Floats
-from dfdbench.rig.sighting import (
-    AGREED,
-    SEARCH,
-    Fitted,
-    Sighting,
-    board_rays,
-    expected_sides,
-    find_sides,
-    fit_board,
-    near_outline,
-    turn_into_place,
-    under_pose,
-)
 from dfdbench.system.files import read_text, write_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
@@ -65,7 +53,9 @@ class Registration:
     boards: int
 
 
-def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: CaptureRig) -> Sighting:
+def sight(
+    image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: CaptureRig
+) -> sights.Sighting:
     """Find a board in a scan and its sides in a frame.
 
     Parameters
@@ -84,15 +74,15 @@ def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: CaptureRi
     SourceError
         If the LIDAR sees no board.
     """
-    rays = board_rays(ranges, beams)
+    rays = sights.board_rays(ranges, beams)
     places = rig.project(Pose().to_camera(rays.points, rig))
-    expected = expected_sides(places, rays.hit)
-    found = find_sides(image, expected, places[rays.hit].mean(axis=0))
-    return Sighting(rays, [lines for lines in found if lines])
+    expected = sights.expected_sides(places, rays.hit)
+    found = sights.find_sides(image, expected, places[rays.hit].mean(axis=0))
+    return sights.Sighting(rays, [lines for lines in found if lines])
 
 
 def register(
-    sightings: Mapping[str, Sighting],
+    sightings: Mapping[str, sights.Sighting],
     rig: CaptureRig,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
@@ -119,11 +109,11 @@ def register(
     problems : dict of str to tuple of Problem
         Of the others: sides that are not found, or that do not agree with the rays.
     """
-    fitted: dict[str, Fitted] = {}
+    fitted: dict[str, sights.Fitted] = {}
     problems: dict[str, tuple[Problem, ...]] = {}
     for number, (name, sighting) in enumerate(sightings.items(), start=1):
         try:
-            fitted[name] = fit_board(sighting, rig)
+            fitted[name] = sights.fit_board(sighting, rig)
         except DfdbenchError as error:
             problems[name] = error.problems
         if on_scene:
@@ -137,20 +127,22 @@ def register(
             one = fitted[name]
             found[name] = _registration(one, _known_to([one], rig), 1, rig)
         elif boards:
-            one = members.get(name) or under_pose(boards[0].pose, sighting, rig)
-            if name in members or not one.outline.size or one.agreement >= AGREED:
+            one = members.get(name) or sights.under_pose(boards[0].pose, sighting, rig)
+            if name in members or not one.outline.size or one.agreement >= sights.AGREED:
                 problems.pop(name, None)
                 found[name] = _registration(one, together, len(boards), rig)
     return found, problems
 
 
-def _registration(one: Fitted, known_to: float, boards: int, rig: CaptureRig) -> Registration:
+def _registration(
+    one: sights.Fitted, known_to: float, boards: int, rig: CaptureRig
+) -> Registration:
     matrix = one.sighting.rays.matrix(one.pose, rig)
     agreement = one.agreement if one.outline.size else None
     return Registration(matrix, one.pose, agreement, known_to, boards)
 
 
-def _of_one_rig(fitted: Mapping[str, Fitted], rig: CaptureRig) -> dict[str, Fitted]:
+def _of_one_rig(fitted: Mapping[str, sights.Fitted], rig: CaptureRig) -> dict[str, sights.Fitted]:
     """Return the boards that agree on one pose, under it; none if no two of several do."""
     poses = [astuple(board.pose) for board in fitted.values()]
     middle = np.median(poses or [astuple(Pose())], axis=0)
@@ -160,10 +152,10 @@ def _of_one_rig(fitted: Mapping[str, Fitted], rig: CaptureRig) -> dict[str, Fitt
         if _apart(board.pose, Pose(*middle), rig) < _known_to([board], rig) + _MOVED
     }
     while len(members) > 1:
-        pose = turn_into_place(list(members.values()), middle, SEARCH / 2, rig)
+        pose = sights.turn_into_place(list(members.values()), middle, sights.SEARCH / 2, rig)
         agreed = {}
         for name, board in members.items():
-            under = under_pose(pose, board.sighting, rig, board.outline)
+            under = sights.under_pose(pose, board.sighting, rig, board.outline)
             if under.agreement >= fitted[name].agreement - _GIVEN_UP:
                 agreed[name] = under
         same = all((members[name].outline == one.outline).all() for name, one in agreed.items())
@@ -180,12 +172,12 @@ def _apart(first: Pose, second: Pose, rig: CaptureRig) -> float:
     return float(np.deg2rad(turned))
 
 
-def _known_to(boards: Sequence[Fitted], rig: CaptureRig) -> float:
+def _known_to(boards: Sequence[sights.Fitted], rig: CaptureRig) -> float:
     """Return how far all boards can be moved and turned until more rays are wrong, in pixels."""
     wrong = np.zeros((len(_MOVES), _SLIDE.size))
     for board in boards:
         rays = board.sighting.rays
-        distance, near = near_outline(rays, board.outline, board.pose, rig)
+        distance, near = sights.near_outline(rays, board.outline, board.pose, rig)
         near &= np.abs(distance) <= _SLIDE[-1]
         places = rig.project(board.pose.to_camera(rays.points[near], rig))
         distances = places @ board.outline[:, :2].T + board.outline[:, 2]

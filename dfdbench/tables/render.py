@@ -72,13 +72,38 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         columns = tuple(dict.fromkeys(name for record in records for name in record))
         return as_csv(columns, [tuple(map(record.get, columns)) for record in records])
     if format is Format.json:
-        content = [
+        return as_json(tables)
+    write = as_latex if format is Format.latex else as_markdown
+    return "\n".join(write(table) for table in tables)
+
+
+def as_json(tables: Sequence[Table] = (), **facts: object) -> str:
+    """Return facts, and tables under the name ``tables``, as one JSON document.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+        Each becomes an object of its title, its rows as data, and its notes; may be empty.
+    **facts
+        By name. What JSON does not know, a path for example, becomes text, and a number that is not
+        finite null.
+
+    Examples
+    --------
+    >>> print(as_json(store="demo-1.zarr", sound=True), end="")
+    {
+     "store": "demo-1.zarr",
+     "sound": true
+    }
+    """
+    if tables:
+        facts["tables"] = [
             {"title": table.title, "rows": _records(table), "notes": table.notes}
             for table in tables
         ]
-        return json.dumps(content, indent=1, allow_nan=False) + "\n"
-    write = as_latex if format is Format.latex else as_markdown
-    return "\n".join(write(table) for table in tables)
+    text = json.dumps(facts, default=lambda one: one.item() if hasattr(one, "item") else str(one))
+    found = json.loads(text, parse_constant=lambda _: None)
+    return json.dumps(found, indent=1, allow_nan=False) + "\n"
 
 
 def _records(table: Table) -> list[Mapping[str, object]]:

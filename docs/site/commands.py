@@ -14,18 +14,7 @@ HEAD = """# Every command
 Written from the program itself when this site is built: `dfdbench COMMAND --help` says the same.
 `dfdbench --install-completion` teaches your shell the commands, data sets and methods.
 
-## Exit statuses
-
-Every command ends with one of these; scripts can rely on them.
-
-| status | means |
-|---:|:---|
-| 0 | done |
-| 1 | done, and something failed or was found: a pair, a verification, a test that is not fair |
-| 2 | not done: a mistake in what was asked, or something lacking; the message says what to do |
-| 130 | stopped by Ctrl-C; the same command goes on where it can |
-
-`--format json` gives tables as data: the commands below that have the option name it.
+`--format json`, and the statuses that commands end with: [scripts and agents](../scripts.md).
 
 ## The commands
 

@@ -5,16 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.audit.leaks import (
-    NEAR_DUPLICATE_BITS,
-    LeakKind,
-    find_leaks,
-    image_hash,
-    image_leaks,
-    manifest_leaks,
-    scene_hashes,
-    scenes_alike,
-)
+from dfdbench.audit import leaks as likeness
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -28,7 +19,7 @@ def photograph(seed: int) -> NDArray[np.uint8]:
 
 
 def distance(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
-    return int((image_hash(one) != image_hash(other)).sum())
+    return int((likeness.image_hash(one) != likeness.image_hash(other)).sum())
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -41,42 +32,44 @@ def test_one_image_in_another_guise_is_found_and_another_image_is_not(seed: int)
         "crop": image[2:-2, 2:-2],
     }
     for name, guise in guises.items():
-        assert distance(image, np.asarray(guise, np.uint8)) <= NEAR_DUPLICATE_BITS, name
+        assert distance(image, np.asarray(guise, np.uint8)) <= likeness.NEAR_DUPLICATE_BITS, name
     assert distance(image, photograph(seed + 100)) > 80
 
 
 def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
     realworld = find_manifest("realworld")
-    assert not manifest_leaks(
+    assert not likeness.manifest_leaks(
         realworld, realworld.scenes_of("train"), realworld, realworld.scenes_of("test")
     )
-    found = manifest_leaks(realworld, ("k00", "k05"), realworld, ("k01", "k05"))
+    found = likeness.manifest_leaks(realworld, ("k00", "k05"), realworld, ("k01", "k05"))
     assert [(leak.kind, leak.train, leak.test) for leak in found] == [
-        (LeakKind.scene, "k05", "k05"),
-        (LeakKind.texture, "k00", "k01"),
+        (likeness.LeakKind.scene, "k05", "k05"),
+        (likeness.LeakKind.texture, "k00", "k01"),
     ]
-    assert not manifest_leaks(realworld, ("k00",), find_manifest("demo"), ("k00",))
+    assert not likeness.manifest_leaks(realworld, ("k00",), find_manifest("demo"), ("k00",))
 
 
 def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
     whole, default = find_manifest("middlebury"), find_manifest("middlebury-default")
-    found = manifest_leaks(whole, ("Art", "Aloe"), default, ("Art", "Books"))
-    assert [(leak.kind, leak.test) for leak in found] == [(LeakKind.scene, "Art")]
+    found = likeness.manifest_leaks(whole, ("Art", "Aloe"), default, ("Art", "Books"))
+    assert [(leak.kind, leak.test) for leak in found] == [(likeness.LeakKind.scene, "Art")]
     # Scenes of one name that come from elsewhere are others.
     elsewhere = [
         source.model_copy(update={"url": "https://example.org"}) for source in whole.sources
     ]
     other = whole.model_copy(update={"sources": elsewhere})
-    assert not manifest_leaks(other, ("Art",), default, ("Art",))
+    assert not likeness.manifest_leaks(other, ("Art",), default, ("Art",))
 
 
 def test_the_demo_set_leaks_nothing(demo_store: Dataset) -> None:
     manifest = demo_store.manifest
-    train, test = (scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test"))
+    train, test = (
+        likeness.scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test")
+    )
     assert list(train["Attic"]) == ["Attic/view1", "Attic/view5"]
-    assert find_leaks(manifest, train, manifest, test) == []
-    both = find_leaks(manifest, train, manifest, {**test, "Barn": train["Barn"]})
-    assert [(leak.kind, leak.test) for leak in both] == [(LeakKind.scene, "Barn")]
+    assert likeness.find_leaks(manifest, train, manifest, test) == []
+    both = likeness.find_leaks(manifest, train, manifest, {**test, "Barn": train["Barn"]})
+    assert [(leak.kind, leak.test) for leak in both] == [(likeness.LeakKind.scene, "Barn")]
 
 
 @pytest.mark.slow
@@ -92,9 +85,9 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     darker = cv2.resize((copied * 0.6).astype(np.uint8), (32, 24))
     cv2.imwrite(str(tiny_folder / "Three/Illum1/Exp1/view1.png"), darker)
     store = store_of(tiny_manifest, tiny_folder, tmp_path / "s.zarr")
-    hashes = scene_hashes(store, tiny_manifest.scene_names)
-    leaks = image_leaks({"One": hashes["One"]}, {n: hashes[n] for n in ("Two", "Three")})
+    hashes = likeness.scene_hashes(store, tiny_manifest.scene_names)
+    leaks = likeness.image_leaks({"One": hashes["One"]}, {n: hashes[n] for n in ("Two", "Three")})
     assert [(leak.train, leak.test) for leak in leaks] == [("One/view1", "Three/view1")]
     assert "bits" in leaks[0].as_problem().what
-    assert scenes_alike(tiny_manifest, hashes) == [("One", "Three"), ("Two",)]
-    assert image_leaks({}, hashes) == []
+    assert likeness.scenes_alike(tiny_manifest, hashes) == [("One", "Three"), ("Two",)]
+    assert likeness.image_leaks({}, hashes) == []

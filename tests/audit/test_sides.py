@@ -93,17 +93,6 @@ def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
     assert histograms["Three"].unknown == int(2 * (~valid[0]).sum() + (~valid[1]).sum())
 
 
-def test_fewer_lightings_give_same_counts(
-    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path
-) -> None:
-    for image in tiny_folder.rglob("Exp0/view*.png"):
-        image.unlink()
-    fewer = store_of(TINY_TOML, tiny_folder, tmp_path / "fewer.zarr")
-    assert len(fewer.pairs("all")) < len(tiny_store.pairs("all"))
-    whole, part = sides.scene_histograms(tiny_store), sides.scene_histograms(fewer)
-    assert all((whole[name].counts == part[name].counts).all() for name in whole)
-
-
 def test_an_absent_depth_map_is_not_unknown_pixels(tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/disp5.png").unlink()
     found = sides.scene_histograms(store_of(TINY_TOML, tiny_folder, tmp_path / "s.zarr"))["Two"]

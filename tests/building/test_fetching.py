@@ -8,26 +8,15 @@ import pytest
 import trustme
 
 from dfdbench.building import fetching
-from dfdbench.building.fetching import (
-    Fate,
-    Fetcher,
-    Patience,
-    Progress,
-    WantedFile,
-    archive_members,
-    check_checksum,
-    read_member,
-    sha256,
-)
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from tests.site import Site, served
 
-QUICK = Patience(tries=2, pause=0.01, silence=0.5)
+QUICK = fetching.Patience(tries=2, pause=0.01, silence=0.5)
 FILES = {f"Art/{number}": bytes([number]) * 5000 for number in range(8)}
 CONTENT = bytes(range(256)) * 4000
-PATIENT = Patience(tries=4, pause=0.01, silence=0.5)
-KNOWN = {name: sha256(content) for name, content in FILES.items()}
+PATIENT = fetching.Patience(tries=4, pause=0.01, silence=0.5)
+KNOWN = {name: fetching.sha256(content) for name, content in FILES.items()}
 
 
 @pytest.fixture
@@ -41,21 +30,21 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 def fetch(
-    wanted: list[WantedFile],
+    wanted: list[fetching.WantedFile],
     folder: Path,
-    on_progress: Progress | None = None,
-    patience: Patience | None = None,
+    on_progress: fetching.Progress | None = None,
+    patience: fetching.Patience | None = None,
     offline: bool = False,
-) -> list[Fate]:
-    return Fetcher(folder, on_progress, patience, offline).bring(wanted)
+) -> list[fetching.Fate]:
+    return fetching.Fetcher(folder, on_progress, patience, offline).bring(wanted)
 
 
-def wanted(*addresses: str) -> list[WantedFile]:
+def wanted(*addresses: str) -> list[fetching.WantedFile]:
     def check(name: str, path: Path, where: str) -> None:
-        check_checksum(name, path.read_bytes(), KNOWN, where)
+        fetching.check_checksum(name, path.read_bytes(), KNOWN, where)
 
     return [
-        WantedFile(
+        fetching.WantedFile(
             name,
             tuple(f"{address}/{name}" for address in addresses),
             lambda path, where, name=name: check(name, path, where),  # type: ignore[misc]
@@ -64,7 +53,7 @@ def wanted(*addresses: str) -> list[WantedFile]:
     ]
 
 
-def kinds(fates: list[Fate]) -> dict[str, str]:
+def kinds(fates: list[fetching.Fate]) -> dict[str, str]:
     return {fate.name: fate.kind for fate in fates}
 
 
@@ -137,8 +126,10 @@ def test_a_server_that_is_gone_costs_no_hours(tmp_path: Path) -> None:
     assert any("given up" in str(fate.problems[0]) for fate in fates)
 
 
-def fetched(address: str, folder: Path, patience: Patience = PATIENT) -> Fate:
-    (fate,) = fetch([WantedFile("file", (address,), lambda *_: None)], folder, None, patience)
+def fetched(address: str, folder: Path, patience: fetching.Patience = PATIENT) -> fetching.Fate:
+    (fate,) = fetch(
+        [fetching.WantedFile("file", (address,), lambda *_: None)], folder, None, patience
+    )
     return fate
 
 
@@ -204,15 +195,15 @@ def made(path: Path, *names: str | zipfile.ZipInfo, content: bytes = b"content")
 
 def test_members_and_their_content(tmp_path: Path) -> None:
     path = made(tmp_path / "Art-2views.zip", "Art/", "Art/view1.png", "Art/disp1.png")
-    assert archive_members(path) == ("Art/view1.png", "Art/disp1.png")
-    assert read_member(path, "Art/view1.png") == b"content"
+    assert fetching.archive_members(path) == ("Art/view1.png", "Art/disp1.png")
+    assert fetching.read_member(path, "Art/view1.png") == b"content"
 
 
 def test_a_file_too_large_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = made(tmp_path / "a.zip", "a", content=bytes(1000))
     monkeypatch.setattr(fetching, "_LARGEST", 999)
     with pytest.raises(SourceError, match="1000 bytes"):
-        read_member(path, "a")
+        fetching.read_member(path, "a")
 
 
 def test_a_bomb_that_lies_about_its_size_is_stopped(tmp_path: Path) -> None:
@@ -223,16 +214,16 @@ def test_a_bomb_that_lies_about_its_size_is_stopped(tmp_path: Path) -> None:
     for place in (directory + 24, 22):
         content[place : place + 4] = struct.pack("<I", 10)
     path.write_bytes(bytes(content))
-    assert archive_members(path) == ("a",)
+    assert fetching.archive_members(path) == ("a",)
     with pytest.raises(SourceError, match="damaged"):
-        read_member(path, "a")
+        fetching.read_member(path, "a")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"<html>"])
 def test_what_is_no_archive(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.zip").write_bytes(content)
     with pytest.raises(SourceError, match="not a zip archive"):
-        archive_members(tmp_path / "a.zip")
+        fetching.archive_members(tmp_path / "a.zip")
 
 
 def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
@@ -241,7 +232,7 @@ def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
         file.writestr(info, b"content", zipfile.ZIP_LZMA)
     with pytest.raises(SourceError, match="method 14"):
-        read_member(tmp_path / "a.zip", "Art/view1.png")
+        fetching.read_member(tmp_path / "a.zip", "Art/view1.png")
 
 
 def test_every_bad_line_is_named() -> None:

@@ -1,10 +1,15 @@
+import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.cli.command import Command
-from tests.conftest import TINY_TOML
+from tests.cli.test_optics import BLUR
+from tests.conftest import TINY_TOML, write_png
+from tests.fuzz.arguments import of_type, verbs
+from tests.made_folder import make_folder
 from tests.process import shell
 
 
@@ -39,6 +44,53 @@ def test_a_mistake_ends_with_a_message_and_status_2(
 ) -> None:
     Path("tiny-1.toml").write_text(TINY_TOML)
     assert dfdbench.refused(told, words).err.startswith("error: ")
+
+
+def test_every_verb_prints_json() -> None:
+    groups = {"audit", "rig", "rig optics", "rig simulate", "thesis", "thesis search"}
+    without = {
+        name
+        for name, verb in verbs().items()
+        if not any(
+            p.name == "format" and "json" in of_type(p.type_descriptor.annotation)
+            for p in verb.params
+        )
+    }
+    assert without == groups
+
+
+@pytest.mark.usefixtures("demo_built")
+def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_path: Path) -> None:
+    make_folder(tmp_path / "mine")
+    write_png(tmp_path / "a.png", np.full((40, 60, 3), 90, np.uint8))
+    a = tmp_path / "a.png"
+    for words, status, name, told in (
+        ("list", 0, "tables", ...),
+        ("info middlebury --pairs Art", 0, "pairs", ...),
+        ("info middlebury", 0, "manifest", ...),
+        ("info demo", 0, "store", ...),
+        ("verify demo", 0, "sound", True),
+        ("cache", 0, "folder", ...),
+        ("cache clear downloads", 0, "removed", []),
+        (f"new-dataset {tmp_path / 'mine'}", 0, "manifest", "mine-1.toml"),
+        (f"build mine-1.toml --source {tmp_path / 'mine'} --store s.zarr", 0, "pairs", 4),
+        ("export s.zarr --png png", 0, "pairs", 4),
+        (f"predict {a} {a} --method mymodule:predict --no-align --out d.npy", 0, "depth", "d.npy"),
+        ("check-method mymodule:nan", 1, "failed", 10),
+        ("run --method mymodule:nan --dataset s.zarr --out nan", 1, "failed", 1),
+        ("run --method constant --dataset demo --out run", 0, "folder", "run"),
+        ("report run", 0, "tables", ...),
+        ("report run --out t.json", 0, "file", "t.json"),
+        (f"{BLUR} --pixel 4.8um", 0, "figure", "blur.png"),
+        ("rig optics pairs", 0, "figure", "pairs.png"),
+    ):
+        done = dfdbench(f"{words} --format json")
+        assert done.status == status, done.err
+        found = json.loads(done.out)[name]
+        assert told is ... or found == told, (words, found)
+    assert json.loads(Path("t.json").read_text())["tables"][0]["rows"][0]["method"] == "constant"
+    refused = dfdbench.refused("did you mean middlebury", "info midlebury --format json")
+    assert refused.out == ""
 
 
 def test_a_closed_pipe_is_no_mistake() -> None:

@@ -34,14 +34,14 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     assert (built.status, "1 pair of 1 scene" in built.out) == (0, True), built.err
     dfdbench.refused("--store PATH", "build realworld --source raw --pair 129,141")
 
-    run = "run --method mymodule:predict --dataset realworld --split test-pruned"
+    run = "run --method mymodule:predict --dataset realworld --split test-pruned --tables"
     ran = dfdbench.fine(run)
     parts = ("exposure_ms", "geometry", "texture")
     figures = Path("results/realworld-1-test-pruned/mymodule-predict/figures")
     assert {f"by_{what}.png" for what in parts} < {path.name for path in figures.iterdir()}
     dfdbench.fine("report", str(figures.parent), "--out", "page", "--format", "markdown")
     assert {f"1-by-{what}.png" for what in parts} < {path.name for path in Path("page").iterdir()}
-    assert "by texture, protocol thesis" in Path("page/report.md").read_text()
+    assert "by texture, protocol valid" in Path("page/report.md").read_text()
     run += " --no-predictions"
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])

@@ -26,7 +26,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
         run = ("run", "--dataset", "demo", "--split", "Market", "--limit", "2")
         dfdbench(*run, "--method", "local", "--param", name, "--out", name)
     compared = dfdbench.fine("compare window=5 window=9/result.json --format json")
-    assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
+    assert json.loads(compared.out)["tables"][0]["rows"][0]["pairs"] == "all"
     place = "results/compare-demo-1-Market-local-window=5-vs-local-window=9.png"
     assert f"figure       {place}" in compared.err
     assert np.asarray(cv2.imread(place)).shape[1] == 1800
@@ -83,8 +83,13 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert [row["protocol"] for row in rows] == ["valid", "thesis", "thesis-networks-2"]
     assert "1 row valid" in dfdbench("leaderboard --check").out
     assert "\\toprule" in dfdbench("leaderboard --format latex").out
-    assert json.loads(dfdbench("leaderboard --format json").out)[0]["rows"][0]["rank"] == 1
+    assert (
+        json.loads(dfdbench("leaderboard --format json").out)["tables"][0]["rows"][0]["rank"] == 1
+    )
     assert "constant" in dfdbench("leaderboard").out
+    again = dfdbench.fine("leaderboard verify", path, "--pairs", "2", "--format", "json")
+    (row,) = json.loads(again.out)["rows"]
+    assert (row["verified"], len(row["pairs"]), row["drawn_from"]) == (True, 2, 54)
 
 
 @pytest.mark.usefixtures("demo_built")

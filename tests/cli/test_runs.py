@@ -30,7 +30,16 @@ def test_the_whole_way(
         assert "figures " not in shown.err
         assert "7 pairs taken over" in shown.err
         if form == "json":
-            assert json.loads(shown.out)[0]["rows"][0]["protocol"] == "valid"
+            told = json.loads(shown.out)
+            assert told["tables"][0]["rows"][0]["protocol"] == "valid"
+            assert told["folder"] == str(folder)
+            verdict = told["verdict"]
+            assert [f"{key:<12} {line['text']}" for key, line in verdict.items()] == (
+                shown.err.splitlines()[-4:-1]
+            )
+            means = (load_result(folder / "result.json").averages or {})["valid"]
+            assert {name: verdict["score"][name] for name in means} == means
+            assert 0 < verdict["constant"]["nrmse"] < verdict["worst"]["nrmse"]
     plain = dfdbench.fine("run --method constant --dataset", store, "--limit", "1", "--no-figures")
     kept = sorted(path.name for path in Path("results/tiny-test/constant").iterdir())
     assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt tables.md"
@@ -84,7 +93,7 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
     words = ("tracks", "--method", "constant", "--split", "Market", "--track", "gain")
     first = dfdbench.fine(*words, "--format", "json")
-    (row,) = json.loads(first.out)[0]["rows"]
+    (row,) = json.loads(first.out)["tables"][0]["rows"]
     # A constant looks at no image: no track can change its score.
     assert row["nrmse clean"] == row["nrmse 1"] == row["nrmse 3"] > 0
     folder = Path("results/demo-1-tracks-Market/constant")

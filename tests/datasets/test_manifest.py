@@ -1,5 +1,4 @@
 import hashlib
-from collections import Counter
 from importlib import resources
 from pathlib import Path
 
@@ -47,21 +46,6 @@ def test_the_file_is_named_by_name_and_version() -> None:
         if not seeded(manifest.name):
             assert manifest.sha256 == RELEASED[manifest.stem]
         assert manifest.recipe is None or manifest.recipe in RECIPES
-
-
-def test_scenes_of_one_family_or_room_are_one_group() -> None:
-    def sizes(name: str, split: str) -> Counter[str]:
-        manifest = find_manifest(name)
-        return Counter(manifest.groups.get(scene, scene) for scene in manifest.scenes_of(split))
-
-    for name in ("middlebury", "middlebury-default"):
-        families = sizes(name, "all")
-        assert len(families) == 17
-        assert (families["Cloth"], families["Baby"], families["Flowerpots"]) == (4, 3, 1)
-    assert sizes("dfd-indoor", "test") == {"lifts": 1, "lab": 13, "copies": 4, "workshop": 11}
-    assert len(sizes("dfd-indoor", "train")) == 9
-    for name in ("demo", "realworld", "realworld-sim", "unseen"):
-        assert not find_manifest(name).groups
 
 
 def test_only_simulated_captures_are_marked_so() -> None:

@@ -112,10 +112,11 @@ def _values(parameter: Any, random: Random) -> list[str]:
     if parameter.name in _SOUND:
         chosen: Any = random.choice(_SOUND[parameter.name])
         return [chosen] if isinstance(chosen, str) else list(chosen)
-    return [random.choice(_of_type(parameter.type_descriptor.annotation)) for _ in range(count)]
+    return [random.choice(of_type(parameter.type_descriptor.annotation)) for _ in range(count)]
 
 
-def _of_type(annotation: Any) -> tuple[str, ...]:
+def of_type(annotation: Any) -> tuple[str, ...]:
+    """Return the values that an option of a type takes, or some of them."""
     if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
         return tuple(str(each.value) for each in annotation)
     if typing.get_origin(annotation) is typing.Literal:

@@ -108,6 +108,23 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
+@pytest.mark.parametrize("rows", [slice(None), slice(0, 1), slice(4, 9)])
+@pytest.mark.parametrize("columns", [slice(None), slice(10, 11), slice(3, 40)])
+def test_a_part_has_the_costs_it_has_in_the_whole(
+    rng: np.random.Generator, rows: slice, columns: slice
+) -> None:
+    infocus, defocus = rng.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8)
+    whole, _ = data_cost(infocus, defocus, SIGMAS)
+    part, offset = data_cost(infocus, defocus, SIGMAS, rows=rows, columns=columns)
+    assert np.array_equal(part, whole[rows, columns])
+    by_pixel = [
+        data_cost(infocus, defocus, SIGMAS, rows=slice(y, y + 1), columns=slice(x, x + 1))[1]
+        for y in range(9)[rows]
+        for x in range(11)[columns]
+    ]
+    assert offset == sum(by_pixel)
+
+
 def test_memory_can_be_given() -> None:
     random = np.random.default_rng(1)
     images = random.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8)

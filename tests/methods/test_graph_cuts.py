@@ -41,6 +41,20 @@ def test_it_finds_a_step_and_says_its_energy(pair: tuple[Image, Image, Image]) -
 
 
 @pytest.mark.parametrize(
+    "parameters", [{}, {"smoothness": "adaptive-potts"}, {"solver": "expansion", "labels": 32}]
+)
+def test_costs_beyond_its_memory_give_the_same_map(
+    pair: tuple[Image, Image, Image], parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    infocus, defocus, _ = pair
+    whole, parts = GraphCuts(**parameters), GraphCuts(**parameters)
+    expected = whole(infocus, defocus)
+    monkeypatch.setattr("dfdbench.methods.mrf.MOST_HELD", 0)
+    assert np.array_equal(parts(infocus, defocus), expected)
+    assert parts.numbers == whole.numbers
+
+
+@pytest.mark.parametrize(
     ("smoothness", "solver"), list(itertools.product(SMOOTHNESS, ("split", "expansion")))
 )
 def test_every_smoothness_and_solver_lowers_the_error_of_local(

@@ -39,6 +39,22 @@ def test_other_errors_than_rounding_soften_it() -> None:
     assert np.abs(found - depth).mean() < 15
 
 
+@pytest.mark.parametrize("noise", [0, 2])
+def test_costs_beyond_its_memory_give_the_same_map(
+    noise: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(8)
+    infocus = random.integers(0, 256, (41, 60, 3)).astype(np.uint8)
+    depth = np.full((41, 60), 120, np.uint8)
+    depth[:20, 10:45] = 190
+    defocus = synthesize(infocus, depth, RECIPES["published"])
+    defocus = np.clip(defocus + random.integers(-noise, noise + 1, defocus.shape), 0, 255)
+    expected = RoundedGraphCuts()(infocus, defocus.astype(np.uint8))
+    monkeypatch.setattr("dfdbench.methods.mrf.MOST_HELD", 0)
+    found = RoundedGraphCuts()(infocus, defocus.astype(np.uint8))
+    assert np.array_equal(found, expected)
+
+
 @pytest.mark.parametrize("truncation", [1, 8, 4095])
 def test_what_rounding_rules_out_is_never_taken(truncation: int) -> None:
     infocus = np.random.default_rng(6).integers(0, 256, (30, 40, 3)).astype(np.uint8)

@@ -7,20 +7,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dfdbench.errors import SourceError
+from dfdbench.rig import sighting as sights
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import read_beams
-from dfdbench.rig.sighting import (
-    AGREED,
-    Fitted,
-    Rays,
-    Sighting,
-    board_rays,
-    find_sides,
-    fit_board,
-    near_outline,
-    turn_into_place,
-    under_pose,
-)
 from dfdbench.simulation.board_scene import SimulatedScene
 
 RIG = CaptureRig()
@@ -37,7 +26,7 @@ SIDES = [
 TEXTURE = np.array([1.0, 0.0, -(LEFT + 60)])
 
 
-def rays(pose: Pose = TRUE) -> Rays:
+def rays(pose: Pose = TRUE) -> sights.Rays:
     random = np.random.default_rng(5)
     across, down = random.uniform(-2 * HALF, 2 * HALF, (2, 60, 80))
     there = np.stack([across, down, np.full_like(across, DISTANCE)], axis=-1)
@@ -45,12 +34,14 @@ def rays(pose: Pose = TRUE) -> Rays:
     turn = Rotation.from_euler("yxz", [pose.yaw, pose.pitch, pose.roll], degrees=True)
     below = there + np.array([0.0, RIG.baseline, 0.0])
     points = turn.inv().apply(below.reshape(-1, 3)).reshape(there.shape)
-    return Rays(points, hit, ~hit)
+    return sights.Rays(points, hit, ~hit)
 
 
-def sighting(*alternatives: NDArray[np.float64], sides: int = 4) -> Sighting:
+def sighting(*alternatives: NDArray[np.float64], sides: int = 4) -> sights.Sighting:
     """What was seen; the first side may have more lines, clearer than its own."""
-    return Sighting(rays(), [[*alternatives, SIDES[0]], *([line] for line in SIDES[1:sides])])
+    return sights.Sighting(
+        rays(), [[*alternatives, SIDES[0]], *([line] for line in SIDES[1:sides])]
+    )
 
 
 def off(pose: Pose) -> float:
@@ -62,47 +53,47 @@ def off(pose: Pose) -> float:
 
 def test_the_board_tells_how_the_lidar_is_turned() -> None:
     assert off(Pose()) > 20
-    found = fit_board(sighting(), RIG)
+    found = sights.fit_board(sighting(), RIG)
     assert off(found.pose) < 2
-    assert found.agreement > AGREED
+    assert found.agreement > sights.AGREED
 
 
 def test_a_line_of_the_texture_is_not_taken_for_a_side() -> None:
-    found = fit_board(sighting(TEXTURE), RIG)
+    found = sights.fit_board(sighting(TEXTURE), RIG)
     assert found.outline == pytest.approx(np.array(SIDES))
     assert off(found.pose) < 2
 
 
 def test_too_few_sides_and_sides_that_disagree_are_refused() -> None:
     with pytest.raises(SourceError, match="only 2 of the board's sides"):
-        fit_board(sighting(sides=2), RIG)
+        sights.fit_board(sighting(sides=2), RIG)
     far = np.array([1.0, 0.0, -(LEFT + 150)])
-    disagreeing = Sighting(rays(), [[far], *([line] for line in SIDES[1:])])
+    disagreeing = sights.Sighting(rays(), [[far], *([line] for line in SIDES[1:])])
     with pytest.raises(SourceError, match="rays agree with the board"):
-        fit_board(disagreeing, RIG)
+        sights.fit_board(disagreeing, RIG)
 
 
 def test_under_a_known_pose_the_lines_that_agree_are_taken() -> None:
-    found = under_pose(TRUE, sighting(TEXTURE), RIG)
+    found = sights.under_pose(TRUE, sighting(TEXTURE), RIG)
     assert found.pose == TRUE
     assert found.outline == pytest.approx(np.array(SIDES))
     assert found.agreement == 1
     # An outline that agrees is kept, though it is none of the lines.
     mine = np.array(SIDES) * np.array([1, 1, 1.0001])
-    assert under_pose(TRUE, sighting(TEXTURE), RIG, mine).outline == pytest.approx(mine)
-    unseen = under_pose(TRUE, sighting(sides=2), RIG)
+    assert sights.under_pose(TRUE, sighting(TEXTURE), RIG, mine).outline == pytest.approx(mine)
+    unseen = sights.under_pose(TRUE, sighting(sides=2), RIG)
     assert (unseen.agreement, unseen.outline.shape) == (0, (0, 3))
 
 
 def test_several_boards_turn_it_together() -> None:
-    boards = [Fitted(sighting(), np.array(SIDES), Pose(), 0.0)] * 2
-    pose = turn_into_place(boards, np.zeros(3), 200, RIG)
+    boards = [sights.Fitted(sighting(), np.array(SIDES), Pose(), 0.0)] * 2
+    pose = sights.turn_into_place(boards, np.zeros(3), 200, RIG)
     assert off(pose) < 2
 
 
 def test_rays_are_within_the_outline_where_they_hit() -> None:
     seen = rays()
-    within, near = near_outline(seen, np.array(SIDES), TRUE, RIG)
+    within, near = sights.near_outline(seen, np.array(SIDES), TRUE, RIG)
     assert ((within > 0) == seen.hit).all()
     assert near.any()
     assert not near.all()
@@ -110,7 +101,7 @@ def test_rays_are_within_the_outline_where_they_hit() -> None:
 
 def test_rays_are_parted_where_the_board_ends() -> None:
     scene = SimulatedScene(3, pose=Pose())
-    rays = board_rays(scene.scan(read_beams(), 0).astype(float), read_beams())
+    rays = sights.board_rays(scene.scan(read_beams(), 0).astype(float), read_beams())
     assert not (rays.hit & rays.passed).any()
     places = rays.points - np.array([0, RIG.baseline, 0])
     # The plane is found to a millimetre, so the board's edge is where it is to less than two.
@@ -124,7 +115,7 @@ def test_rays_are_parted_where_the_board_ends() -> None:
 
 def test_a_scan_without_a_board_is_refused() -> None:
     with pytest.raises(SourceError, match="sees no board"):
-        board_rays(np.full((64, 2048), 5000.0), read_beams())
+        sights.board_rays(np.full((64, 2048), 5000.0), read_beams())
 
 
 CORNERS = np.array([[60.0, 50], [340, 70], [330, 300], [70, 310]])
@@ -151,7 +142,7 @@ def distance_to(line: np.ndarray, side: int) -> float:
 @pytest.mark.parametrize("shift", [0.0, 25.0, -40.0])
 def test_the_sides_of_a_textured_board_are_found_from_afar(shift: float) -> None:
     texture = np.random.default_rng(0).integers(90, 230, (360, 400))
-    found = find_sides(pictured(texture), expected(shift), MIDDLE + shift)
+    found = sights.find_sides(pictured(texture), expected(shift), MIDDLE + shift)
     for side, lines in enumerate(found):
         assert distance_to(lines[0], side) < 1.5
         # Distances grow inwards.
@@ -161,11 +152,11 @@ def test_the_sides_of_a_textured_board_are_found_from_afar(shift: float) -> None
 def test_where_a_line_of_the_texture_is_clearer_the_side_is_among_the_candidates() -> None:
     texture = np.full((360, 400), 44)
     texture[:, 100:] = 200
-    found = find_sides(pictured(texture), expected(0.0), MIDDLE)
+    found = sights.find_sides(pictured(texture), expected(0.0), MIDDLE)
     assert distance_to(found[3][0], 3) > 20
     assert min(distance_to(line, 3) for line in found[3]) < 2
 
 
 def test_a_plain_image_has_no_sides() -> None:
     plain = np.full((360, 400, 3), 80, np.uint8)
-    assert find_sides(plain, expected(0.0), MIDDLE) == [[]] * 4
+    assert sights.find_sides(plain, expected(0.0), MIDDLE) == [[]] * 4

@@ -33,7 +33,10 @@ def test_every_form_comes_from_one_place() -> None:
     rows = list(csv.DictReader(io.StringIO(render.render([TABLE], Format.csv))))
     assert rows[0] == {"method": "a_b", "nrmse": "0.123456789"}
     assert rows[1]["nrmse"] == ""
-    assert json.loads(render.render([TABLE], Format.json))[0]["rows"][0]["nrmse"] == 0.123456789
+    assert (
+        json.loads(render.render([TABLE], Format.json))["tables"][0]["rows"][0]["nrmse"]
+        == 0.123456789
+    )
 
 
 def test_tables_with_other_columns_share_one_csv_heading() -> None:
@@ -123,7 +126,7 @@ def test_what_cannot_be_seen_is_spelt_out_in_every_form(format: Format) -> None:
     shown = render.render([table], format)
     assert all(letter.isprintable() or letter == "\n" for letter in shown)
     if format is Format.json:
-        assert json.loads(shown)[0]["rows"] == [{text: text}]
+        assert json.loads(shown)["tables"][0]["rows"] == [{text: text}]
 
 
 def test_a_spreadsheet_takes_no_text_for_a_formula() -> None:

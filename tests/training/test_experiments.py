@@ -101,20 +101,6 @@ def test_the_table_has_the_statistics_of_table_5_6() -> None:
     assert single.rows[0][3:] == ("0.1000", "0.0500", "0.9000")
 
 
-def test_the_table_of_a_protocol_has_its_scores_alone() -> None:
-    networks = {"nrmse": 0.05, "nmae": 0.02, "ssim": 0.9}
-    cards = [
-        ("K1", card(scores={"nrmse": 0.1}, further_scores={"thesis-networks-2": networks})),
-        ("K2", card(scores={"nrmse": 0.2})),
-    ]
-    folds = find_experiment("cross-validation")
-    table = experiment_table(folds, cards, "thesis-networks-2")
-    assert [row[3:] for row in table.rows] == [("0.0500", "0.0200", "0.9000"), ("–", "–", "–")]
-    assert table.notes[0].endswith("protocol thesis-networks-2")
-    assert {record["protocol"] for record in table.records} == {"thesis-networks-2"}
-    assert experiment_table(folds, cards).rows[1][3] == "0.2000"
-
-
 def test_both_expansions_get_as_many_examples_a_step(tiny_store: Dataset, tmp_path: Path) -> None:
     changes = {**QUICK, "crops_per_step": 3}
     asked = find_experiment("expansion")

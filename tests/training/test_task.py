@@ -16,33 +16,28 @@ from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import build_network
 from dfdbench.metrics.protocol import PROTOCOLS, score
+from dfdbench.training import task as tasks
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.task import (
-    Task,
-    evenly_spaced,
-    mean_scores,
-    require_trainable,
-    same_threads,
-    task_of,
-)
 from tests.methods.made_weights import save_small
 from tests.methods.networks.test_architectures import SMALL
 
 
 def test_folds_and_splits_say_what_they_trained_on(tiny_store: Dataset) -> None:
     choices = TrainingConfiguration()
-    fold = task_of("dfd-net", tiny_store, choices, fold="K2")
+    fold = tasks.task_of("dfd-net", tiny_store, choices, fold="K2")
     assert {pair.scene for pair in fold.train} == {"One", "Two"}
     assert {pair.scene for pair in fold.test} == {"Three"}
     assert (fold.trained_on, fold.tested_on) == ("tiny-1, all but K2", "K2")
-    split = task_of("dfd-net", tiny_store, choices, split="test")
+    split = tasks.task_of("dfd-net", tiny_store, choices, split="test")
     assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
     with pytest.raises(UnknownNameError):
-        task_of("dfd-net", tiny_store, choices, split="trian")
+        tasks.task_of("dfd-net", tiny_store, choices, split="trian")
 
 
-def task(store: Dataset, **changes: Any) -> Task:
-    return task_of("dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes))
+def task(store: Dataset, **changes: Any) -> tasks.Task:
+    return tasks.task_of(
+        "dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes)
+    )
 
 
 def test_another_seed_or_start_is_another_training(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -53,7 +48,7 @@ def test_another_seed_or_start_is_another_training(tiny_store: Dataset, tmp_path
         replace(first, seed=1),
         replace(first, method="u-net"),
         replace(first, start=start),
-        task_of("dfd-net", tiny_store, first.configuration, "test"),
+        tasks.task_of("dfd-net", tiny_store, first.configuration, "test"),
         task(tiny_store, noise=2.0),
     ]
     identities = [str(other.identity) for other in (first, *others)]
@@ -66,7 +61,7 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
     tiny_store.scenes = ("Two",)
     with pytest.raises(StoreError, match="no pair to train on, of tiny-1, split train"):
         task(tiny_store)
-    assert len(task_of("dfd-net", tiny_store, TrainingConfiguration(), "test").train) == 4
+    assert len(tasks.task_of("dfd-net", tiny_store, TrainingConfiguration(), "test").train) == 4
 
 
 @pytest.mark.parametrize(
@@ -82,7 +77,7 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
 )
 def test_unfit_choices_are_told(tiny_store: Dataset, changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        require_trainable(task(tiny_store, **changes))
+        tasks.require_trainable(task(tiny_store, **changes))
 
 
 def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
@@ -99,7 +94,7 @@ CPU = torch.device("cpu")
 @given(count=st.integers(1, 40), pairs=st.integers(1, 30))
 def test_some_of_the_pairs_are_spread_over_all(count: int, pairs: int) -> None:
     every = [Pair("Art", (("view", number),)) for number in range(pairs)]
-    chosen = [every.index(pair) for pair in evenly_spaced(every, count)]
+    chosen = [every.index(pair) for pair in tasks.evenly_spaced(every, count)]
     assert len(set(chosen)) == len(chosen) == min(count, pairs)
     steps = np.diff([*chosen, pairs])
     assert chosen[0] == 0
@@ -111,7 +106,7 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
     network = build_network("dfd-net", {"filters": list(SMALL)}).train()
     before = copy.deepcopy(network.state_dict())
     pairs = tiny_store.pairs("test")[:2]
-    found = mean_scores(network, tiny_store, pairs, CPU)
+    found = tasks.mean_scores(network, tiny_store, pairs, CPU)
     predict = Predictor(copy.deepcopy(network).eval(), CPU)
     scores: dict[str, list[dict[str, float]]] = {"thesis": [], "thesis-networks-2": []}
     for pair in pairs:
@@ -132,11 +127,11 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
 
 def test_threads_are_as_many_afterwards_whatever_happens() -> None:
     before = torch.get_num_threads()
-    with same_threads():
+    with tasks.same_threads():
         torch.set_num_threads(before + 1)
     assert torch.get_num_threads() == before
 
-    @same_threads()
+    @tasks.same_threads()
     def fail() -> None:
         torch.set_num_threads(before + 1)
         raise ValueError("wrong")

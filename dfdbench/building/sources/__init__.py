@@ -17,8 +17,8 @@ ENTRY_POINT_GROUP = "dfdbench.sources"
 #: Where a reader is defined. One is imported to be used: all together need a second for that.
 _MADE: Mapping[str, str] = {
     "demo": "demo:DemoScenes",
-    "realworld-sim": "simulated:SimulatedRig",
-    "unseen": "simulated:Rooms",
+    "realworld-sim": "simulated_rig:SimulatedRig",
+    "unseen": "rendered_rooms:Rooms",
 }
 _READ = {
     FOLDER: "folder:FolderScenes",

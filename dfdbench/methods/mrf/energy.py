@@ -6,7 +6,8 @@
 This is the thesis's Eq. 4.2 with integer terms (Boykov, Veksler and Zabih, PAMI 2001).
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -134,13 +135,88 @@ def _table(costs: NDArray[Any], cap: int, scale: int) -> NDArray[np.int32]:
     return table.astype(np.int32)
 
 
+#: Costs that take more memory are worked out in `Parts`, if a method can, in some times the time.
+MOST_HELD = 400_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Costs that are worked out anew whenever they are looked at, and never held whole.
+
+    Parameters
+    ----------
+    of : callable
+        ``of(rows=..., columns=...)`` gives the costs of a part of the grid, (y, x, label) uint16,
+        and the sum of what was subtracted from them.
+    shape : tuple of int
+        Of all costs, (y, x, label).
+    most : int
+        What no label costs more than.
+    most_bytes : int
+        What a band of rows or columns takes at most, if it has more than two of them.
+
+    Examples
+    --------
+    >>> costs = np.array([[[0, 4], [7, 0]], [[1, 3], [0, 2]], [[5, 0], [0, 1]]], np.uint16)
+    >>> parts = Parts(lambda rows, columns: (costs[rows, columns], 0), costs.shape, 7, 1)
+    >>> [(rows, part.shape) for rows, part in bands_of(parts)]
+    [(slice(0, 2, None), (2, 2, 2)), (slice(2, 3, None), (1, 2, 2))]
+    """
+
+    of: Callable[..., tuple[NDArray[np.uint16], int]]
+    shape: tuple[int, ...]
+    most: int
+    most_bytes: int = 32_000_000
+    dtype = np.dtype(np.uint16)
+
+    def max(self) -> int:
+        """Return what no label costs more than."""
+        return self.most
+
+    def offset(self) -> int:
+        """Return the sum of what was subtracted from all costs."""
+        return sum(offset for _, (_, offset) in self._bands(columns=False))
+
+    def bands(self, columns: bool = False) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
+        """Yield bands of rows, or of columns, and their costs; an even number but for the last."""
+        for band, (costs, _) in self._bands(columns):
+            yield band, costs
+
+    def _bands(self, columns: bool) -> Iterator[tuple[slice, tuple[NDArray[np.uint16], int]]]:
+        count, others = self.shape[columns], self.shape[not columns]
+        lines = max(self.most_bytes // (2 * others * self.shape[2]) // 2, 1) * 2
+        whole = slice(None)
+        for first in range(0, count, lines):
+            band = slice(first, min(first + lines, count))
+            rows, across = (whole, band) if columns else (band, whole)
+            yield band, self.of(rows=rows, columns=across)
+
+
+def bands_of(
+    unary: NDArray[Any] | Parts, columns: bool = False
+) -> Iterator[tuple[slice, NDArray[Any]]]:
+    """Yield bands of rows or columns and their costs: of an array, all of it at once."""
+    if isinstance(unary, Parts):
+        yield from unary.bands(columns)
+    else:
+        yield slice(0, unary.shape[columns]), unary
+
+
+def costs_at(unary: NDArray[Any] | Parts, labels: NDArray[Any]) -> NDArray[Any]:
+    """Return what its label costs each pixel, (y, x)."""
+    costs = np.empty(labels.shape, unary.dtype)
+    for rows, part in bands_of(unary):
+        costs[rows] = np.take_along_axis(part, labels[rows, :, np.newaxis], 2)[..., 0]
+    return costs
+
+
 @dataclass(frozen=True, eq=False)
 class Energy:
     """An energy over labelings of a grid; checked once, then passed to the solvers.
 
     Parameters
     ----------
-    unary : (y, x, label) uint16 or int32
+    unary : (y, x, label) uint16 or int32, or Parts
         Non-negative cost of each label at each pixel, relative to the pixel's least.
     smoothness : (label,) int32
         ``smoothness[d]`` is the cost of two neighbours whose labels differ by d; 0 for d = 0.
@@ -166,7 +242,7 @@ class Energy:
     1
     """
 
-    unary: NDArray[Any]
+    unary: Any
     smoothness: NDArray[np.int32]
     weights_horizontal: NDArray[np.int32] | None = None
     weights_vertical: NDArray[np.int32] | None = None
@@ -174,8 +250,8 @@ class Energy:
 
     def __post_init__(self) -> None:
         """Check every field, and bring arrays to the layout that the solvers read."""
-        unary = np.asarray(self.unary)
-        if unary.ndim != 3 or 0 in unary.shape:
+        unary = self.unary if isinstance(self.unary, Parts) else np.ascontiguousarray(self.unary)
+        if len(unary.shape) != 3 or 0 in unary.shape:
             raise InputError(f"unary: expected a shape (y, x, label), got {unary.shape}")
         if unary.dtype not in (np.dtype(np.uint16), np.dtype(np.int32)):
             raise InputError(f"unary: expected uint16 or int32, got {unary.dtype}")
@@ -194,9 +270,9 @@ class Energy:
                 weights = _integers(name, getattr(self, name), shape)
                 largest_weight = max(largest_weight, int(weights.max(initial=0)))
                 object.__setattr__(self, name, weights)
-        if unary.dtype == np.int32 and int(unary.min()) < 0:
+        if isinstance(unary, np.ndarray) and unary.dtype == np.int32 and unary.min() < 0:
             raise InputError(f"unary: expected non-negative costs, got {unary.min()}")
-        object.__setattr__(self, "unary", np.ascontiguousarray(unary))
+        object.__setattr__(self, "unary", unary)
         for name, value in (
             ("unary costs", self.largest_cost),
             ("smoothness times weight", largest_weight * int(smoothness.max())),
@@ -238,6 +314,12 @@ class Energy:
                 return False
         return True
 
+    def held(self) -> "Energy":
+        """Return the same energy with all costs in memory."""
+        if not isinstance(self.unary, Parts):
+            return self
+        return replace(self, unary=self.unary.of(rows=slice(None), columns=slice(None))[0])
+
     def edge_weights(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Give the weights of all edges to the right and downward, each (y, x) int32.
 
@@ -263,7 +345,7 @@ class Energy:
             If the labels have another shape, are no integers or lie outside 0..label - 1.
         """
         index = _labels(self, labels)
-        total = int(np.take_along_axis(self.unary, index[..., None], 2).sum(dtype=np.int64))
+        total = int(costs_at(self.unary, index).sum(dtype=np.int64))
         for axis, weights in ((1, self.weights_horizontal), (0, self.weights_vertical)):
             costs = self.smoothness[np.abs(np.diff(index, axis=axis))].astype(np.int64)
             total += int((costs if weights is None else costs * weights).sum())

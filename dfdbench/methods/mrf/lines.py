@@ -34,13 +34,14 @@ def best_lines(
     along: NDArray[np.int32],
     across: NDArray[np.int32],
     columns: bool,
+    first: int = 0,
 ) -> None:
     """Give every row, or every column, in turn the best labels among its pixels' candidates.
 
     Parameters
     ----------
     unary : (y, x, label) uint16 or int32
-        What each label costs each pixel.
+        What each label costs each pixel, of some of the lines that lie side by side.
     labels, costs : (y, x) int32 and of the type of the costs
         Labels and what they cost, both changed in place.
     favoured : (y, x) int32
@@ -51,6 +52,8 @@ def best_lines(
         Weights of the edges to the next pixel of the line, and to that of the next line.
     columns : bool
         Whether the lines are columns.
+    first : int
+        The first of those lines.
 
     Examples
     --------
@@ -61,7 +64,8 @@ def best_lines(
     >>> labels.tolist(), costs.tolist()
     ([[2, 2, 2]], [[3, 0, 3]])
     """
-    height, width, count = unary.shape
+    height, width = labels.shape
+    count, own = unary.shape[2], unary.shape[1]
     _sweep(
         unary.reshape(-1, count),
         labels.reshape(-1),
@@ -72,6 +76,8 @@ def best_lines(
         along.reshape(-1),
         across.reshape(-1),
         (height, 1, width) if columns else (width, width, 1),
+        # Where the costs of a line's pixels lie, as the grid says where its labels do.
+        (first, 1, own) if columns else (first, own, 1),
     )
 
 
@@ -86,15 +92,17 @@ def _sweep(
     along: Array,
     across: Array,
     grid: tuple[int, int, int],
+    part: tuple[int, int, int],
 ) -> None:
     length, next_line, step = grid
+    first = part[0]
     # For each pixel of a line its candidates, and what they cost.
     choices = np.empty((length, CANDIDATES), np.int32)
     sums = np.empty((length, CANDIDATES), np.int32)
-    for line in range(labels.size // length):
-        _offer(unary, labels, favoured, slope, cap, across, grid, line, choices, sums)
+    for line in range(first, first + len(unary) // length):
+        _offer(unary, labels, favoured, slope, cap, across, grid, part, line, choices, sums)
         _add_lines(slope, cap, along, line * next_line, step, choices, sums)
-        _take(unary, labels, costs, slope, cap, along, line * next_line, step, choices, sums)
+        _take(unary, labels, costs, slope, cap, along, grid, part, line, choices, sums)
 
 
 @compiled()
@@ -106,12 +114,14 @@ def _offer(
     cap: Any,
     across: Array,
     grid: tuple[int, int, int],
+    part: tuple[int, int, int],
     line: int,
     choices: Array,
     sums: Array,
 ) -> None:
     # Candidates cost what they cost the pixel, and the edges to the lines beside.
     length, next_line, step = grid
+    first, own_next, own_step = part
     lines, count = labels.size // length, unary.shape[1]
     last, highest = np.int32(count - 1), max(count - AROUND, 0)
     for place in range(length):
@@ -132,7 +142,9 @@ def _offer(
         if place + 1 < length:
             chosen[AROUND + 4] = labels[at + step]
         for candidate in range(CANDIDATES):
-            total[candidate] = unary[at, chosen[candidate]]
+            total[candidate] = unary[
+                (line - first) * own_next + place * own_step, chosen[candidate]
+            ]
         if line > 0:
             weight = np.int32(slope * across[at - next_line])
             _add_edge(total, chosen, labels[at - next_line], weight, cap)
@@ -168,14 +180,17 @@ def _take(
     slope: Any,
     cap: Any,
     along: Array,
-    first: int,
-    step: int,
+    grid: tuple[int, int, int],
+    part: tuple[int, int, int],
+    line: int,
     choices: Array,
     sums: Array,
 ) -> None:
+    _, next_line, step = grid
+    first, own_next, own_step = part
     # From the line's end, each pixel takes what is best before the label that comes after it.
     for place in range(len(sums) - 1, -1, -1):
-        at = first + place * step
+        at = line * next_line + place * step
         chosen, total = choices[place], sums[place]
         if place + 1 < len(sums):
             _add_edge(total, chosen, labels[at + step], np.int32(slope * along[at]), cap)
@@ -187,7 +202,7 @@ def _take(
             while total[best] != least:
                 best += 1
             labels[at] = chosen[best]
-            costs[at] = unary[at, chosen[best]]
+            costs[at] = unary[(line - first) * own_next + place * own_step, chosen[best]]
 
 
 # Numba makes every sum of 32-bit numbers one of 64 bits, which holds half as many in a processor's

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.methods.mrf.energy import Energy
+from dfdbench.methods.mrf.energy import Energy, bands_of, costs_at
 from dfdbench.methods.mrf.lines import best_lines
 from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
 from dfdbench.system.compiled import compiled
@@ -89,7 +89,7 @@ class Mover:
         self._slope, self._cap = _slope_and_cap(energy.smoothness)
         self._favoured: NDArray[np.int32] | None = None
         self._labels = labels
-        self._costs = np.take_along_axis(energy.unary, labels[..., np.newaxis], 2)[..., 0]
+        self._costs = costs_at(energy.unary, labels)
         self._offered = np.empty_like(self._costs)
 
     def move(self, offer: NDArray[np.int32], costs: NDArray[Any] | None = None) -> int:
@@ -110,7 +110,9 @@ class Mover:
         """
         graph, labels = self.graph, self._labels
         if costs is None:
-            costs = _costs_of(self._unary, labels, offer, self._offered)
+            costs = self._offered
+            for rows, part in bands_of(self._unary):
+                _costs_of(part, labels[rows], offer, costs[rows])
         graph.clear()
         graph.active = _choose(
             labels, self._costs, offer, costs, self._gains, self._weights, graph.nodes, graph.tree
@@ -162,13 +164,15 @@ class Mover:
         int
             Change of the energy.
         """
-        if self._favoured is None:
-            self._favoured = self._unary.argmin(2).astype(np.int32)
+        favoured = np.empty_like(self._labels) if self._favoured is None else self._favoured
         labels, costs = self._labels.copy(), self._costs.copy()
         edges = (self._down, self._right) if columns else (self._right, self._down)
-        best_lines(
-            self._unary, labels, costs, self._favoured, self._slope, self._cap, *edges, columns
-        )
+        law = self._slope, self._cap
+        for lines, part in bands_of(self._unary, columns):
+            if self._favoured is None:
+                favoured[(slice(None), lines) if columns else lines] = part.argmin(2)
+            best_lines(part, labels, costs, favoured, *law, *edges, columns, lines.start)
+        self._favoured = favoured
         change = self._sum(labels, costs) - self._sum(self._labels, self._costs)
         if change < 0:
             self._labels[...], self._costs[...] = labels, costs
@@ -213,12 +217,11 @@ def _largest_gains(table: Array) -> Array:
 
 
 @compiled()
-def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> Array:
+def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> None:
     height, width = labels.shape
     for y in range(height):
         for x in range(width):
             costs[y, x] = unary[y, x, offer[labels[y, x]]]
-    return costs
 
 
 @compiled()

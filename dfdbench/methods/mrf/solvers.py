@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError
-from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, label_dtype, starting_labels
+from dfdbench.methods.mrf.energy import (
+    COST_LIMIT,
+    Energy,
+    Solution,
+    bands_of,
+    label_dtype,
+    starting_labels,
+)
 from dfdbench.methods.mrf.maxflow import GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
@@ -64,6 +71,7 @@ def expansion(
     >>> solution.labels.tolist(), solution.energy, solution.history
     ([[1, 1, 1]], 5, (27, 5, 5))
     """
+    energy = energy.held()
     labels = starting_labels(energy, start)
     mover = Mover(energy, labels)
     history = [mover.value()]
@@ -241,7 +249,8 @@ def coarser(energy: Energy) -> Energy:
     dtype = np.uint16 if largest <= np.iinfo(np.uint16).max else np.int32
     height, width = energy.shape
     unary = np.empty(((height + 1) // 2, (width + 1) // 2, energy.labels), dtype)
-    _add_blocks(energy.unary, unary)
+    for band, part in bands_of(energy.unary):
+        _add_blocks(part, unary[band.start // 2 : (band.stop + 1) // 2])
     right, down = energy.edge_weights()
     # Of the edges to the right only those that leave a block, two rows of them; and so downward.
     rows, columns = np.arange(0, height, 2), np.arange(0, width, 2)
@@ -348,6 +357,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     rounds = COARSE_TO_FINE[quality]
     if _goes_coarse_to_fine(energy, len(rounds)):
         return coarse_to_fine(energy, _halve, rounds)
+    energy = energy.held()
     graph = GridGraph(*energy.shape)
     return repair(energy, _halve(energy, graph), REPAIRS[quality], graph)
 

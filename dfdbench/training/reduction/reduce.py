@@ -23,15 +23,7 @@ from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.reduction.counts import (
-    STATISTICS,
-    Counts,
-    Statistic,
-    Tuning,
-    count_clusters,
-    counts_table,
-    samples_of,
-)
+from dfdbench.training.reduction import counts as counting
 from dfdbench.training.task import PROTOCOL
 
 Widths = tuple[int, ...]
@@ -46,8 +38,8 @@ LEVELS: Mapping[int, tuple[int, ...]] = {
 }
 _MULTIPLE = 8
 # How Table D.2 numbers them, as far as its widths tell.
-_ENSEMBLE: tuple[Statistic, ...] = ("min", "mean", "max")
-_ITERATIVE: tuple[Statistic, ...] = ("min", "max", "mean")
+_ENSEMBLE: tuple[counting.Statistic, ...] = ("min", "mean", "max")
+_ITERATIVE: tuple[counting.Statistic, ...] = ("min", "max", "mean")
 #: The row that all others are compared with: the network that was counted, untouched.
 BASELINE = "original"
 
@@ -68,7 +60,7 @@ class Reduction:
         A configuration for each row, by file name.
     """
 
-    counts: Counts
+    counts: counting.Counts
     rows: Mapping[str, Widths]
     tables: tuple[Table, Table]
     files: Mapping[str, str]
@@ -93,7 +85,7 @@ def reduce_weights(
     level: int | None = None,
     rounding: Rounding | None = None,
     seed: int = 0,
-    tuning: Tuning = "own",
+    tuning: counting.Tuning = "own",
     device: torch.device | None = None,
     on_map: Callable[[int, int], None] | None = None,
 ) -> Reduction:
@@ -129,7 +121,9 @@ def reduce_weights(
     """
     network, card = load_weights(weights, "dfd-net")
     network = network.to(device or torch.device("cpu"))
-    counts = count_clusters(network, store, samples_of(store, split), seed, tuning, on_map)
+    counts = counting.count_clusters(
+        network, store, counting.samples_of(store, split), seed, tuning, on_map
+    )
     base = tuple(int(width) for width in card.architecture["filters"])
     found = rows_of(counts, base, level)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
@@ -148,7 +142,7 @@ def reduce_weights(
     }
     parameters = {name: _parameters(card.architecture, widths) for name, widths in rows.items()}
     tables = (
-        counts_table(counts, f"Clusters of each layer's outputs: {what}; {counted}"),
+        counting.counts_table(counts, f"Clusters of each layer's outputs: {what}; {counted}"),
         rows_table(rows, parameters, f"Filters of the reduced networks: {what}"),
     )
     return Reduction(counts, rows, tables, files)
@@ -159,7 +153,7 @@ def _parameters(architecture: Mapping[str, object], widths: Widths) -> int:
         return count_parameters(build_network("dfd-net", {**architecture, "filters": list(widths)}))
 
 
-def ensemble_rows(counts: Mapping[Statistic, Mapping[int, int]]) -> dict[str, Widths]:
+def ensemble_rows(counts: Mapping[counting.Statistic, Mapping[int, int]]) -> dict[str, Widths]:
     """Return the widths of B-01-01 to B-03-03, input to output: all layers are cut at once.
 
     The thesis does not state the rule; inferred from Tables D.1 and D.2, it derives all nine rows
@@ -187,7 +181,7 @@ def ensemble_rows(counts: Mapping[Statistic, Mapping[int, int]]) -> dict[str, Wi
 
 
 def iterative_rows(
-    counts: Mapping[Statistic, Mapping[int, int]], level: int, base: Sequence[int]
+    counts: Mapping[counting.Statistic, Mapping[int, int]], level: int, base: Sequence[int]
 ) -> dict[str, Widths]:
     """Return the widths to try on one level; all other layers stay as they are (6.2).
 
@@ -256,10 +250,10 @@ def _row(counts: dict[int, int], choice: int) -> Widths:
     return (*(counts[layer] for layer in LAYERS[:-1]), DEPTH_LEVELS)
 
 
-def rows_of(counts: Counts, base: Sequence[int], level: int | None) -> dict[str, Widths]:
+def rows_of(counts: counting.Counts, base: Sequence[int], level: int | None) -> dict[str, Widths]:
     """Return the rows that counts give: the ensemble's, or the iterative ones of a level."""
-    by_statistic: dict[Statistic, dict[int, int]] = {
-        statistic: counts.widths(statistic) for statistic in STATISTICS
+    by_statistic: dict[counting.Statistic, dict[int, int]] = {
+        statistic: counts.widths(statistic) for statistic in counting.STATISTICS
     }
     return iterative_rows(by_statistic, level, base) if level else ensemble_rows(by_statistic)
 

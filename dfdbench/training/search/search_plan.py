@@ -13,17 +13,7 @@ from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration, settled
-from dfdbench.training.search.particle import (
-    PATCHES,
-    VARIANTS,
-    Bounds,
-    Box,
-    Numbers,
-    Particle,
-    Variant,
-    box_of,
-    position_of,
-)
+from dfdbench.training.search import particle as pso
 from dfdbench.training.task import Task, require_trainable, task_of
 
 #: Of the search's record.
@@ -65,7 +55,7 @@ class Choices:
     held_out: int | None = None
     gamma: float = 0.3
     variant: str = "thesis"
-    bounds: Bounds = field(default_factory=Bounds)
+    bounds: pso.Bounds = field(default_factory=pso.Bounds)
     particles: int = 20
     pairs: int | None = None
     seed: int = 0
@@ -94,19 +84,19 @@ class SearchPlan:
     other: tuple[str, ...]
 
     @property
-    def variant(self) -> Variant:
+    def variant(self) -> pso.Variant:
         """What of the author's programs is followed."""
-        return VARIANTS[self.choices.variant]
+        return pso.VARIANTS[self.choices.variant]
 
     @property
-    def box(self) -> Box:
+    def box(self) -> pso.Box:
         """Where particles may be."""
-        return box_of(self.choices.bounds, self.variant)
+        return pso.box_of(self.choices.bounds, self.variant)
 
     @property
-    def known(self) -> Numbers | None:
+    def known(self) -> pso.Numbers | None:
         """Where the first particle begins, where that is known."""
-        return position_of(FILTERS["original"]) if self.variant.begins_with_published else None
+        return pso.position_of(FILTERS["original"]) if self.variant.begins_with_published else None
 
     @property
     def selected_on(self) -> str:
@@ -144,14 +134,14 @@ class SearchPlan:
             "configuration": self.base.model_dump(mode="json"),
         }
 
-    def configuration_of(self, particle: Particle) -> TrainingConfiguration:
+    def configuration_of(self, particle: pso.Particle) -> TrainingConfiguration:
         """Return the training of a particle's network.
 
         As many patches a step as keep the work of a step alike: what the author has for eight
         orientations, scaled to the base's number at the base's size.
         """
         base = self.base
-        patches = base.crops_per_step * PATCHES[particle.crop] / PATCHES[base.crop]
+        patches = base.crops_per_step * pso.PATCHES[particle.crop] / pso.PATCHES[base.crop]
         chosen = particle.model_dump() | {"crops_per_step": max(1, math.floor(patches + 0.5))}
         return TrainingConfiguration.model_validate(base.model_dump() | chosen)
 
@@ -179,8 +169,8 @@ def plan_search(
     InputError
         If a choice is made twice, patches do not fit the images, or no scene can be held out.
     """
-    if choices.variant not in VARIANTS:
-        raise unknown_name("variant", choices.variant, VARIANTS)
+    if choices.variant not in pso.VARIANTS:
+        raise unknown_name("variant", choices.variant, pso.VARIANTS)
     if choices.as_thesis and choices.held_out:
         raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     _refuse_what_particles_choose(base, changes)
@@ -206,8 +196,8 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
         for name in (*VARIED, "crop")
         if name in changes or (name != "crop" and getattr(base, name) != fields[name].default)
     ]
-    if base.crop not in PATCHES:
-        known = ", ".join(map(str, PATCHES))
+    if base.crop not in pso.PATCHES:
+        known = ", ".join(map(str, pso.PATCHES))
         problems.append(Problem(f"crop is {base.crop}, not one of {known}", where="crop"))
     if base.sampling_size != 2:
         what = "particles have filters of 2 x 2 that halve and double"
@@ -226,7 +216,7 @@ def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...]
     return tuple(name for name in train if name not in other), other
 
 
-def _require_crops(task: Task, train: tuple[str, ...], bounds: Bounds) -> None:
+def _require_crops(task: Task, train: tuple[str, ...], bounds: pso.Bounds) -> None:
     largest = task.configuration.model_copy(update={"crop": bounds.crop[1], "narrow": 128})
     pairs = tuple(pair for pair in task.train if pair.scene in train)
     try:

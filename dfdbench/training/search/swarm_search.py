@@ -17,15 +17,8 @@ from dfdbench.system.parallel import Pool
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.search import particle as pso
 from dfdbench.training.search.log import PARTS, Evaluation, LogRow, Outcome, Place, SearchFolder
-from dfdbench.training.search.particle import (
-    Numbers,
-    Particle,
-    Swarm,
-    particle_at,
-    search,
-    whole_numbers,
-)
 from dfdbench.training.search.search_plan import SearchPlan
 
 #: In a search's folder, when it has an outcome.
@@ -52,7 +45,7 @@ class SearchOutcome:
         False where time was up before.
     """
 
-    swarm: Swarm | None
+    swarm: pso.Swarm | None
     course: tuple[Iteration, ...]
     best: LogRow | None
     failures: tuple[LogRow, ...]
@@ -124,7 +117,9 @@ def run_search(
         try:
             particles, seed = plan.choices.particles, plan.choices.seed
             against = plan.variant.against_previous
-            for swarm in search(judge, plan.box, particles, iterations, seed, plan.known, against):
+            for swarm in pso.search(
+                judge, plan.box, particles, iterations, seed, plan.known, against
+            ):
                 judge.close(swarm)
         except _TimeUpError:
             finished = False
@@ -153,13 +148,13 @@ class _Judge:
     ) -> None:
         self._evaluate, self._log, self._pool, self._on_done = evaluation, log, pool, on_done
         self._total = (iterations + 1) * evaluation.plan.choices.particles
-        self._values: Numbers = np.empty(0)
-        self.swarm: Swarm | None = None
+        self._values: pso.Numbers = np.empty(0)
+        self.swarm: pso.Swarm | None = None
         self.course: list[Iteration] = []
         self.failures: list[LogRow] = []
         self._tell()
 
-    def __call__(self, swarm: Swarm) -> Numbers:
+    def __call__(self, swarm: pso.Swarm) -> pso.Numbers:
         """Return a value for each position, each noted as soon as it is known."""
         places = [(swarm.iteration, number) for number in range(len(swarm.positions))]
         for place, position in zip(places, swarm.positions, strict=True):
@@ -170,7 +165,7 @@ class _Judge:
             if self._log[place] is None
         ]
 
-        def note(particle: tuple[Place, Numbers], outcome: Outcome | None) -> None:
+        def note(particle: tuple[Place, pso.Numbers], outcome: Outcome | None) -> None:
             if outcome is not None:
                 self._log.note(LogRow(*particle, outcome))
                 self._tell()
@@ -188,7 +183,7 @@ class _Judge:
         self._values = np.array([row.outcome.value for row in known])
         return self._values
 
-    def close(self, swarm: Swarm) -> None:
+    def close(self, swarm: pso.Swarm) -> None:
         """Take note of an iteration that is whole; of its trainings the best one is kept."""
         before = self.swarm.best_at if self.swarm else None
         own = [(swarm.iteration, number) for number in range(len(swarm.positions))]
@@ -235,7 +230,7 @@ class Iteration:
     alike: float
 
 
-def iteration_of(swarm: Swarm, values: Numbers) -> Iteration:
+def iteration_of(swarm: pso.Swarm, values: pso.Numbers) -> Iteration:
     """Return what an iteration came to.
 
     Parameters
@@ -247,7 +242,7 @@ def iteration_of(swarm: Swarm, values: Numbers) -> Iteration:
     """
     there = values[np.isfinite(values)]
     least, mean = (float(there.min()), float(there.mean())) if len(there) else (np.nan, np.nan)
-    alike = whole_numbers(swarm.positions) == whole_numbers(swarm.best)
+    alike = pso.whole_numbers(swarm.positions) == pso.whole_numbers(swarm.best)
     failed = len(values) - len(there)
     return Iteration(swarm.iteration, swarm.best_value, least, mean, failed, float(alike.mean()))
 
@@ -283,7 +278,7 @@ def course_table(
 
 def network_table(plan: SearchPlan, best: LogRow) -> Table:
     """Return the network found, layer by layer, the baseline's widths beside it."""
-    particle = particle_at(best.position)
+    particle = pso.particle_at(best.position)
     sizes = dict(zip(SIZED, particle.kernels, strict=True))
     rows = [
         (
@@ -313,7 +308,7 @@ def network_table(plan: SearchPlan, best: LogRow) -> Table:
     )
 
 
-def _site_of(layer: int, particle: Particle) -> tuple[str, str]:
+def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
     # What follows the convolution of this layer; before layer 1 they stand alone, after layer 5.
     sites = dict(zip((52, 48, 40, 32, 24, 20, 12, 8, 5), range(len(SITES)), strict=True))
     if layer not in sites:
@@ -325,7 +320,7 @@ def _site_of(layer: int, particle: Particle) -> tuple[str, str]:
 def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
     """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
     fields = TrainingConfiguration.model_fields
-    found = plan.configuration_of(particle_at(best.position))
+    found = plan.configuration_of(pso.particle_at(best.position))
     named = ("filters", "kernels", "activations", "normalized", "crop", "crops_per_step")
     content: dict[str, Any] = {
         name: value

@@ -3,31 +3,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.methods.mrf import (
-    Energy,
-    adaptive_potts_weights,
-    expansion,
-    potts,
-    published,
-    truncated_absolute,
-    truncated_quadratic,
-)
+from dfdbench.methods import mrf
 from tests.methods.mrf.conftest import KINDS, random_energy
 
 
 @pytest.mark.parametrize(
     ("table", "metric"),
     [
-        (published(256), True),
-        (truncated_absolute(8, cap=255), True),
-        (truncated_absolute(8, cap=3), True),
-        (potts(8, cap=3), True),
-        (truncated_quadratic(8, cap=100), False),
+        (mrf.published(256), True),
+        (mrf.truncated_absolute(8, cap=255), True),
+        (mrf.truncated_absolute(8, cap=3), True),
+        (mrf.potts(8, cap=3), True),
+        (mrf.truncated_quadratic(8, cap=100), False),
         (np.zeros(4, np.int32), False),
     ],
 )
 def test_tables_that_are_metrics(table: Any, metric: bool) -> None:
-    energy = Energy(np.zeros((1, 1, len(table)), np.uint16), table)
+    energy = mrf.Energy(np.zeros((1, 1, len(table)), np.uint16), table)
     assert energy.is_metric == metric
 
 
@@ -50,7 +42,7 @@ def test_evaluate_adds_up_every_term(rng: np.random.Generator, kind: str, weight
 
 def test_evaluate_does_not_overflow() -> None:
     unary = np.full((200, 200, 2), 2**26, np.int32)
-    energy = Energy(unary, potts(2, cap=1), offset=2**40)
+    energy = mrf.Energy(unary, mrf.potts(2, cap=1), offset=2**40)
     assert energy.evaluate(np.zeros((200, 200), np.uint8)) == 200 * 200 * 2**26 + 2**40
 
 
@@ -83,17 +75,17 @@ GOOD: dict[str, Any] = {
 )
 def test_bad_energies_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Energy(**{**GOOD, **changes})
+        mrf.Energy(**{**GOOD, **changes})
 
 
 def test_published_table_is_absolute_difference_but_for_its_last_step() -> None:
-    table = published(256)
+    table = mrf.published(256)
     assert table[:229].tolist() == list(range(229))
     assert table[229:].tolist() == list(range(228, 255))
 
 
 def test_adaptive_potts_weights_follow_the_threshold() -> None:
-    right, down = adaptive_potts_weights(np.array([[0, 5, 11], [6, 5, 5]]), threshold=5)
+    right, down = mrf.adaptive_potts_weights(np.array([[0, 5, 11], [6, 5, 5]]), threshold=5)
     assert right.tolist() == [[2, 1], [2, 2]]
     assert down.tolist() == [[1, 2, 1]]
 
@@ -101,11 +93,11 @@ def test_adaptive_potts_weights_follow_the_threshold() -> None:
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: published(1), "labels: expected at least 2, got 1"),
-        (lambda: potts(4, cap=0), "scale: expected 1 to"),
-        (lambda: truncated_absolute(4, cap=-1), "cap: expected 1 to"),
-        (lambda: truncated_quadratic(60000, cap=2**26, scale=4), "smoothness: expected below"),
-        (lambda: adaptive_potts_weights(np.zeros((2, 2, 3)), 1), "image: expected a shape"),
+        (lambda: mrf.published(1), "labels: expected at least 2, got 1"),
+        (lambda: mrf.potts(4, cap=0), "scale: expected 1 to"),
+        (lambda: mrf.truncated_absolute(4, cap=-1), "cap: expected 1 to"),
+        (lambda: mrf.truncated_quadratic(60000, cap=2**26, scale=4), "smoothness: expected below"),
+        (lambda: mrf.adaptive_potts_weights(np.zeros((2, 2, 3)), 1), "image: expected a shape"),
     ],
 )
 def test_bad_tables_are_refused(build: Any, message: str) -> None:
@@ -115,7 +107,7 @@ def test_bad_tables_are_refused(build: Any, message: str) -> None:
 
 def test_adaptive_potts_moves_edges_to_where_the_image_changes() -> None:
     image = np.array([[10, 10, 10, 90, 90, 90]], np.uint8)
-    right, down = adaptive_potts_weights(image, threshold=5)
+    right, down = mrf.adaptive_potts_weights(image, threshold=5)
     unary = np.array([[[0, 3], [0, 3], [1, 1], [1, 1], [3, 0], [3, 0]]], np.uint16)
-    solution = expansion(Energy(unary, potts(2, cap=1), right, down))
+    solution = mrf.expansion(mrf.Energy(unary, mrf.potts(2, cap=1), right, down))
     assert solution.labels.tolist() == [[0, 0, 0, 1, 1, 1]]

@@ -8,24 +8,18 @@ import safetensors.torch
 import torch
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.networks.weights import (
-    build_network,
-    find_weights,
-    load_weights,
-    save_weights,
-    shipped_weights,
-)
+from dfdbench.methods.networks import weights as files
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
 
 
 def test_weights_come_back_with_their_card(weights: Path) -> None:
-    network, found = load_weights(weights, "dfd-net")
+    network, found = files.load_weights(weights, "dfd-net")
     assert found == card()
     assert not network.training
     torch.manual_seed(2)
-    fresh = build_network("dfd-net", {"filters": list(SMALL)}).state_dict()
+    fresh = files.build_network("dfd-net", {"filters": list(SMALL)}).state_dict()
     assert all(torch.equal(fresh[name], value) for name, value in network.state_dict().items())
     page = weights.with_suffix(".md").read_text()
     assert "| trained on | tiny-1, split train |" in page
@@ -33,8 +27,8 @@ def test_weights_come_back_with_their_card(weights: Path) -> None:
 
 
 def test_the_same_weights_are_the_same_bytes(weights: Path, tmp_path: Path) -> None:
-    network, found = load_weights(weights, "dfd-net")
-    save_weights(tmp_path / "again.safetensors", network, found)
+    network, found = files.load_weights(weights, "dfd-net")
+    files.save_weights(tmp_path / "again.safetensors", network, found)
     assert (tmp_path / "again.safetensors").read_bytes() == weights.read_bytes()
 
 
@@ -43,35 +37,35 @@ def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> N
     for cut in (0, 5, len(content) // 2, len(content) - 1):
         (tmp_path / "cut.safetensors").write_bytes(content[:cut])
         with pytest.raises(MethodError, match="the weights cannot be read"):
-            load_weights(tmp_path / "cut.safetensors", "dfd-net")
+            files.load_weights(tmp_path / "cut.safetensors", "dfd-net")
     with pytest.raises(MethodError, match="another architecture, dfd-net instead of u-net"):
-        load_weights(weights, "u-net")
+        files.load_weights(weights, "u-net")
     foreign = tmp_path / "foreign.safetensors"
     safetensors.torch.save_file({"a": torch.zeros(2)}, foreign)
     with pytest.raises(MethodError, match="no model card"):
-        load_weights(foreign, "dfd-net")
+        files.load_weights(foreign, "dfd-net")
     safetensors.torch.save_file({"a": torch.zeros(2)}, foreign, {"dfdbench-card": '{"seed": "x"}'})
     with pytest.raises(MethodError, match="the model card cannot be read") as caught:
-        load_weights(foreign, "dfd-net")
+        files.load_weights(foreign, "dfd-net")
     assert len(caught.value.problems) > 5
 
 
 def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "nan.safetensors"
-    network = build_network("dfd-net", {"filters": list(SMALL)})
+    network = files.build_network("dfd-net", {"filters": list(SMALL)})
     with torch.no_grad():
         next(network.parameters()).fill_(float("nan"))
-    save_weights(path, network, card())
+    files.save_weights(path, network, card())
     with pytest.raises(MethodError, match="nan or infinity in"):
-        load_weights(path, "dfd-net")
+        files.load_weights(path, "dfd-net")
     with pytest.raises(MethodError, match="no such weights"):
         load("dfd-net", weights=5)
 
 
 def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "odd.safetensors"
-    network = build_network("dfd-net", {"filters": list(SMALL)})
-    save_weights(path, network, card())
+    network = files.build_network("dfd-net", {"filters": list(SMALL)})
+    files.save_weights(path, network, card())
     tensors = safetensors.torch.load_file(path)
     with safetensors.safe_open(path, "pt") as file:
         metadata = file.metadata()
@@ -79,12 +73,12 @@ def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
     odd = {**tensors, name: tensors[name].view(torch.int32)}
     safetensors.torch.save_file(odd, path, metadata)
     with pytest.raises(MethodError, match="do not fit the architecture") as told:
-        load_weights(path, "dfd-net")
+        files.load_weights(path, "dfd-net")
     assert told.value.problems[0].got.endswith("int32")
     name = next(name for name in tensors if name.endswith("running_var"))
     safetensors.torch.save_file({**tensors, name: -tensors[name]}, path, metadata)
     with pytest.raises(MethodError, match="a variance below 0"):
-        load_weights(path, "dfd-net")
+        files.load_weights(path, "dfd-net")
 
 
 @pytest.mark.parametrize(
@@ -100,10 +94,10 @@ def test_an_architecture_that_cannot_be_built_is_told(
     tmp_path: Path, architecture: dict[str, Any], told: str
 ) -> None:
     path = tmp_path / "bogus.safetensors"
-    network = build_network("dfd-net", {"filters": list(SMALL)})
-    save_weights(path, network, card(architecture=architecture))
+    network = files.build_network("dfd-net", {"filters": list(SMALL)})
+    files.save_weights(path, network, card(architecture=architecture))
     with pytest.raises(MethodError, match=told):
-        load_weights(path, "dfd-net")
+        files.load_weights(path, "dfd-net")
 
 
 def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
@@ -129,9 +123,9 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
 def test_shipped_weights_are_small_and_say_what_they_are(
     method: str, name: str, trained_on: str, scored_on: str
 ) -> None:
-    path = find_weights(method, name)
-    assert path in shipped_weights().values()
+    path = files.find_weights(method, name)
+    assert path in files.shipped_weights().values()
     assert path.stat().st_size < 4_000_000
-    _, found = load_weights(path, method)
+    _, found = files.load_weights(path, method)
     assert (found.trained_on, found.scored_on) == (trained_on, scored_on)
     assert path.with_suffix(".md").exists()

@@ -8,26 +8,15 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import LAYERS
-from dfdbench.training.reduction.counts import (
-    TAPS,
-    Counts,
-    Matrix,
-    Tuning,
-    count_clusters,
-    counts_table,
-    noise_gram,
-    samples_of,
-    tap,
-    winners,
-)
+from dfdbench.training.reduction import counts as counting
 from tests.methods.networks.test_architectures import SMALL
 
 
 def test_a_sample_is_the_first_pair_of_each_scene(tiny_store: Dataset) -> None:
-    assert [pair.scene for pair in samples_of(tiny_store, "test")] == ["Two", "Three"]
-    assert samples_of(tiny_store, "test")[0] == tiny_store.pairs("test")[0]
+    assert [pair.scene for pair in counting.samples_of(tiny_store, "test")] == ["Two", "Three"]
+    assert counting.samples_of(tiny_store, "test")[0] == tiny_store.pairs("test")[0]
     with pytest.raises(UnknownNameError, match="test"):
-        samples_of(tiny_store, "tset")
+        counting.samples_of(tiny_store, "tset")
 
 
 @pytest.mark.slow
@@ -38,31 +27,33 @@ def test_layers_are_counted_and_equal_filters_once(tiny_store: Dataset) -> None:
         # All filters of layer 34 alike: one is as good as all.
         network.down_2.weight[:] = network.down_2.weight[:1]  # type: ignore[index, operator]
         network.down_2.bias.zero_()  # type: ignore[operator]
-    samples = samples_of(tiny_store, "test")
+    samples = counting.samples_of(tiny_store, "test")
     seen: list[tuple[int, int]] = []
-    counts = count_clusters(network, tiny_store, samples, on_map=lambda *done: seen.append(done))
+    counts = counting.count_clusters(
+        network, tiny_store, samples, on_map=lambda *done: seen.append(done)
+    )
     assert counts.found[34] == (1, 1)
-    assert dict(counts.filters) == dict(zip(TAPS, (*SMALL[:-1], SMALL[-2]), strict=True))
+    assert dict(counts.filters) == dict(zip(counting.TAPS, (*SMALL[:-1], SMALL[-2]), strict=True))
     for layer, filters in counts.filters.items():
         assert all(1 <= count <= filters for count in counts.found[layer] + counts.noise[layer])
     assert counts.noise[34][0] > 1
     assert counts.samples == tuple(pair.id for pair in samples)
     assert seen[-1] == (36, 36)
-    assert count_clusters(network, tiny_store, samples) == counts
+    assert counting.count_clusters(network, tiny_store, samples) == counts
 
 
 def test_a_sample_too_small_is_named(tiny_store: Dataset) -> None:
     wide = DfDNet((*[4] * 6, 50, 4, 50, *[4] * 8, 256)).eval()  # 6 x 7 pixels on the third level
     with pytest.raises(InputError, match=r"Two/.*, layer 34"):
-        count_clusters(wide, tiny_store, samples_of(tiny_store, "test"))
+        counting.count_clusters(wide, tiny_store, counting.samples_of(tiny_store, "test"))
 
 
 def test_the_table_has_the_form_of_d_1_with_noise_below_and_says_what_it_is_not() -> None:
-    found = dict.fromkeys(TAPS, (33, 44, 47))
-    noise = dict.fromkeys(TAPS, (46, 56, 51))
-    counts = Counts(dict.fromkeys(TAPS, 128), found, noise, ("a", "b", "c"))
-    table = counts_table(counts, "T")
-    assert table.columns == ("layer", *map(str, TAPS))
+    found = dict.fromkeys(counting.TAPS, (33, 44, 47))
+    noise = dict.fromkeys(counting.TAPS, (46, 56, 51))
+    counts = counting.Counts(dict.fromkeys(counting.TAPS, 128), found, noise, ("a", "b", "c"))
+    table = counting.counts_table(counts, "T")
+    assert table.columns == ("layer", *map(str, counting.TAPS))
     rows = {row[0]: set(row[1:]) for row in table.rows}
     noise_rows = {"noise, min": {"46"}, "noise, mean": {"51"}, "noise, max": {"56"}}
     assert rows == {"filters": {"128"}, "min": {"33"}, "mean": {"41"}, "max": {"47"}} | noise_rows
@@ -106,8 +97,8 @@ def by_hand(made: DfDNet) -> dict[int, Tensor]:
 
 def test_each_layer_is_tapped_where_the_thesis_says() -> None:
     made = network()
-    expected, found = by_hand(made), tap(made, INFOCUS, DEFOCUS)
-    assert list(found) == list(TAPS) == [*LAYERS[:-1], 2]
+    expected, found = by_hand(made), counting.tap(made, INFOCUS, DEFOCUS)
+    assert list(found) == list(counting.TAPS) == [*LAYERS[:-1], 2]
     for layer, maps in expected.items():
         vectors = maps[0].flatten(1).double()
         assert found[layer].pixels == vectors.shape[1]
@@ -116,7 +107,7 @@ def test_each_layer_is_tapped_where_the_thesis_says() -> None:
     assert not any(module._forward_hooks for module in made.modules())
 
 
-def on_vectors(vectors: Matrix, seed: int, tuning: Tuning) -> NDArray[np.intp]:
+def on_vectors(vectors: counting.Matrix, seed: int, tuning: counting.Tuning) -> NDArray[np.intp]:
     """The map as its definition has it: neurons are vectors, distances are taken one by one."""
     count = len(vectors)
     centred = vectors - vectors.mean(0)
@@ -153,12 +144,12 @@ def different(won: NDArray[np.intp]) -> int:
 
 
 @pytest.mark.parametrize("tuning", ["own", "neighbours"])
-def test_on_products_it_is_the_map_on_vectors(tuning: Tuning) -> None:
+def test_on_products_it_is_the_map_on_vectors(tuning: counting.Tuning) -> None:
     random = np.random.default_rng(5)
     vectors = random.standard_normal((6, 40))[random.integers(0, 6, 24)]
     vectors = 7 + vectors + 0.3 * random.standard_normal((24, 40))
     expected = on_vectors(vectors, 3, tuning)
-    assert winners(vectors @ vectors.T, 3, tuning).tolist() == expected.tolist()
+    assert counting.winners(vectors @ vectors.T, 3, tuning).tolist() == expected.tolist()
     assert 2 < different(expected) < 24
 
 
@@ -167,7 +158,7 @@ def test_twenty_groups_of_equal_outputs_among_128_are_found_and_no_more() -> Non
         random = np.random.default_rng(seed)
         group = random.permutation(np.arange(128) % 20)
         vectors = random.standard_normal((20, 2000))[group]
-        won = winners(vectors @ vectors.T, seed)
+        won = counting.winners(vectors @ vectors.T, seed)
         assert different(won) == 20
         assert all(different(won[group == number]) == 1 for number in range(20))
 
@@ -181,16 +172,16 @@ def test_a_count_has_no_zero_point() -> None:
         found = []
         for seed in range(6):
             vectors = random.standard_normal((filters, 2000))
-            found.append(different(winners(vectors @ vectors.T, seed)))
+            found.append(different(counting.winners(vectors @ vectors.T, seed)))
         assert lowest <= np.mean(found) <= highest
     groups = random.standard_normal((20, 2000))[np.arange(128) % 20]
     alike = groups + 0.01 * random.standard_normal(groups.shape)
-    assert different(winners(alike @ alike.T)) > 40
+    assert different(counting.winners(alike @ alike.T)) > 40
 
 
 def test_noise_is_drawn_as_vectors_would_be() -> None:
     random = np.random.default_rng(2)
-    grams = np.array([noise_gram(4, 50, random) for _ in range(3000)])
+    grams = np.array([counting.noise_gram(4, 50, random) for _ in range(3000)])
     assert grams.mean(0) == pytest.approx(50 * np.eye(4), abs=0.8)
     # Of a Wishart distribution: n off the diagonal, 2 n on it.
     assert grams.var(0) == pytest.approx(50 * (np.eye(4) + 1), rel=0.15)
@@ -198,8 +189,8 @@ def test_noise_is_drawn_as_vectors_would_be() -> None:
 
 def test_a_place_and_equal_inputs_do_not_matter() -> None:
     vectors = np.random.default_rng(3).standard_normal((16, 200))
-    won = winners(vectors @ vectors.T)
+    won = counting.winners(vectors @ vectors.T)
     moved = vectors + 1000
-    assert winners(moved @ moved.T).tolist() == won.tolist()
-    assert winners(np.ones((5, 5))).tolist() == [0] * 5
-    assert winners(np.zeros((1, 1))).tolist() == [0]
+    assert counting.winners(moved @ moved.T).tolist() == won.tolist()
+    assert counting.winners(np.ones((5, 5))).tolist() == [0] * 5
+    assert counting.winners(np.zeros((1, 1))).tolist() == [0]

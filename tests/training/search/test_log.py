@@ -16,17 +16,8 @@ from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
+from dfdbench.training.search import log as keeping
 from dfdbench.training.search import log as module
-from dfdbench.training.search.log import (
-    CENTRE,
-    OF_CENTRE,
-    Evaluation,
-    LogRow,
-    Outcome,
-    SearchFolder,
-    objective,
-    training_folder,
-)
 from dfdbench.training.search.particle import COMPONENTS, position_of
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
@@ -34,8 +25,8 @@ from tests.methods.networks.test_architectures import SMALL
 from tests.training.search.made_searches import small_plan, some_rows
 
 
-def opened(plan: SearchPlan, path: Path) -> SearchFolder:
-    folder = SearchFolder(path)
+def opened(plan: SearchPlan, path: Path) -> keeping.SearchFolder:
+    folder = keeping.SearchFolder(path)
     folder.open(plan.identity)
     return folder
 
@@ -65,7 +56,7 @@ def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -
     assert failed is not None
     assert (failed.outcome.value, failed.outcome.failed) == (np.inf, "diverged: at step 3")
     whole = again[0, 0]
-    assert isinstance(whole, LogRow)
+    assert isinstance(whole, keeping.LogRow)
     assert whole.outcome == some_rows(plan)[0].outcome
     assert again[1, 0] is None
 
@@ -138,15 +129,15 @@ def test_another_search_is_told_by_what_is(
 def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path) -> None:
     folder = opened(plan, tmp_path / "s")
     for place in ((0, 0), (0, 1)):
-        training_folder(folder.path, place).mkdir(parents=True)
+        keeping.training_folder(folder.path, place).mkdir(parents=True)
     folder.forget([(0, 1), (7, 7)])
     assert [item.name for item in (tmp_path / "s/particles").iterdir()] == ["000-000"]
 
 
 def evaluated(
     store: Dataset, folder: Path, until: float = math.inf, **configuration: Any
-) -> Outcome | None:
-    evaluate = Evaluation(small_plan(store, configuration), folder, "cpu", 1, until)
+) -> keeping.Outcome | None:
+    evaluate = keeping.Evaluation(small_plan(store, configuration), folder, "cpu", 1, until)
     return evaluate(((0, 1), position_of(FILTERS["original"], crop=12)))
 
 
@@ -154,8 +145,8 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_
     outcome = evaluated(tiny_store, tmp_path)
     assert outcome is not None
     assert (outcome.failed, outcome.steps) == ("", 2)
-    assert outcome.value == objective(outcome.train, outcome.other, 0.3) < math.inf
-    weights = training_folder(tmp_path, (0, 1)) / "weights.safetensors"
+    assert outcome.value == keeping.objective(outcome.train, outcome.other, 0.3) < math.inf
+    weights = keeping.training_folder(tmp_path, (0, 1)) / "weights.safetensors"
     card = load_weights(weights, "dfd-net")[1]
     assert (card.parameters, card.seed) == (outcome.parameters, 1310249577)
     assert "less " in card.trained_on
@@ -207,11 +198,11 @@ CPU = torch.device("cpu")
 def test_eq_6_1_by_hand() -> None:
     train = {"nrmse": 0.06, "nmae": 0.02, "ssim": 0.9}
     test = {"nrmse": 0.10, "nmae": 0.04, "ssim": 0.8}
-    assert objective(train, test, 0.3) == pytest.approx(0.3 * 0.18 + 0.7 * 0.34)
-    assert objective(train, test, 1.0) == pytest.approx(0.18)
+    assert keeping.objective(train, test, 0.3) == pytest.approx(0.3 * 0.18 + 0.7 * 0.34)
+    assert keeping.objective(train, test, 1.0) == pytest.approx(0.18)
     for broken in ({}, test | {"ssim": math.nan}, {"nrmse": 0.1, "nmae": 0.1}):
-        assert objective(train, broken, 0.3) == math.inf
-        assert objective(broken, test, 1.0) == math.inf
+        assert keeping.objective(train, broken, 0.3) == math.inf
+        assert keeping.objective(broken, test, 1.0) == math.inf
 
 
 def network() -> Any:
@@ -220,14 +211,16 @@ def network() -> Any:
 
 
 def test_the_author_scores_the_centre_and_divides_by_255(tiny_store: Dataset) -> None:
-    assert CENTRE == (368, 400)
+    assert keeping.CENTRE == (368, 400)
     (pair,) = tiny_store.pairs("test")[:1]
     images = tiny_store.read(pair)
     levels = Predictor(network(), CPU)(images.infocus, images.defocus)
     depth, answer = images.levels[4:20], levels[4:20].astype(np.float32)
     # The images have 24 rows and 30 columns.
-    of_centre = mean_scores(network(), tiny_store, [pair], CPU, "mode", [OF_CENTRE], (16, 400))
-    found = of_centre[OF_CENTRE.label]
+    of_centre = mean_scores(
+        network(), tiny_store, [pair], CPU, "mode", [keeping.OF_CENTRE], (16, 400)
+    )
+    found = of_centre[keeping.OF_CENTRE.label]
     errors = answer.astype(float) - depth
     assert found["nmae"] == pytest.approx(np.abs(errors).mean() / 255, abs=1e-6)
     assert found["nrmse"] == pytest.approx(np.sqrt((errors**2).mean()) / 255, abs=1e-6)

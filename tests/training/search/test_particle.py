@@ -9,43 +9,23 @@ from hypothesis import strategies as st
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SIZED
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.particle import (
-    COMPONENTS,
-    KAPPA,
-    PATCHES,
-    ROWS,
-    VARIANTS,
-    Bounds,
-    Box,
-    Numbers,
-    Swarm,
-    begun,
-    bounds_of,
-    box_of,
-    constriction,
-    judged,
-    moved,
-    particle_at,
-    position_of,
-    search,
-    whole_numbers,
-)
+from dfdbench.training.search import particle as pso
 
 
 def test_a_particle_has_51_components_as_the_author_counts_them() -> None:
-    assert len(COMPONENTS) == len(set(COMPONENTS)) == 12 + 2 * 10 + 9 + 9 + 1 == 51
+    assert len(pso.COMPONENTS) == len(set(pso.COMPONENTS)) == 12 + 2 * 10 + 9 + 9 + 1 == 51
     # The author's map from layers to rows, output to input; row 1 is fixed.
     rows = [1, 2, 3, 2, 4, 5, 6, 5, 7, 8, 9, 8, 10, 11, 10, 12, 13, 12]
     for layer, row in list(zip(reversed(LAYERS), rows, strict=True))[1:]:
-        assert layer in ROWS[row - 2][0]
-    free = {layer for _, sized in ROWS for layer in sized}
+        assert layer in pso.ROWS[row - 2][0]
+    free = {layer for _, sized in pso.ROWS for layer in sized}
     assert free == set(SIZED) - {1}
 
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_named_network_is_a_particle_s(name: str) -> None:
     first = "sigmoid" if name == "pso" else "prelu"
-    particle = particle_at(position_of(FILTERS[name], first_activation=first))
+    particle = pso.particle_at(pso.position_of(FILTERS[name], first_activation=first))
     found = TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
     named = TrainingConfiguration.model_validate({"filters": name, "first_activation": first})
     assert found == named.architecture("dfd-net")
@@ -53,15 +33,15 @@ def test_every_named_network_is_a_particle_s(name: str) -> None:
 
 
 def test_mapping_functions_are_those_of_appendix_c() -> None:
-    position = position_of(FILTERS["original"])
-    position[COMPONENTS.index("width_5_12")] = 127.5
-    position[COMPONENTS.index("rows_5_12")] = 3.4999
-    position[COMPONENTS.index("columns_5_12")] = 3.5
-    position[COMPONENTS.index("activation_entry")] = 5.6  # goes round to ReLU
-    position[COMPONENTS.index("activation_classify")] = 4.6
-    position[COMPONENTS.index("normalized_entry")] = 0.49
-    position[COMPONENTS.index("crop")] = 12.5
-    found = particle_at(position)
+    position = pso.position_of(FILTERS["original"])
+    position[pso.COMPONENTS.index("width_5_12")] = 127.5
+    position[pso.COMPONENTS.index("rows_5_12")] = 3.4999
+    position[pso.COMPONENTS.index("columns_5_12")] = 3.5
+    position[pso.COMPONENTS.index("activation_entry")] = 5.6  # goes round to ReLU
+    position[pso.COMPONENTS.index("activation_classify")] = 4.6
+    position[pso.COMPONENTS.index("normalized_entry")] = 0.49
+    position[pso.COMPONENTS.index("crop")] = 12.5
+    found = pso.particle_at(position)
     sizes = dict(zip(SIZED, found.kernels, strict=True))
     assert sizes[5] == sizes[12] == (7, 9)
     assert sizes[1] == sizes[48] == (3, 3)
@@ -73,23 +53,23 @@ def test_mapping_functions_are_those_of_appendix_c() -> None:
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(VARIANTS)))
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(pso.VARIANTS)))
 def test_all_of_the_box_is_networks_and_back(seed: int, variant: str) -> None:
-    box = box_of(Bounds(), VARIANTS[variant])
-    (position,) = begun(box, 1, seed).positions
-    particle = particle_at(position)
+    box = pso.box_of(pso.Bounds(), pso.VARIANTS[variant])
+    (position,) = pso.begun(box, 1, seed).positions
+    particle = pso.particle_at(position)
     assert set(particle.filters[:-1]) <= set(range(8, 513))
     assert {side for size in particle.kernels for side in size} <= {1, 3, 5, 7, 9}
-    assert particle.crop in PATCHES
+    assert particle.crop in pso.PATCHES
     TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
-    again = position_of(**particle.model_dump())
-    assert np.array_equal(again, whole_numbers(position))
+    again = pso.position_of(**particle.model_dump())
+    assert np.array_equal(again, pso.whole_numbers(position))
 
 
 def test_bounds_make_the_box_smaller() -> None:
-    bounds = bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"})
-    box = box_of(bounds, VARIANTS["thesis"])
-    ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(COMPONENTS)}
+    bounds = pso.bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"})
+    box = pso.box_of(bounds, pso.VARIANTS["thesis"])
+    ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(pso.COMPONENTS)}
     assert ends["width_8"] == (16, 64)
     assert ends["rows_8"] == ends["columns_48"] == (1, 2)
     assert ends["crop"] == (0, 3)
@@ -110,27 +90,27 @@ def test_bounds_make_the_box_smaller() -> None:
 )
 def test_what_are_no_bounds_is_told(given: dict[str, str], said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        bounds_of(given)
+        pso.bounds_of(given)
     assert "--bounds" in str(caught.value)
 
 
 def test_the_author_s_box_is_the_text_s_but_for_what_is_said() -> None:
-    text, author = (box_of(Bounds(), VARIANTS[name]) for name in ("thesis", "author"))
+    text, author = (pso.box_of(pso.Bounds(), pso.VARIANTS[name]) for name in ("thesis", "author"))
     assert np.array_equal(text.low, author.low)
     assert np.array_equal(text.high, author.high)
-    sizes = np.array([name.startswith(("rows", "columns")) for name in COMPONENTS])
+    sizes = np.array([name.startswith(("rows", "columns")) for name in pso.COMPONENTS])
     assert np.array_equal(text.fastest != author.fastest, sizes)
     assert (set(text.fastest[sizes]), set(author.fastest[sizes])) == ({2.0}, {1.0})
-    assert [COMPONENTS[i] for i in np.flatnonzero(text.wraps != author.wraps)] == ["crop"]
+    assert [pso.COMPONENTS[i] for i in np.flatnonzero(text.wraps != author.wraps)] == ["crop"]
     assert (text.whole, author.whole) == (False, True)
-    assert [COMPONENTS[i] for i in author.late] == ["crop"]
+    assert [pso.COMPONENTS[i] for i in author.late] == ["crop"]
     assert text.late == ()
 
 
 class AuthorsProgram:
     """The author's swarm by its description, a number at a time; positions count from 0."""
 
-    def __init__(self, positions: Numbers, velocities: Numbers, seed: int) -> None:
+    def __init__(self, positions: pso.Numbers, velocities: pso.Numbers, seed: int) -> None:
         self.x, self.v, self.seed = positions.tolist(), velocities.tolist(), seed
         self.p: list[list[float]] = []
         self.g: list[float] = []
@@ -152,7 +132,7 @@ class AuthorsProgram:
         self.iteration += 1
         for i in range(len(self.x)):
             r, s = np.random.default_rng((self.seed, self.iteration, i)).random((2, 51))
-            for j, name in enumerate(COMPONENTS):
+            for j, name in enumerate(pso.COMPONENTS):
                 fastest = 16 if name.startswith("width") else 1
                 x, old = self.x[i][j], self.v[i][j]
                 pull = 2.4 * r[j] * (self.p[i][j] - x) + 2.1 * s[j] * (self.g[j] - x)
@@ -171,14 +151,14 @@ class AuthorsProgram:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
-    variant = VARIANTS["author"]
-    box, random = box_of(Bounds(), variant), np.random.default_rng(seed)
+    variant = pso.VARIANTS["author"]
+    box, random = pso.box_of(pso.Bounds(), variant), np.random.default_rng(seed)
     values = random.uniform(0.4, 0.9, (15, 6)).round(2)
     own: list[bool] = []
-    start = begun(box, 6, seed)
+    start = pso.begun(box, 6, seed)
     program = AuthorsProgram(start.positions, start.velocities, seed)
     rule = variant.against_previous
-    swarms = search(lambda s: values[s.iteration], box, 6, 14, seed, against_previous=rule)
+    swarms = pso.search(lambda s: values[s.iteration], box, 6, 14, seed, against_previous=rule)
     for swarm in swarms:
         if swarm.iteration:
             program.move()
@@ -192,31 +172,31 @@ def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
     assert any(own)
 
 
-def sphere(x: Numbers) -> Numbers:
+def sphere(x: pso.Numbers) -> pso.Numbers:
     return np.asarray((x**2).sum(-1))
 
 
-def rastrigin(x: Numbers) -> Numbers:
+def rastrigin(x: pso.Numbers) -> pso.Numbers:
     return np.asarray((x**2 - 10 * np.cos(2 * np.pi * x) + 10).sum(-1))
 
 
-def ackley(x: Numbers) -> Numbers:
+def ackley(x: pso.Numbers) -> pso.Numbers:
     distance, waves = np.sqrt((x**2).mean(-1)), np.cos(2 * np.pi * x).mean(-1)
     return np.asarray(-20 * np.exp(-0.2 * distance) - np.exp(waves) + 20 + np.e)
 
 
-def cube(side: float, components: int, share: float = 1.0) -> Box:
+def cube(side: float, components: int, share: float = 1.0) -> pso.Box:
     sides = np.full(components, side)
-    return Box(-sides, sides, share * sides, share * sides, np.zeros(components, bool))
+    return pso.Box(-sides, sides, share * sides, share * sides, np.zeros(components, bool))
 
 
-def values(function: Callable[[Numbers], Numbers]) -> Callable[[Swarm], Numbers]:
+def values(function: Callable[[pso.Numbers], pso.Numbers]) -> Callable[[pso.Swarm], pso.Numbers]:
     return lambda swarm: function(swarm.positions)
 
 
 def test_kappa_is_a_half_and_that_of_equal_constants_is_clerc_and_kennedy_s() -> None:
-    assert KAPPA == 0.5
-    assert constriction(2.05, 2.05) == pytest.approx(0.7298437881)
+    assert pso.KAPPA == 0.5
+    assert pso.constriction(2.05, 2.05) == pytest.approx(0.7298437881)
 
 
 @pytest.mark.parametrize(
@@ -224,11 +204,11 @@ def test_kappa_is_a_half_and_that_of_equal_constants_is_clerc_and_kennedy_s() ->
     [(sphere, 100.0, 5, 1e-8), (rastrigin, 5.12, 2, 1.0), (ackley, 32.0, 4, 1e-5)],
 )
 def test_with_the_thesis_s_constants_it_finds_the_minimum(
-    function: Callable[[Numbers], Numbers], side: float, components: int, within: float
+    function: Callable[[pso.Numbers], pso.Numbers], side: float, components: int, within: float
 ) -> None:
     found = []
     for seed in range(5):
-        *_, last = search(values(function), cube(side, components, 0.25), 20, 150, seed)
+        *_, last = pso.search(values(function), cube(side, components, 0.25), 20, 150, seed)
         assert last.best_value == function(last.best)
         found.append(last.best_value)
     assert sorted(found)[2] < within
@@ -236,9 +216,9 @@ def test_with_the_thesis_s_constants_it_finds_the_minimum(
 
 def test_an_iteration_is_eq_c2_and_c3_by_hand() -> None:
     box = cube(10.0, 2, 0.1)
-    swarm = judged(begun(box, 2, 7), np.array([2.0, 1.0]))
-    swarm = judged(moved(swarm, box, 7), np.array([3.0, 3.0]))
-    after = moved(swarm, box, 7)
+    swarm = pso.judged(pso.begun(box, 2, 7), np.array([2.0, 1.0]))
+    swarm = pso.judged(pso.moved(swarm, box, 7), np.array([3.0, 3.0]))
+    after = pso.moved(swarm, box, 7)
     for i in range(2):
         r, s = np.random.default_rng((7, 2, i)).random((2, 2))
         x, v = swarm.positions[i], swarm.velocities[i]
@@ -248,12 +228,12 @@ def test_an_iteration_is_eq_c2_and_c3_by_hand() -> None:
         assert np.allclose(after.positions[i], np.clip(x + expected, -10, 10), rtol=0, atol=1e-15)
 
 
-def mixed(whole: bool) -> Box:
+def mixed(whole: bool) -> pso.Box:
     """A width, a filter's side, an activation, which goes round, and a bit."""
     low, high, fastest, first = np.array(
         [[8, 512, 16, 8], [0, 4, 2, 1], [0, 5, 1, 1], [0, 1, 1, 1]], float
     ).T
-    return Box(low, high, fastest, first, np.array([False, False, True, False]), whole)
+    return pso.Box(low, high, fastest, first, np.array([False, False, True, False]), whole)
 
 
 @settings(max_examples=40, deadline=None)
@@ -261,14 +241,14 @@ def mixed(whole: bool) -> Box:
 def test_it_stays_in_its_box_and_never_gets_worse(seed: int, whole: bool, particles: int) -> None:
     box, random = mixed(whole), np.random.default_rng(seed)
 
-    def judge(swarm: Swarm) -> Numbers:
+    def judge(swarm: pso.Swarm) -> pso.Numbers:
         drawn = random.normal(size=particles).round(1)
         drawn[random.random(particles) < 0.2] = np.inf
         drawn[random.random(particles) < 0.1] = np.nan
         return drawn
 
     before = None
-    for swarm in search(judge, box, particles, 12, seed):
+    for swarm in pso.search(judge, box, particles, 12, seed):
         for position in (*swarm.positions, *swarm.own, swarm.best):
             assert np.array_equal(box.limited(position), position)
             assert not whole or np.array_equal(position, np.rint(position))
@@ -283,12 +263,12 @@ def test_it_stays_in_its_box_and_never_gets_worse(seed: int, whole: bool, partic
 
 def test_only_what_is_strictly_better_takes_a_place() -> None:
     box = cube(1.0, 3)
-    first = judged(begun(box, 3, 0), np.array([2.0, 1.0, 1.0]))
+    first = pso.judged(pso.begun(box, 3, 0), np.array([2.0, 1.0, 1.0]))
     assert first.best_at == (0, 1)
-    same = judged(moved(first, box, 0), np.array([2.0, 1.0, np.nan]))
+    same = pso.judged(pso.moved(first, box, 0), np.array([2.0, 1.0, np.nan]))
     assert np.array_equal(same.own, first.own)
     assert same.best_at == (0, 1)
-    better = judged(moved(same, box, 0), np.array([3.0, np.inf, 0.5]))
+    better = pso.judged(pso.moved(same, box, 0), np.array([3.0, np.inf, 0.5]))
     assert better.best_at == (2, 2)
     assert np.array_equal(better.best, better.positions[2])
     assert better.own_values.tolist() == [2.0, 1.0, 0.5]

@@ -6,15 +6,11 @@ import pytest
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.building.sources.simulated import Rooms, SimulatedRig
+from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.rendered import unseen_manifest
-from dfdbench.errors import SourceError, StoreError
+from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
 
 RELEASED = find_manifest("realworld-sim")
@@ -103,47 +99,3 @@ def test_the_whole_set_has_the_pinned_fingerprint_with_two_workers(tmp_path: Pat
     report = build_store(RELEASED, SimulatedRig(RELEASED), tmp_path / "s.zarr", pool=Threads(2))
     assert report.pairs == 16
     assert report.fingerprint in known_fingerprints(BOARD)["realworld-sim-1"]
-
-
-def small(manifest: Manifest) -> Manifest:
-    splits = [
-        split.model_copy(update={"scenes": split.scenes[:1], "pairs": 1})
-        for split in manifest.splits
-    ]
-    scenes = [scene for scene in manifest.scenes if scene.name in ("test-01", "train-01")]
-    return manifest.model_copy(
-        update={"splits": splits, "scenes": scenes, "scene_count": 2, "pair_count": 2}
-    )
-
-
-@pytest.mark.slow
-def test_a_seed_builds_the_same_rooms_with_one_thread_and_two(tmp_path: Path) -> None:
-    manifest = small(unseen_manifest("unseen", 5))
-    one = build_store(manifest, Rooms(manifest), tmp_path / "one.zarr")
-    two = build_store(manifest, Rooms(manifest), tmp_path / "two.zarr", pool=Threads(2))
-    assert one.fingerprint == two.fingerprint
-    store = Dataset(tmp_path / "one.zarr")
-    capture = store.read(store.pairs("all")[0])
-    assert capture.is_pair
-    assert capture.infocus.shape == (480, 640, 3)
-    assert 0.6 <= np.nanmin(capture.depth) < np.nanmax(capture.depth) <= 6.0
-    stack = capture.stack
-    assert stack["f_number"].values[0] == 8
-    assert stack["f_number"].values[1] < 3
-    assert stack.attrs["unit"] == "metres"
-    assert stack.attrs["focal_length"] > 0
-
-
-def test_a_set_of_another_generator_is_refused(tmp_path: Path) -> None:
-    manifest = unseen_manifest("unseen", 5)
-    text = manifest.toml.replace("by generator 1", "by generator 0")
-    older = parse_manifest(text.encode(), "unseen-5-1.toml")
-
-    class Blank(Rooms):
-        def read(self, scene: str):  # type: ignore[no-untyped-def]
-            image, depth = np.zeros((1, 2, 4, 4, 3), np.uint8), np.ones((4, 4), np.float32)
-            return SceneImages(image, depth, np.ones(1, bool))
-
-    build_store(older, Blank(older), tmp_path / "old.zarr")
-    with pytest.raises(StoreError, match="built from another manifest"):
-        Dataset(tmp_path / "old.zarr")

@@ -1,0 +1,13 @@
+"""How a command ends: every exit status, and what it means."""
+
+DONE, NO, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+
+#: As docs/scripts.md shows them.
+STATUSES = {
+    DONE: "done, or the reader of a pipe (`head`) has enough",
+    NO: "done, and the answer is no: pairs or trials failed, a store or row differs, a test is not "
+    "covered, a search found nothing, or you said no",
+    MISTAKE: "not done, or only in part: a mistake in what was asked, or something lacking; "
+    "standard error says what, where, and what to do",
+    INTERRUPTED: "stopped by Ctrl-C; standard error says how it goes on",
+}
