@@ -107,7 +107,8 @@ GALLERY: dict[str, tuple[Drawn, ...]] = {
         Drawn("time_figure", _REPORT, "page/1-seconds-per-pair.png", "Seconds per pair."),
         Drawn(
             "tracks_figure",
-            "dfdbench tracks --method s-transform --dataset demo --split Kitchen --track psf",
+            "dfdbench tracks --method s-transform --dataset demo --split Kitchen --track psf "
+            "--track noise --track gain",
             "results/demo-1-tracks-Kitchen/s-transform/tracks.png",
             "Error on each track by severity.",
         ),
