@@ -131,7 +131,9 @@ def test_a_cluster_does_both(dfdbench: Command, site: Site, cluster: str, tmp_pa
     built = dfdbench.fine("build tiny-1.toml --store", store, "--scheduler", cluster)
     here = dfdbench("build tiny-1.toml --store", other, "--workers", "2")
     assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
-    ran = dfdbench.fine(f"run --method constant --dataset {store} --scheduler {cluster} --out out")
+    ran = dfdbench.fine(
+        f"run --method constant --dataset {store} --scheduler {cluster} --out out --tables"
+    )
     assert "several at once: not comparable" in " ".join(ran.out.split())
 
 
