@@ -157,7 +157,7 @@ def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores(
             protocols=("valid",),
         ),
         "half": make_demo_result(lambda pair: found[pair].nrmse[1] / 2, protocols=("valid",)),
-        "thesis": make_demo_result(lambda pair: 0.1),
+        "thesis": make_demo_result(lambda pair: 0.1, protocols=("thesis",)),
     }
     runs["stopped"] = limited(runs["twice"], 3)
     table = bound_table(manifest, "test", found, runs)

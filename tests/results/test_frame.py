@@ -57,27 +57,27 @@ RUNS = {
 
 
 def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
-    table = severities_table(list(RUNS.values()), "thesis")
+    table = severities_table(list(RUNS.values()), "valid")
     assert ["|".join(row) for row in (table.columns, *table.rows)] == [
         "track|clean|1|2|3|mean of severities|range of group means",
         "gain|0.1250|0.2500|0.5000|0.7500|0.5000|0.5000 to 0.5000",
         "noise|0.1250|0.5000|0.5000|0.5000|0.5000|0.5000 to 0.5000",
     ]
     assert table.records[0]["nmae mean"] == 0.25
-    assert "demo-1, split test, protocol thesis" in table.title
+    assert "demo-1, split test, protocol valid" in table.title
 
 
 def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
-    notes = severities_table(list(RUNS.values()), "thesis").notes
+    notes = severities_table(list(RUNS.values()), "valid").notes
     assert notes[:2] == ("clean: the blur", "on tracks: blur fitted")
 
 
 def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:
     runs = {**RUNS, "gain-2": limited(RUNS["gain-2"], 3)}
     del runs["noise-3"]
-    table = severities_table(list(runs.values()), "thesis")
+    table = severities_table(list(runs.values()), "valid")
     assert table.rows[0][2:] == ("0.2500", "–", "0.7500", "–", "–")
     assert table.rows[1][2:] == ("0.5000", "0.5000", "–", "–", "–")
     assert any(note.startswith("gain-2: 3 of 54 pairs") for note in table.notes)
-    means = track_means(scores_of(list(runs.values())), "thesis", "nrmse")
+    means = track_means(scores_of(list(runs.values())), "valid", "nrmse")
     assert np.isnan(means.to_numpy()[0]).tolist() == [False, False, True, False]
