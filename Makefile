@@ -101,8 +101,11 @@ size: ## Count lines of code by room, without docstrings, comments and blank lin
 leaderboard: $(STAMPS)/installed ## Run every method on rooms of a SEED, or of a drawn one; write the leaderboard's README
 	@$(BIN)/python leaderboard/rerun.py $(if $(SEED),--seed $(SEED))
 
-benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
-	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s
+# One thread, since what is compared is the processor's time. Each benchmark, also those without a
+# peer: pytest tests/benchmarks --benchmark-only -s
+benchmark: $(STAMPS)/tested-with ## Time our code against named peers: the table of docs/speed.md
+	@NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	  $(BIN)/python -m pytest tests/benchmarks --benchmark-only -s --ledger docs/speed.md
 
 # The Pythons that a release is tried on; those that are not here are named and left out.
 PYTHONS ?= python3.11 python3.12 python3.13

@@ -4,7 +4,6 @@ Nothing is asserted of times.
 """
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import pandas as pd
 
 from dfdbench.board.board import leaderboard
 from dfdbench.board.row_file import RESULTS
+from tests.benchmarks.ledger import Ledger, cpu
 
 FOLDER = Path(__file__).parents[2] / "leaderboard"
 
@@ -36,16 +36,8 @@ def check() -> int:
     return len(board.rows)
 
 
-def seconds(what: Any) -> float:
-    begun = time.process_time()
-    what()
-    return time.process_time() - begun
-
-
-def test_check(benchmark: Any) -> None:
+def test_check(benchmark: Any, ledger: Ledger) -> None:
     files = benchmark.pedantic(check, rounds=3, warmup_rounds=1)
-    ours, theirs = (min(seconds(what) for _ in range(3)) for what in (check, plain))
-    print(
-        f"\ncheck of {files} files: {ours:.2f} s of processor time, {ours / theirs:.1f} times "
-        f"{theirs:.2f} s of json and pandas; {1e3 * ours / files:.1f} ms a file"
-    )
+    seconds = cpu(check, 3), cpu(plain, 3)
+    ours, peer = f"check of the leaderboard's {files} files", "the same files, unchecked, unranked"
+    ledger.note(ours, seconds[0], "pandas", peer, seconds[1], "the rankings, as written")

@@ -3,7 +3,6 @@
 Nothing is asserted of times.
 """
 
-import statistics
 import sys
 import time
 from pathlib import Path
@@ -17,27 +16,30 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
+from tests.benchmarks.ledger import Ledger
 from tests.benchmarks.test_startup import processor_seconds
 
 ROUNDS = 5
 
 
-def test_a_run_with_nothing_to_do(benchmark: Any, demo_store: Dataset, tmp_path: Path) -> None:
+def test_a_run_with_nothing_to_do(
+    benchmark: Any, ledger: Ledger, demo_store: Dataset, tmp_path: Path
+) -> None:
     program = str(Path(sys.executable).with_name("dfdbench"))
     words = f"run --method constant --split Market --no-figures --dataset {demo_store.path}"
     ours = [program, *words.split(), "--out", str(tmp_path / "run")]
-    theirs = [sys.executable, "-c", "import numba, xarray, zarr"]
+    theirs = [sys.executable, "-c", "import numba, pandas, zarr"]
     benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
     pairs = [(processor_seconds(ours), processor_seconds(theirs)) for _ in range(ROUNDS)]
-    own, other = (statistics.median(column) for column in zip(*pairs, strict=True))
-    print(
-        f"\nrun with nothing to do: {own:.2f} s of processor time, {own / other:.1f} times "
-        f"{other:.2f} s of importing numba, xarray and zarr"
-    )
+    own, other = map(min, zip(*pairs, strict=True))
+    peer = "import of zarr, numba and pandas"
+    ledger.note("a run with nothing to do", own, "zarr", peer, other, "each in a fresh process")
 
 
 @pytest.mark.benchmark(group="a pair of 240 x 320", timer=time.process_time)
-def test_a_pair_beyond_its_method(benchmark: Any, demo_store: Dataset, tmp_path: Path) -> None:
+def test_a_pair_beyond_its_method(
+    benchmark: Any, ledger: Ledger, demo_store: Dataset, tmp_path: Path
+) -> None:
     """Read, scored under every protocol, kept and noted; by zarr read and kept."""
     method = load_for(demo_store, "constant", {}, 0)
     pairs = demo_store.pairs("train")[:40]
@@ -62,7 +64,5 @@ def test_a_pair_beyond_its_method(benchmark: Any, demo_store: Dataset, tmp_path:
     ours = (many - few) / len(pairs)
     theirs = plain() / len(pairs)
     benchmark.pedantic(run, (8,), rounds=1)
-    print(
-        f"\na pair beyond its method: {1e3 * ours:.1f} ms of processor time, {ours / theirs:.1f} "
-        f"times {1e3 * theirs:.1f} ms of plain zarr"
-    )
+    title, peer = "a pair of a run beyond its method", "the same arrays read, and one kept"
+    ledger.note(title, ours, "zarr", peer, theirs, "scores under three protocols, too")

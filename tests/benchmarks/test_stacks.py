@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, grey_of_image
-from tests.benchmarks.test_mrf import _STATUS, cpu
+from tests.benchmarks.ledger import cpu
+from tests.benchmarks.test_mrf import _STATUS
 from tests.made_stacks import stack_of
 from tests.methods.made_planes import texture
 
