@@ -147,7 +147,9 @@ def _beside(own: float, other: float) -> str:
 
 def _kind(result: Result) -> str:
     """Return what a method was given, whatever its weights were trained on."""
-    return re.sub(r"trained on .*", "trained weights", given_to(result))
+    given = re.sub(r"trained on .*", "trained weights", given_to(result))
+    given = re.sub(r"(mean|median) depth", r"the \1 depth", given)
+    return given.replace("blur fitted", "a fitted blur").replace(", ", " and ")
 
 
 def _best(
