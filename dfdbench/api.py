@@ -44,7 +44,7 @@ from dfdbench.system.files import write_whole
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Shown, Threads
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, counted
+from dfdbench.tables.table import Format, counted, listed
 
 #: The file in a run's folder that has all of its tables.
 TABLES = "tables.md"
@@ -389,6 +389,7 @@ def run_tracks(
                     check=check,
                     on_pair=step,
                 )
+            _require_some(runs[label].result)
             on_result(label, runs[label].result)
         return _run_of(runs, stores, protocol, out)
 
@@ -589,6 +590,15 @@ def _folder(
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
+
+
+def _require_some(result: Result) -> None:
+    """Stop before the next track where a method fails on every pair of this one."""
+    errors = {pair.error for pair in result.pairs}
+    if all(pair.status == "failed" for pair in result.pairs):
+        what = f"it failed on every pair of {result.dataset.name}: {listed(errors, most=1)}"
+        fix = f"dfdbench check-method {result.method.entry}"
+        raise MethodError(what, where=result.method.entry, fix=fix)
 
 
 def _run_of(

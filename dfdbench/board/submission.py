@@ -27,6 +27,9 @@ def require_submittable(limit: int | None) -> None:
     if limit:
         fix = "leave out --limit; pairs that were run already are taken over"
         raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
+    if not LEADERBOARD.is_dir():
+        fix = "run this in the root of a clone of dfdbench"
+        raise ResultError("no leaderboard here to submit to", where=str(LEADERBOARD), fix=fix)
     board.require_leaderboard(LEADERBOARD)
 
 

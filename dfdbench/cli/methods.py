@@ -21,6 +21,9 @@ from dfdbench.tables.table import Format, Table, counted
 if TYPE_CHECKING:
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
 
+# So large a share of pixels at one end of the levels is worth a word.
+_MANY = 0.3
+
 
 def predict(
     images: Annotated[
@@ -96,6 +99,7 @@ def _predict_pair(
 ) -> None:
     import numpy as np
 
+    from dfdbench.blur.recipe import LAST_LEVEL
     from dfdbench.evaluation.predict import read_image, write_depth
 
     sharp, blurred = map(read_image, images)
@@ -111,9 +115,15 @@ def _predict_pair(
     gaps = np.count_nonzero(np.isnan(estimate.depth))
     if gaps:
         say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
+    at_ends = max(np.mean(estimate.depth <= 0), np.mean(estimate.depth >= LAST_LEVEL))
+    if predictor.unit == "levels" and at_ends > _MANY:
+        what = "the blur is not that of these photographs, or the blurred one is named first"
+        say(f"odd          {at_ends:.0%} of the pixels are at one end of the levels: {what}")
+    held = {"levels": "the file holds levels times 256", "metres": "the file holds millimetres"}
+    inside = f" ({held[predictor.unit]})" if out.suffix.lower() == ".png" else ""
     show(
         format,
-        text=f"depth        {out}: {predictor.meaning}",
+        text=f"depth        {out}: {predictor.meaning}{inside}",
         depth=out,
         unit=predictor.unit,
         meaning=predictor.meaning,

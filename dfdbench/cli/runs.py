@@ -202,7 +202,10 @@ def tune(
             cache=cache,
             on_pair=step,
         )
-    then = f"dfdbench run --dataset {dataset} --method {method} {best_words(found)}"
+    others = [each for each in param or () if each.partition("=")[0] not in found.index.names]
+    kept = shlex.join(word for each in others for word in ("--param", each))
+    best = " ".join(filter(None, (kept, best_words(found))))
+    then = f"dfdbench run --dataset {dataset} --method {method} {best}"
     table = tried_table(found, f"{method} on training captures of {dataset}")
     show(format, [table], next=then)
     say(f"next         {then}")
@@ -297,6 +300,9 @@ def _show(
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
         facts["verdict"] = done.verdict_facts()
+        nothing = all(pair.status == "failed" for pair in done.result.pairs)
+        if nothing and not done.result.method.scored:
+            then = f"dfdbench check-method {done.result.method.entry}"
         facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
         say(verdict_text(facts["verdict"]))
         say(f"next         {facts['next']}")

@@ -15,7 +15,7 @@ import typer
 
 from dfdbench.errors import InputError, ResultError, reason_of
 from dfdbench.statuses import DONE, INTERRUPTED
-from dfdbench.tables.table import Format, Table, least_width
+from dfdbench.tables.table import Format, Table, least_width, without
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,8 +74,10 @@ def print_table(table: Table) -> None:
 
     console = Unread()
     # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
-    # narrow one the terminal wraps the rows, which loses nothing.
+    # narrow one deviations go first; then the terminal wraps the rows, which loses nothing.
     width = console.width if sys.stdout.isatty() else 200
+    if least_width(table) > width:
+        table = without(table, "std")
     for part in as_rich(table):
         console.width = width if isinstance(part, Text) else max(width, least_width(table))
         console.print(part)

@@ -132,7 +132,9 @@ def _import_module(name: str) -> ModuleType:
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise MethodError("no such file", where=str(path), got=f"looked in {Path.cwd()}")
+        raise MethodError(
+            "no such file", where=str(path), fix=f"name it from {Path.cwd()}, or in full"
+        )
     name = f"dfdbench_method_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:

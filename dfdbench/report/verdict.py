@@ -63,13 +63,9 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
         title = metrics_of(protocol)[name].title
         folder = leaderboard_folder() if leaderboard is None else leaderboard
         others = dict(_others(result, protocol, [pair.id for pair in pairs], folder))
-        constant = next((mean for row, mean in others.items() if row.name == CONSTANT), None)
-        if result.method.name != CONSTANT:
-            if constant is None and run.store:
-                constant = _constant(run.store, pairs, protocol)
-            if constant is not None:
-                text = f"{title} {score_text(constant)}: {_beside(own, constant)}"
-                lines["constant"] = {name: constant, "text": text}
+        if result.method.name != CONSTANT and run.store:
+            row = next((row.result for row in others if row.name == CONSTANT), None)
+            lines |= _constant(row.pairs if row else run.store, pairs, protocol, own)
         lines |= _best(result, own, name, title, others)
         lines |= _worst(result, protocol, pairs, title)
     return lines
@@ -96,10 +92,16 @@ def _score(result: Result, protocol: str) -> Line:
         count = f"only {len(done)} of {count}{absent}"
     if not done:
         return {"text": f"none: {count} were evaluated  ({under})"}
-    metrics = metrics_of(protocol)
-    means = {name: mean_of(pair.score(protocol, name) for pair in done) for name in metrics}
-    scores = "  ".join(f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
+    means, scores = _means(done, protocol)
     return means | {"pairs": len(done), "text": f"{scores}  ({under}, {count})"}
+
+
+def _means(pairs: Sequence[PairResult], protocol: str) -> tuple[dict[str, float | None], str]:
+    """Return the means of pairs that were evaluated, by metric, and how they read."""
+    metrics = metrics_of(protocol)
+    means = {name: mean_of(pair.score(protocol, name) for pair in pairs) for name in metrics}
+    texts = (f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
+    return means, "  ".join(texts)
 
 
 def _others(
@@ -123,14 +125,28 @@ def _others(
                 yield _Row(file.stem, other), mean
 
 
-def _constant(store: Dataset, pairs: Sequence[PairResult], protocol: str) -> float | None:
-    """Return the score of the training mean on some pairs; None where training has no depth."""
-    try:
-        method = load_for(store, CONSTANT, {}, 0)
-    except DfdbenchError:
-        return None
-    evaluate = PairEvaluator(store, method, 0, [RELEASED[protocol]])
-    return mean_of(_of(evaluate(pair.pair)[0], protocol) for pair in pairs)
+def _constant(
+    known: Sequence[PairResult] | Dataset, pairs: Sequence[PairResult], protocol: str, own: float
+) -> dict[str, Line]:
+    """Return what the training mean scores on some pairs, from its row or anew from the data."""
+    if isinstance(known, Dataset):
+        try:
+            method = load_for(known, CONSTANT, {}, 0)
+        except DfdbenchError:
+            # Training has no depth.
+            return {}
+        evaluate = PairEvaluator(known, method, 0, [RELEASED[protocol]])
+        found = [evaluate(pair.pair)[0] for pair in pairs]
+    else:
+        wanted = {pair.id for pair in pairs}
+        found = [pair for pair in known if pair.id in wanted]
+    means, scores = _means(found, protocol)
+    metric = ranked_by(protocol)[0]
+    title, mean = metrics_of(protocol)[metric].title, means[metric]
+    if mean is None:
+        return {}
+    beside = _beside(own, mean).replace("yours", f"your {title}")
+    return {"constant": means | {"text": f"{scores}: {beside}"}}
 
 
 def _of(pair: PairResult, protocol: str) -> float | None:

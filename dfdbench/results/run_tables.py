@@ -184,9 +184,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if count:
             notes.append(f"{count} of {len(result.pairs)} pairs {text}")
     if not result.complete:
-        notes.append(
-            "an incomplete run has no score and no rank: means in brackets are of what ran"
-        )
+        notes.append("an incomplete run has no rank; means in brackets are of what ran")
     return notes + [f"warning: {text}" for text in result.warnings]
 
 

@@ -143,6 +143,8 @@ def interval_text(interval: tuple[float, float] | None) -> str:
     return NOTHING if interval is None else " to ".join(map(score_text, interval))
 
 
+# What a fit learns, where it is not the blur.
+_LEARNED = {"positional-prior": "depth by place"}
 GIVEN_NOTE = (
     "Given, beside the images: the recipe that made the blur, another recipe, a fit to training "
     "pairs, weights and the data they were trained on, the training scenes' mean depth, or nothing."
@@ -173,7 +175,7 @@ def given_to(result: Result) -> str:
         same = recipe == dataset.recipe["name"]
         parts.append("the blur" if same else "another blur")
     elif method.fitted_on:
-        parts.append("blur fitted")
+        parts.append(_LEARNED.get(method.name, "blur fitted"))
     elif "recipe" in method.uses:
         parts.append("the blur")
     if "training_mean" in method.uses:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from html import escape
 
@@ -137,6 +137,17 @@ def counted(number: int, what: str) -> str:
     ('1 pair', '0 pairs', '1234 scenes')
     """
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def without(table: Table, column: str) -> Table:
+    """Return a table without the columns of a name."""
+    kept = [at for at, name in enumerate(table.columns) if name != column]
+    return replace(
+        table,
+        columns=tuple(table.columns[at] for at in kept),
+        rows=tuple(tuple(row[at] for at in kept) for row in table.rows),
+        align="".join(table.align[at] for at in kept),
+    )
 
 
 def listed(things: Iterable[object], most: int | None = None) -> str:

@@ -41,4 +41,5 @@ def _on_site(name: str) -> str:
         return MOVED[name]
     if name.startswith("leaderboard/results/"):
         return name.replace("leaderboard/", "board/", 1)
-    return name.removeprefix("docs/")
+    # A notebook is a page there.
+    return re.sub(r"\.ipynb$", ".md", name).removeprefix("docs/")

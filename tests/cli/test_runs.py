@@ -50,7 +50,7 @@ def test_the_whole_way(
     scores = r"NRMSE 0\.\d{4}  NMAE 0\.\d{4}  SSIM 0\.\d{4}"
     score, constant, worst, then = ran.err.splitlines()[-4:]
     assert re.fullmatch(rf"score        {scores}  \(protocol valid, split test, 7 pairs\)", score)
-    assert re.match(r"constant     NRMSE 0\.\d{4}: yours is \d+ % (high|low)er", constant)
+    assert re.match(rf"constant     {scores}: your NRMSE is \d+ % (high|low)er", constant)
     assert re.match(r"worst        .*pair Three/view1/\S+, NRMSE 0\.\d{4}", worst), worst
     assert then == f"next         dfdbench report {folder}"
     score, then = (plain.err.splitlines()[at] for at in (-2, -1))
@@ -84,6 +84,29 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
 ) -> None:
     dfdbench.refused(said, "tracks --method constant", *words)
     assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
+
+
+def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(
+    dfdbench: Command, demo_built: Path
+) -> None:
+    del demo_built
+    words = ("--method mymodule:nan --dataset demo --split Market",)
+    failed = dfdbench("tracks", *words[0].split(), "--track", "gain")
+    assert failed.status == 2
+    assert "it failed on every pair of demo-1" in failed.err
+    assert not Path("results/demo-1-tracks-Market/mymodule-nan/gain-1").exists()
+    ran = dfdbench(f"run {words[0]} --limit 1 --no-figures")
+    assert ran.err.endswith("next         dfdbench check-method mymodule:nan\n")
+
+
+def test_what_was_given_to_a_trial_of_parameters_is_in_the_next_command(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    words = ("tune", "--method", "local", "--dataset", str(tiny_store.path))
+    given = ("--param", "recipe=published", "--param", "window=5", "--range", "window=7,9")
+    tried = dfdbench.fine(*words, *given, "--limit", "2")
+    last = tried.err.splitlines()[-1]
+    assert re.search(r"--method local --param recipe=published --param window=[79]$", last), last
 
 
 @pytest.mark.slow

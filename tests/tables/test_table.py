@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.tables.table import Table, as_html, least_width, listed
+from dfdbench.tables.table import Table, as_html, least_width, listed, without
 
 WORDS = st.text("abc ", max_size=12)
 
@@ -39,3 +39,8 @@ def test_cells_stand_under_their_headings_on_their_side_with_notes_below() -> No
 )
 def test_a_list_is_whole_or_says_how_much_is_left(count: int, most: int | None, text: str) -> None:
     assert listed(range(count), most) == text
+
+
+def test_without_a_column_all_else_stays_in_its_place() -> None:
+    table = Table("t", ("a", "std", "b", "std"), (("1", "2", "3", "4"),), "lrlr", ("note",))
+    assert without(table, "std") == Table("t", ("a", "b"), (("1", "3"),), "ll", ("note",))
