@@ -259,6 +259,7 @@ def score(
 def folder_name(method: str, param: list[str] | None) -> str:
     """Return what the folder of a method's run is called."""
     place, _, attribute = method.rpartition(":")
+    attribute = Path(attribute).name if attribute.endswith(".onnx") else attribute
     parts = [Path(place).stem if place.endswith(".py") else place, attribute, *(param or [])]
     name = "-".join(part for part in parts if part)
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
