@@ -1,9 +1,10 @@
 """Networks in ONNX files: what a description may say, what is refused."""
 
-import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import xarray
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 pytest.importorskip("torch", reason="needs the extra nets")
 
+import onnxruntime
 import torch
 from torch import nn
 
@@ -139,8 +141,6 @@ def test_a_stack_goes_in_by_focus_distance(
 
 
 def test_it_is_fit_for_a_run_also_in_other_processes(mean: str) -> None:
-    from functools import partial
-
     load = partial(load_method, mean, {}, {})
     assert [trial for trial in check_method(load(), load=load) if trial.error] == []
 
@@ -156,7 +156,6 @@ def test_a_run_knows_the_model_and_its_description(
     description.write_text(PAIR + "scale = 0.5\n")
     done = run(mean, tiny_store, out=tmp_path / "run")
     assert "mean.toml has changed" in " ".join(done.notes)
-    shutil.copy(mean, tmp_path / "kept.onnx")
     Path(mean).write_bytes(Path(mean).read_bytes() + b"\x2a\x00")  # an empty field of no meaning
     assert load_method(mean, {}, {}).weights_sha256 != method.weights_sha256
 
@@ -231,6 +230,16 @@ def test_an_answer_that_is_no_depth_map_is_refused(tmp_path: Path) -> None:
 def test_a_parameter_is_refused(mean: str) -> None:
     with pytest.raises(MethodError, match="unknown parameter window"):
         load_method(mean, {"window": 3}, {})
+
+
+def test_it_computes_on_one_thread_so_that_rounding_depends_on_no_number(
+    mean: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = Mock(wraps=onnxruntime.InferenceSession)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", made)
+    load_method(mean, {}, {})
+    options = made.call_args.args[1]
+    assert (options.intra_op_num_threads, options.inter_op_num_threads) == (1, 1)
 
 
 def test_without_onnxruntime_the_error_says_what_to_install(mean: str) -> None:
