@@ -53,7 +53,8 @@ def export_onnx(
     Raises
     ------
     InputError
-        If it is another method, the path has another ending, or there is no such readout.
+        If it is another method, the path has another ending or the description's is taken, or
+        there is no such readout.
     MethodError
         If there are no such weights.
 
@@ -68,6 +69,10 @@ def export_onnx(
         raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
     if path.suffix != ".onnx":
         raise InputError("not the name of an ONNX file", where=str(path), fix="NAME.onnx")
+    description = path.with_suffix(".toml")
+    if description.exists() and not path.exists():
+        what, fix = "the description would replace a file of another use", "choose another name"
+        raise InputError(what, where=str(description), fix=fix)
     network, card = load_weights(find_weights(method, weights), method)
     readout = readout or card.configuration.get("readout", "mode")
     if readout not in READOUTS:
@@ -90,7 +95,6 @@ def export_onnx(
             dynamo=False,
         )
     write_whole(path, content.getvalue())
-    description = path.with_suffix(".toml")
     text = _DESCRIPTION.format(method=method, multiple=multiple, seen=json.dumps(card.trained_on))
     write_whole(description, text)
     return description

@@ -50,11 +50,13 @@ def test_the_median_level_is_exported_too(tmp_path: Path, demo_store: Dataset) -
         ("sgm", "a.onnx", None, "is no network"),
         ("u-net", "a.pt", None, "not the name of an ONNX file"),
         ("u-net", "a.onnx", "mean", "no such readout"),
+        ("u-net", "taken.onnx", None, "would replace a file of another use"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(
     method: str, name: str, readout: Any, says: str, tmp_path: Path
 ) -> None:
+    (tmp_path / "taken.toml").write_text("of another use")
     with pytest.raises(InputError, match=says):
         export_onnx(method, tmp_path / name, "demo", readout)
-    assert not list(tmp_path.iterdir())
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]
