@@ -16,6 +16,7 @@ from .datasets.captures import Capture
 from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.runs import show
+from .methods.networks.onnx_export import export_onnx
 from .report.objects import Comparison, Run, Transfer
 
 __version__: str
@@ -29,6 +30,7 @@ __all__ = [
     "Transfer",
     "build",
     "compare",
+    "export_onnx",
     "leaderboard",
     "list_datasets",
     "list_methods",

@@ -172,7 +172,7 @@ def load_method(name: str, **parameters: Any) -> Method:
     Parameters
     ----------
     name : str
-        A registered name, ``file.py:attribute`` or ``module:attribute``.
+        A registered name, ``file.py:attribute``, ``module:attribute`` or ``model.onnx``.
     **parameters
         The method's; ``recipe`` may be a blur recipe's name, fields, TOML file or object.
 

@@ -10,8 +10,8 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 FACES = {
     "dfdbench": [
         *("Board", "Capture", "Captures", "Comparison", "Dataset", "Run", "Transfer"),
-        *("__version__", "build", "compare", "leaderboard", "list_datasets", "list_methods"),
-        *("load_method", "open_dataset"),
+        *("__version__", "build", "compare", "export_onnx", "leaderboard", "list_datasets"),
+        *("list_methods", "load_method", "open_dataset"),
         *("open_run", "predict", "run", "run_tracks", "run_transfer", "score", "show", "tune"),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],

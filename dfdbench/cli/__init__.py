@@ -122,6 +122,7 @@ VERBS = {
     "leaderboard": Verb("reports.leaderboard", verbs={"verify": Verb("reports.verify_rows")}),
     "train": Verb("training.train_command"),
     "check-method": Verb("methods.check_method_command"),
+    "export-onnx": Verb("methods.export_onnx_command"),
     "new-dataset": Verb("building.new_dataset"),
     "export": Verb("building.export", goes_on=True),
     "verify": Verb("datasets.verify"),

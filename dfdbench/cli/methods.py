@@ -1,4 +1,4 @@
-"""The verbs that call a method without a data set: predict, check-method."""
+"""The verbs that take a method without a data set: predict, check-method, export-onnx."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from typer import Argument, Option
 
 from dfdbench.cli.options import Facts, Params, Printed, Seed, methods, values_of
 from dfdbench.cli.screen import progress, say, show
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
+from dfdbench.system.packages import needed
 from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 # So large a share of pixels at one end of the levels is worth a word.
 _MANY = 0.3
+#: What an ONNX file keeps of a network's parameters.
+KEPT = "weights or readout"
 
 
 def predict(
@@ -172,11 +175,32 @@ def _predict_folder(
     show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=list(captures))
 
 
+def export_onnx_command(
+    method: Annotated[str, Argument(help="u-net or dfd-net.", autocompletion=methods)],
+    out: Annotated[Path, Option(help="NAME.onnx; its description, NAME.toml, goes beside it.")],
+    param: Params = None,
+    format: Facts = "table",
+) -> None:
+    """Write a network as an ONNX file that other programs run, and its description."""
+    values = values_of(param, "--param")
+    InputError.raise_if(
+        Problem("an exported network has no such parameter", where=f"--param {name}", expected=KEPT)
+        for name in values
+        if name not in KEPT.split(" or ")
+    )
+    with needed():
+        from dfdbench.methods.networks.onnx_export import export_onnx
+    description = export_onnx(method, output_place(out), **values)
+    text = f"model        {out}\ndescription  {description}"
+    show(format, text=text, model=out, description=description)
+    say(f"next         dfdbench check-method {out}")
+
+
 def check_method_command(
     method: Annotated[
         str,
         Argument(
-            help="As for `run --method`: a name, file.py:function or module:function.",
+            help="As for `run --method`: a name, file.py:function, module:function or model.onnx.",
             autocompletion=methods,
         ),
     ],

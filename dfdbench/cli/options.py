@@ -63,7 +63,8 @@ DataSetArgument = Annotated[
     str, Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
 ]
 Method = Annotated[
-    str, Option(help="A name, file.py:function or module:function.", autocompletion=methods)
+    str,
+    Option(help="A name, file.py:function, module:function or model.onnx.", autocompletion=methods),
 ]
 Params = Annotated[list[str] | None, Option("--param", help="The method's NAME=VALUE; repeatable.")]
 Split = Annotated[str, Option(help="Which pairs: a split, a fold, a scene, or all.")]

@@ -262,6 +262,7 @@ def score(
 def folder_name(method: str, param: list[str] | None) -> str:
     """Return what the folder of a method's run is called."""
     place, _, attribute = method.rpartition(":")
+    attribute = Path(attribute).name if attribute.endswith(".onnx") else attribute
     parts = [Path(place).stem if place.endswith(".py") else place, attribute, *(param or [])]
     name = "-".join(part for part in parts if part)
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
@@ -300,8 +301,8 @@ def _show(
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
         facts["verdict"] = done.verdict_facts()
-        nothing = all(pair.status == "failed" for pair in done.result.pairs)
-        if nothing and not done.result.method.scored:
+        nothing = not any(pair.status == "ok" for pair in done.result.pairs)
+        if done.failed and nothing and not done.result.method.scored:
             then = f"dfdbench check-method {done.result.method.entry}"
         facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
         say(verdict_text(facts["verdict"]))

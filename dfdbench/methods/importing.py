@@ -16,6 +16,8 @@ from typing import Any
 from dfdbench.errors import MethodError, unknown_name
 from dfdbench.system.packages import absent, extra_of
 
+#: How the file of a network ends that is a method by the description beside it.
+ONNX = ".onnx"
 _NOTHING = object()
 
 
@@ -32,6 +34,9 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
         raise MethodError(
             "not a method's name: give module:function or path/to/file.py:function", where=entry
         )
+    if place.endswith(ONNX):
+        module = _import_module("dfdbench.methods.onnx_model")
+        return module.read_model(Path(place)), module
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = module
     for part in attribute.split("."):

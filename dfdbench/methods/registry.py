@@ -7,11 +7,12 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.methods.importing import error_of, import_entry, near_entry
+from dfdbench.methods.importing import ONNX, error_of, import_entry, near_entry
 from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
@@ -134,7 +135,8 @@ def load(name: str, **params: Any) -> Predict:
     Parameters
     ----------
     name : str
-        A registered name, ``path/to/file.py:function`` or ``module:function``.
+        A registered name, ``path/to/file.py:function``, ``module:function`` or
+        ``path/to/model.onnx``.
     **params
         Handed to a class when it is constructed, or to a function at each call. `recipe` may be
         a blur recipe's name, its fields as a mapping, a TOML file of them, or a `BlurRecipe`.
@@ -197,9 +199,12 @@ def load_method(
     sources = Sources()
     with sources.watch():
         target, module = import_entry(entry)
-        sources.begin_at(module)
+        place = Path(entry.rpartition(":")[0])
+        is_onnx = place.suffix == ONNX
+        sources.begin_at(module, place.parent if is_onnx else None)
         source = sources.module_sha256
-        method = make_method(name, entry, target, source, parameters, offers, for_fits)
+        shown = place.name if is_onnx else name
+        method = make_method(shown, entry, target, source, parameters, offers, for_fits)
     return replace(method, sources=sources)
 
 
@@ -218,10 +223,12 @@ def find_entry(name: str) -> str:
     """
     if ":" in name:
         return name
+    if name.endswith(ONNX):
+        return f"{name}:OnnxMethod"
     registered = registered_methods()
     if name not in registered:
         near = near_entry(name)
-        own = "a method of your own: file.py:function or module:function"
+        own = "a method of your own: file.py:function, module:function or model.onnx"
         raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
     return registered[name]
 

@@ -52,8 +52,11 @@ class Sources:
         self._counted: dict[str, Path | None] = {}
         self._hashes: dict[Path, str] = {}
 
-    def begin_at(self, module: ModuleType) -> None:
-        """Say in which module the method is defined; its folder or package is the method's own."""
+    def begin_at(self, module: ModuleType, own: Path | None = None) -> None:
+        """Say in which module the method is defined; its folder or package is the method's own.
+
+        A method that files in another folder make, `own`, has that one.
+        """
         file = getattr(module, "__file__", None)
         if not isinstance(file, str):
             return
@@ -67,6 +70,8 @@ class Sources:
         elif _NOT_OWN & set(path.parts):
             # A single module among the installed packages.
             self._own = path
+        if own is not None:
+            self._base = self._own = _real(own)
 
     @property
     def module_sha256(self) -> str | None:

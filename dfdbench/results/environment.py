@@ -13,7 +13,10 @@ import numpy as np
 
 from dfdbench.results.record import Environment
 
-_PACKAGES = ("dfdbench", "numpy", "numba", "opencv-python-headless", "scikit-image", "scipy")
+_PACKAGES = (
+    *("dfdbench", "numpy", "numba", "opencv-python-headless", "scikit-image", "scipy"),
+    *("torch", "onnxruntime"),
+)
 
 
 def describe_environment() -> Environment:
@@ -32,7 +35,7 @@ def describe_environment() -> Environment:
         threads={"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads(), **_torch()},
         gpu=_gpu(),
         git=_commit(),
-        versions={name: found for name in (*_PACKAGES, "torch") if (found := _version(name))},
+        versions={name: found for name in _PACKAGES if (found := _version(name))},
     )
 
 
@@ -50,6 +53,7 @@ def software() -> dict[str, str | None]:
         "opencv": cv2.__version__,
         "numba": numba.__version__,
         "torch": _version("torch"),
+        "onnxruntime": _version("onnxruntime"),
         "architecture": platform.machine(),
     }
 

@@ -8,7 +8,8 @@ from dfdbench.errors import InputError, Problem
 
 PACKAGE_VERSION = version("dfdbench")
 #: The modules that each extra brings.
-EXTRAS = {"nets": ("torch", "safetensors"), "cluster": ("distributed",), "s3": ("s3fs",)}
+EXTRAS = {"nets": ("torch", "safetensors"), "onnx": ("onnxruntime",)}
+EXTRAS |= {"cluster": ("distributed",), "s3": ("s3fs",)}
 
 
 def extra_of(module: str | None) -> str | None:

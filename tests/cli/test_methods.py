@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import cv2
@@ -55,6 +56,21 @@ def test_check_method_passes_and_fails(dfdbench: Command) -> None:
     assert (bad.status, "NaN" in bad.out) == (1, True)
     # It prints, on each of the nine pairs.
     assert "fit for a run, 9 warnings" in dfdbench("check-method mymodule:predict").out
+
+
+def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_path: Path) -> None:
+    for needed in ("torch", "onnxruntime"):
+        pytest.importorskip(needed, reason="needs the extras nets and onnx")
+    export = "export-onnx dfd-net --param weights=demo --out net.onnx"
+    told = json.loads(dfdbench.fine(f"{export} --format json").out)
+    assert (told["model"], told["description"]) == ("net.onnx", "net.toml")
+    images = photographs(tmp_path)
+    dfdbench.fine("predict", *images, "--method", "net.onnx", "--no-align", "--out", "depth.npy")
+    assert np.load("depth.npy").shape == (64, 80)
+    dfdbench.refused("no such parameter", f"{export} --param tile=64 --param device=cpu")
+    dfdbench.refused("reads a volume of costs", "export-onnx volume-net --out net.onnx")
+    Path("net.toml").unlink()
+    dfdbench.refused("has no description", "check-method net.onnx")
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ COMMANDS = {
     ("transfer", "out"): "transfer --method local --dataset STORE --dataset STORE --out HELD",
     ("predict", "out"): "predict a.png b.png --method local --out HELD/x.npy",
     ("predict", "figure"): "predict a.png b.png --method local --out x.npy --figure HELD/x.png",
+    ("export-onnx", "out"): "export-onnx u-net --param weights=demo --out HELD/x.onnx",
     ("train", "out"): "train dfd-net --dataset STORE --config quick --out HELD/x",
     ("thesis experiment", "out"): "thesis experiment repeatability --dataset STORE --out HELD",
     ("thesis search architecture", "out"): f"{SEARCH} --out HELD",

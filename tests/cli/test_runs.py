@@ -86,27 +86,23 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
     assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
 
 
-def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(
-    dfdbench: Command, demo_built: Path
-) -> None:
-    del demo_built
-    words = ("--method mymodule:nan --dataset demo --split Market",)
-    failed = dfdbench("tracks", *words[0].split(), "--track", "gain")
+@pytest.mark.usefixtures("demo_built")
+def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(dfdbench: Command) -> None:
+    words = "--method mymodule:nan --dataset demo --split Market"
+    failed = dfdbench(f"tracks {words} --track gain")
     assert failed.status == 2
     assert "it failed on every pair of demo-1" in failed.err
     assert not Path("results/demo-1-tracks-Market/mymodule-nan/gain-1").exists()
-    ran = dfdbench(f"run {words[0]} --limit 1 --no-figures")
+    ran = dfdbench(f"run {words} --limit 1 --no-figures")
     assert ran.err.endswith("next         dfdbench check-method mymodule:nan\n")
 
 
-def test_what_was_given_to_a_trial_of_parameters_is_in_the_next_command(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
-    words = ("tune", "--method", "local", "--dataset", str(tiny_store.path))
-    given = ("--param", "recipe=published", "--param", "window=5", "--range", "window=7,9")
-    tried = dfdbench.fine(*words, *given, "--limit", "2")
-    last = tried.err.splitlines()[-1]
-    assert re.search(r"--method local --param recipe=published --param window=[79]$", last), last
+@pytest.mark.usefixtures("demo_built")
+def test_what_was_given_to_a_trial_of_parameters_is_in_the_next_command(dfdbench: Command) -> None:
+    words = ("tune", "--method", "s-transform", "--dataset", "demo", "--limit", "2")
+    given = ("--param", "recipe=null", "--param", "window=5", "--range", "window=7,9")
+    last = dfdbench.fine(*words, *given).err.splitlines()[-1]
+    assert re.search(r"--method s-transform --param recipe=null --param window=[79]$", last), last
 
 
 @pytest.mark.slow

@@ -43,8 +43,8 @@ def test_what_cannot_be_imported_says_why(module: Path, name: str, told: str) ->
         ("mine.Named", "did you mean mine:Named?"),
         ("mine", "did you mean mine:predict?"),
         ("mine.py", "did you mean mine.py:predict?"),
-        ("mine.nosuch", "file.py:function or module:function"),
-        ("broken.predict", "file.py:function or module:function"),
+        ("mine.nosuch", "file.py:function, module:function or model.onnx"),
+        ("broken.predict", "file.py:function, module:function or model.onnx"),
     ],
 )
 def test_a_dot_for_a_colon_is_told_with_what_was_meant(module: Path, name: str, told: str) -> None:

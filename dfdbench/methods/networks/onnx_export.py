@@ -1,0 +1,112 @@
+"""Write one of our networks of images as an ONNX file, with the description that it runs by."""
+
+import io
+import json
+import warnings
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from dfdbench.errors import InputError
+from dfdbench.methods.networks.architectures import fold_batch_norm
+from dfdbench.methods.networks.inference import READOUTS, Readout, likeliest_levels, median_levels
+from dfdbench.methods.networks.weights import find_weights, load_weights
+from dfdbench.system.files import write_whole
+
+EXPORTED = ("u-net", "dfd-net")
+# What onnxruntime 1.20 and any later one reads.
+_OPERATORS = 17
+_DESCRIPTION = """\
+# {method}, exported by dfdbench
+infocus = "infocus"
+defocus = "defocus"
+layout = "NCHW"
+colour = "rgb"
+largest = 255
+multiple = {multiple}
+depth = "depth"
+unit = "levels"
+trained_on = {seen}
+"""
+
+
+def export_onnx(
+    method: str, path: str | Path, weights: str | Path | None = None, readout: Readout | None = None
+) -> Path:
+    """Write a network and its description, ``path`` and the same with the ending ``.toml``.
+
+    Parameters
+    ----------
+    method : {"u-net", "dfd-net"}
+        The network.
+    path : str or Path
+        A name that ends in ``.onnx``.
+    weights, readout
+        As of `dfdbench.methods.learned.DfDNetMethod`.
+
+    Returns
+    -------
+    Path
+        The description.
+
+    Raises
+    ------
+    InputError
+        If it is another method, the path has another ending or the description's is taken, or
+        there is no such readout.
+    MethodError
+        If there are no such weights.
+
+    Examples
+    --------
+    >>> export_onnx("u-net", "u-net.onnx", weights="demo")  # doctest: +SKIP
+    """
+    path = Path(path)
+    if method not in EXPORTED:
+        reads = "reads a volume of costs, no images" if method == "volume-net" else "is no network"
+        expected = " or ".join(EXPORTED)
+        raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
+    if path.suffix != ".onnx":
+        raise InputError("not the name of an ONNX file", where=str(path), fix="NAME.onnx")
+    description = path.with_suffix(".toml")
+    if description.exists() and not path.exists():
+        what, fix = "the description would replace a file of another use", "choose another name"
+        raise InputError(what, where=str(description), fix=fix)
+    network, card = load_weights(find_weights(method, weights), method)
+    readout = readout or card.configuration.get("readout", "mode")
+    if readout not in READOUTS:
+        expected = " or ".join(READOUTS)
+        raise InputError("no such readout", where="readout", expected=expected, got=str(readout))
+    multiple = int(str(network.multiple))
+    image, content = torch.zeros(1, 3, 4 * multiple, 6 * multiple), io.BytesIO()
+    free = {"infocus": {2: "y", 3: "x"}, "defocus": {2: "y", 3: "x"}, "depth": {1: "y", 2: "x"}}
+    with warnings.catch_warnings():
+        # The newer exporter needs two more packages, and writes this machine's paths into the file.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            _Levels(network, readout).eval(),
+            (image, image),
+            content,  # type: ignore[arg-type]  # the older exporter takes a file too
+            input_names=["infocus", "defocus"],
+            output_names=["depth"],
+            dynamic_axes=free,
+            opset_version=_OPERATORS,
+            dynamo=False,
+        )
+    write_whole(path, content.getvalue())
+    text = _DESCRIPTION.format(method=method, multiple=multiple, seen=json.dumps(card.trained_on))
+    write_whole(description, text)
+    return description
+
+
+class _Levels(nn.Module):
+    def __init__(self, network: nn.Module, readout: Readout) -> None:
+        super().__init__()
+        self.network = fold_batch_norm(network)
+        self.read = likeliest_levels if readout == "mode" else median_levels
+
+    def forward(self, infocus: Tensor, defocus: Tensor) -> Tensor:
+        """Return depth levels, float (1, y, x), for images 0 to 255, float (1, 3, y, x)."""
+        logits = self.network(torch.cat((infocus, defocus), 1))
+        return self.read(logits.permute(0, 2, 3, 1)).float()

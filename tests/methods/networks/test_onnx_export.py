@@ -1,0 +1,62 @@
+"""Our networks as ONNX files give the depth that they give here."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+pytest.importorskip("torch", reason="needs the extra nets")
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError
+from dfdbench.methods.networks.onnx_export import export_onnx
+from dfdbench.methods.registry import load_method
+
+
+@pytest.fixture(scope="module")
+def u_net(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("onnx") / "u-net.onnx"
+    assert export_onnx("u-net", path, weights="demo") == path.with_suffix(".toml")
+    return path
+
+
+def test_an_exported_network_gives_the_networks_depth(u_net: Path, demo_store: Dataset) -> None:
+    pair = demo_store.captures("test")[0]
+    ours = load_method("u-net", {"weights": "demo", "device": "cpu"}, {})
+    theirs = load_method(str(u_net), {}, {})
+    assert (theirs.name, theirs.trained_on) == ("u-net.onnx", ours.trained_on)
+    apart = np.abs(ours(pair.infocus, pair.defocus) - theirs(pair.infocus, pair.defocus))
+    # Where two levels are equally likely but for rounding, either library may take the other.
+    assert apart.mean() < 1e-3
+    assert np.count_nonzero(apart > 1e-3) <= 1e-4 * apart.size
+
+
+def test_the_median_level_is_exported_too(tmp_path: Path, demo_store: Dataset) -> None:
+    corner = demo_store.captures("test").crop(0, (slice(0, 66), slice(0, 71)))
+    export_onnx("dfd-net", tmp_path / "net.onnx", weights="robust", readout="median")
+    given = {"weights": "robust", "device": "cpu", "readout": "median"}
+    ours = load_method("dfd-net", given, {})(corner.infocus, corner.defocus)
+    theirs = load_method(str(tmp_path / "net.onnx"), {}, {})(corner.infocus, corner.defocus)
+    assert theirs.shape == (66, 71)
+    assert np.abs(ours - theirs).mean() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "readout", "says"),
+    [
+        ("volume-net", "a.onnx", None, "reads a volume of costs"),
+        ("sgm", "a.onnx", None, "is no network"),
+        ("u-net", "a.pt", None, "not the name of an ONNX file"),
+        ("u-net", "a.onnx", "mean", "no such readout"),
+        ("u-net", "taken.onnx", None, "would replace a file of another use"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(
+    method: str, name: str, readout: Any, says: str, tmp_path: Path
+) -> None:
+    (tmp_path / "taken.toml").write_text("of another use")
+    with pytest.raises(InputError, match=says):
+        export_onnx(method, tmp_path / name, "demo", readout)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]

@@ -1,0 +1,256 @@
+"""Networks in ONNX files: what a description may say, what is refused."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import xarray
+
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+pytest.importorskip("torch", reason="needs the extra nets")
+
+import onnxruntime
+import torch
+from torch import nn
+
+from dfdbench.api import run
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import MethodError
+from dfdbench.methods.check import check_method
+from dfdbench.methods.method import Method
+from dfdbench.methods.registry import load_method
+from tests.process import python
+
+RANDOM = np.random.default_rng(3)
+SHARP, BLURRED = RANDOM.integers(0, 256, (2, 21, 30, 3)).astype(np.uint8)
+PAIR = 'infocus = "a"\ndefocus = "b"\ndepth = "out"\n'
+STACK = 'stack = "a"\ndepth = "out"\n'
+
+
+class Net(nn.Module):
+    def __init__(self, forward: Callable[..., Any]) -> None:
+        super().__init__()
+        self.compute = forward
+
+    def forward(self, *images: Any) -> Any:
+        return self.compute(*images)
+
+
+def written(
+    path: Path, forward: Callable[..., Any], about: str, *shapes: tuple[int, ...], free: bool = True
+) -> str:
+    """Write a model of the inputs a, b, ... and the outputs out, sigma, and its description."""
+    inputs = tuple(torch.ones(shape) for shape in shapes)
+    names = ["a", "b"][: len(shapes)]
+    axes = {
+        name: {axis: f"{name}{axis}" for axis, size in enumerate(shape) if size > 3}
+        for name, shape in zip(names, shapes, strict=True)
+    }
+    count = len(forward(*inputs)) if isinstance(forward(*inputs), tuple) else 1
+    torch.onnx.export(
+        Net(forward),
+        inputs,
+        str(path),
+        input_names=names,
+        output_names=["out", "sigma"][:count],
+        dynamic_axes=axes if free else {},
+        dynamo=False,
+    )
+    path.with_suffix(".toml").write_text(about)
+    return str(path)
+
+
+def problems(name: str) -> list[str]:
+    with pytest.raises(MethodError) as told:
+        load_method(name, {}, {})
+    return [str(problem) for problem in told.value.problems]
+
+
+@pytest.fixture
+def mean(tmp_path: Path) -> str:
+    """The mean of both images, in levels."""
+    shape = (1, 3, 8, 9)
+    return written(tmp_path / "mean.onnx", lambda a, b: (a + b).mean(1) / 2, PAIR, shape, shape)
+
+
+def test_pixels_and_answers_are_as_the_description_says(tmp_path: Path) -> None:
+    about = (
+        PAIR + 'sigma = "sigma"\nlayout = "HWC"\ncolour = "bgr"\nlargest = 1\nmultiple = 8\n'
+        "mean = [0.1, 0.2, 0.3]\nstd = [0.5, 1.0, 2.0]\n"
+        'unit = "metres"\nscale = -2.0\noffset = 9.0\ninverse = true\n'
+    )
+
+    def forward(a: Any, b: Any) -> Any:
+        return a[..., 0] + b[..., 2] / 4, 0.1 + 0 * a[..., 0]
+
+    name = written(tmp_path / "net.onnx", forward, about, (8, 16, 3), (8, 16, 3))
+    method = load_method(name, {}, {})
+    depth, sigma = method(SHARP, BLURRED)
+    blue, red = SHARP[..., 2] / 255, BLURRED[..., 0] / 255
+    expected = 1 / (9 - 2 * ((blue - 0.1) / 0.5 + (red - 0.3) / 2 / 4))
+    np.testing.assert_allclose(depth, expected, rtol=1e-5)
+    np.testing.assert_allclose(sigma, 0.2 * expected**2, rtol=1e-5)
+    assert method.answers_in("levels") == "metres"
+
+
+def test_levels_are_cut_only_where_that_is_said(tmp_path: Path) -> None:
+    about = PAIR + 'colour = "grey"\nlayout = "HW"\nscale = 2.0\n'
+    name = written(tmp_path / "net.onnx", lambda a, b: a + 0 * b, about, (8, 16), (8, 16))
+    whole = load_method(name, {}, {})(SHARP, BLURRED)
+    (tmp_path / "net.toml").write_text(about + "clip = true\n")
+    cut = load_method(name, {}, {})(SHARP, BLURRED)
+    assert whole.max() > 255
+    assert np.array_equal(cut, np.minimum(whole, 255))
+
+
+@pytest.mark.parametrize(
+    ("layout", "shape", "taken"),
+    [
+        ("SCHW", (4, 3, 8, 9), lambda a: a[:, 0]),
+        ("NSCHW", (1, 4, 3, 8, 9), lambda a: a[0, :, 0]),
+        ("N(SC)HW", (1, 12, 8, 9), lambda a: a[0, ::3]),
+    ],
+)
+def test_a_stack_goes_in_by_focus_distance(
+    layout: str, shape: tuple[int, ...], taken: Callable[..., Any], tmp_path: Path
+) -> None:
+    about = STACK + f'focus_distance = "b"\nlayout = "{layout}"\n'
+
+    def forward(a: Any, b: Any) -> Any:
+        weights = torch.arange(1.0, 5.0).reshape(-1, 1, 1) + b.reshape(-1, 1, 1)
+        return (taken(a) * weights).sum(0) / 100
+
+    name = written(tmp_path / "net.onnx", forward, about, shape, (1, 4))
+    images = RANDOM.integers(0, 256, (5, 8, 9, 3)).astype(np.uint8)
+    distance = np.array([3.0, np.nan, 1.0, 2.0, 4.0])
+    roles = ["defocus", "infocus", *["defocus"] * 3]
+    axis = ("image",)
+    coordinates = {"role": (axis, roles), "focus_distance": (axis, distance)}
+    stack = xarray.DataArray(images, coordinates, ("image", "y", "x", "channel"))
+    method = load_method(name, {}, {})
+    assert method.takes_stack
+    weights = 2 * np.arange(1, 5)[:, None, None]
+    expected = (images[[2, 3, 0, 4], ..., 0] * weights).sum(0) / 100
+    np.testing.assert_allclose(method(stack), expected, rtol=1e-5)
+    with pytest.raises(MethodError, match="focus distances are not known"):
+        method(stack.assign_coords(focus_distance=(axis, np.full(5, np.nan))))
+
+
+def test_it_is_fit_for_a_run_also_in_other_processes(mean: str) -> None:
+    load = partial(load_method, mean, {}, {})
+    assert [trial for trial in check_method(load(), load=load) if trial.error] == []
+
+
+def test_a_run_knows_the_model_and_its_description(
+    mean: str, tiny_store: Dataset, tmp_path: Path
+) -> None:
+    first = run(mean, tiny_store, out=tmp_path / "run")
+    method = first.result.method
+    assert (method.name, method.entry) == ("mean.onnx", "mean.onnx:OnnxMethod")
+    assert set(first.scores["method"]) == {"mean.onnx"}
+    description = Path(mean).with_suffix(".toml")
+    description.write_text(PAIR + "scale = 0.5\n")
+    done = run(mean, tiny_store, out=tmp_path / "run")
+    assert "mean.toml has changed" in " ".join(done.notes)
+    Path(mean).write_bytes(Path(mean).read_bytes() + b"\x2a\x00")  # an empty field of no meaning
+    assert load_method(mean, {}, {}).weights_sha256 != method.weights_sha256
+
+
+def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
+    description = Path(mean).with_suffix(".toml")
+    description.write_text('infocus = "a"\ndefocus = "c"\ndepth = "depth"\ncolour = "grey"\n')
+    told = problems(mean)
+    assert len(told) == 4
+    for problem, says in zip(told, ("input", "output", "besides: b", "a is other"), strict=True):
+        assert says in problem, told
+    description.write_text('infocus = "a"\nlayout = "NCHX"\nmean = [1.0, 2.0]\nscale = 0.0\n')
+    assert problems(mean) == [f"field is missing ({description}: depth)"]
+    description.write_text(description.read_text() + 'depth = "out"\nfocus_distance = "f"\n')
+    told = problems(mean)
+    assert [text.partition(" (")[0] for text in told] == [
+        "the inputs are no pair and no stack",
+        "only a stack has focus distances",
+        "not a layout",
+        "not one number a channel",
+        "all depth would be the same",
+    ]
+    description.write_text(PAIR + "colour = 3\nsize = 4\n")
+    assert len(problems(mean)) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda model, _: model.unlink(), "cannot read the model"),
+        (lambda model, _: model.write_bytes(model.read_bytes()[:-60]), "cannot load the model"),
+        (lambda model, _: model.write_bytes(b""), "cannot load the model"),
+        # An operator that nobody has.
+        (
+            lambda model, _: model.write_bytes(model.read_bytes().replace(b"ReduceM", b"MyOwnOp")),
+            "MyOwnOpean",
+        ),
+        (
+            lambda model, _: model.write_bytes(model.read_bytes() + b"\x0a\x08location\x12"),
+            "weights in another file",
+        ),
+        (lambda _, about: about.unlink(), "has no description"),
+        (lambda _, about: about.write_text("depth ="), "cannot read the model's description"),
+        (lambda _, about: about.write_bytes(b"\xff"), "cannot read the model's description"),
+    ],
+)
+def test_damaged_files_are_named(mean: str, change: Callable[..., Any], says: str) -> None:
+    model, about = Path(mean), Path(mean).with_suffix(".toml")
+    change(model, about)
+    (told,) = problems(mean)
+    assert says in told
+    assert str(model.parent) in told
+
+
+def test_a_model_of_one_size_says_so_of_another(tmp_path: Path) -> None:
+    shape = (1, 3, 8, 9)
+    path = tmp_path / "net.onnx"
+    name = written(path, lambda a, b: (a + b).mean(1) / 2, PAIR, shape, shape, free=False)
+    method = load_method(name, {}, {})
+    assert method(SHARP[:8, :9], BLURRED[:8, :9]).shape == (8, 9)
+    with pytest.raises(MethodError, match="another size"):
+        method(SHARP, BLURRED)
+
+
+def test_an_answer_that_is_no_depth_map_is_refused(tmp_path: Path) -> None:
+    shape = (1, 3, 8, 9)
+    name = written(tmp_path / "net.onnx", lambda a, b: a + b, PAIR, shape, shape)
+    with pytest.raises(MethodError, match="wrong output out"):
+        load_method(name, {}, {})(SHARP, BLURRED)
+
+
+def test_a_parameter_is_refused(mean: str) -> None:
+    with pytest.raises(MethodError, match="unknown parameter window"):
+        load_method(mean, {"window": 3}, {})
+
+
+def test_it_computes_on_one_thread_so_that_rounding_depends_on_no_number(
+    mean: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = Mock(wraps=onnxruntime.InferenceSession)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", made)
+    load_method(mean, {}, {})
+    options = made.call_args.args[1]
+    assert (options.intra_op_num_threads, options.inter_op_num_threads) == (1, 1)
+
+
+def test_without_onnxruntime_the_error_says_what_to_install(mean: str) -> None:
+    code = (
+        "import sys; sys.modules['onnxruntime'] = None\n"
+        "from dfdbench.cli import main\n"
+        "sys.argv = ['dfdbench', *sys.argv[1:]]\n"
+        "main()\n"
+    )
+    done = python("-c", code, "check-method", mean)
+    assert done.returncode == 2, done.stderr
+    assert "onnxruntime is not installed" in done.stderr
+    assert "pip install 'dfdbench[onnx]'" in done.stderr
+    assert isinstance(load_method(mean, {}, {}), Method)
