@@ -142,7 +142,10 @@ def check_method(
     answers = {}
     for name, images in pairs.items():
         answers[name] = prediction = _answer(method, seed, images)
-        warning = "printed to standard output" if prediction.printed else ""
+        oddities = ["printed to standard output"] if prediction.printed else []
+        if prediction.depth is not None and (gaps := float(np.isnan(prediction.depth).mean())):
+            oddities.append(f"no answer in {gaps:.0%} of the pixels: ranked by protocol sure alone")
+        warning = "; ".join(oddities)
         trials.append(Check(name, prediction.seconds, prediction.error, warning))
     first = answers[_ORDINARY]
     if first.depth is not None:

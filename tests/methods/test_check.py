@@ -41,6 +41,16 @@ def test_division_by_a_flat_image_is_found_out() -> None:
     assert "NaN" in problems(dividing)["a black pair"]
 
 
+def test_pixels_without_an_answer_are_said() -> None:
+    def half(infocus: Any, defocus: Any) -> Any:
+        depth = np.full(infocus.shape[:2], 100.0)
+        depth[:, ::2] = np.nan
+        return depth
+
+    found = problems(half)
+    assert any("no answer in 50% of the pixels" in text for text in found.values()), found
+
+
 def test_chance_writing_and_printing_are_found_out() -> None:
     random = np.random.default_rng()
 
