@@ -121,7 +121,9 @@ def _predict_pair(
     at_ends = max(np.mean(estimate.depth <= 0), np.mean(estimate.depth >= LAST_LEVEL))
     if predictor.unit == "levels" and at_ends > _MANY:
         what = "the blur is not that of these photographs, or the blurred one is named first"
-        say(f"odd          {at_ends:.0%} of the pixels are at one end of the levels: {what}")
+        say(
+            f"odd          {100 * at_ends:.0f} % of the pixels are at one end of the levels: {what}"
+        )
     held = {"levels": "the file holds levels times 256", "metres": "the file holds millimetres"}
     inside = f" ({held[predictor.unit]})" if out.suffix.lower() == ".png" else ""
     show(

@@ -144,7 +144,9 @@ def check_method(
         answers[name] = prediction = _answer(method, seed, images)
         oddities = ["printed to standard output"] if prediction.printed else []
         if prediction.depth is not None and (gaps := float(np.isnan(prediction.depth).mean())):
-            oddities.append(f"no answer in {gaps:.0%} of the pixels: ranked by protocol sure alone")
+            oddities.append(
+                f"no answer in {100 * gaps:.0f} % of the pixels: ranked by protocol sure alone"
+            )
         warning = "; ".join(oddities)
         trials.append(Check(name, prediction.seconds, prediction.error, warning))
     first = answers[_ORDINARY]

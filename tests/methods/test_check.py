@@ -48,7 +48,7 @@ def test_pixels_without_an_answer_are_said() -> None:
         return depth
 
     found = problems(half)
-    assert any("no answer in 50% of the pixels" in text for text in found.values()), found
+    assert any("no answer in 50 % of the pixels" in text for text in found.values()), found
 
 
 def test_chance_writing_and_printing_are_found_out() -> None:
