@@ -40,7 +40,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Shown, Threads
 from dfdbench.tables.render import render
@@ -620,7 +620,8 @@ def _run_of(
     elif calibration and change.has_shadow:
         notes.append(f"the fit found the defocus images {change.words()}")
     made = Run(runs, protocol, notes, calibration)
-    write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))
+    with writing_folder(made.folder, "run"):
+        write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
     return made

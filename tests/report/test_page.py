@@ -172,8 +172,8 @@ def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> 
 def test_it_says_the_same_beside_pictures(saved_runs: list[SavedRun], tmp_path: Path) -> None:
     text = page.write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
     pictures = re.findall(r"^!\[.*\]\((.*?)\)$", text, re.M)
-    # An illumination each, the times, accuracy against them, and each method's worst pairs.
-    assert len(pictures) == 7
+    # The scene's lightings, the times, accuracy against them, and each method's worst pairs.
+    assert len(pictures) == 5
     for name in pictures:
         assert cv2.imread(str(tmp_path / name)) is not None
     assert "<img" not in text
