@@ -102,7 +102,6 @@ def _predict_pair(
 ) -> None:
     import numpy as np
 
-    from dfdbench.blur.recipe import LAST_LEVEL
     from dfdbench.evaluation.predict import read_image, write_depth
 
     sharp, blurred = map(read_image, images)
@@ -118,12 +117,7 @@ def _predict_pair(
     gaps = np.count_nonzero(np.isnan(estimate.depth))
     if gaps:
         say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
-    at_ends = max(np.mean(estimate.depth <= 0), np.mean(estimate.depth >= LAST_LEVEL))
-    if predictor.unit == "levels" and at_ends > _MANY:
-        what = "the blur is not that of these photographs, or the blurred one is named first"
-        say(
-            f"odd          {100 * at_ends:.0f} % of the pixels are at one end of the levels: {what}"
-        )
+    _say_if_odd(estimate, predictor.unit)
     held = {"levels": "the file holds levels times 256", "metres": "the file holds millimetres"}
     inside = f" ({held[predictor.unit]})" if out.suffix.lower() == ".png" else ""
     show(
@@ -142,6 +136,18 @@ def _predict_pair(
         from dfdbench.figures.runs import predicted_figure
 
         save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
+
+
+def _say_if_odd(estimate: Estimate, unit: str) -> None:
+    import numpy as np
+
+    from dfdbench.blur.recipe import LAST_LEVEL
+
+    at_ends = max(np.mean(estimate.depth <= 0), np.mean(estimate.depth >= LAST_LEVEL))
+    if unit == "levels" and at_ends > _MANY:
+        share = f"{100 * at_ends:.0f} % of the pixels are at one end of the levels"
+        what = "the blur is not that of these photographs, or the blurred one is named first"
+        say(f"odd          {share}: {what}")
 
 
 def _predict_folder(

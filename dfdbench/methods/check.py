@@ -142,13 +142,7 @@ def check_method(
     answers = {}
     for name, images in pairs.items():
         answers[name] = prediction = _answer(method, seed, images)
-        oddities = ["printed to standard output"] if prediction.printed else []
-        if prediction.depth is not None and (gaps := float(np.isnan(prediction.depth).mean())):
-            oddities.append(
-                f"no answer in {100 * gaps:.0f} % of the pixels: ranked by protocol sure alone"
-            )
-        warning = "; ".join(oddities)
-        trials.append(Check(name, prediction.seconds, prediction.error, warning))
+        trials.append(Check(name, prediction.seconds, prediction.error, _odd(prediction)))
     first = answers[_ORDINARY]
     if first.depth is not None:
         trials.append(_try_again(method, seed, first))
@@ -168,6 +162,15 @@ def check_method(
             trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
     trials.append(_try_writing(method, pairs[_ORDINARY]))
     return tuple(trials)
+
+
+def _odd(prediction: Prediction) -> str:
+    """Return what is no mistake of an answer, but worth a word."""
+    oddities = ["printed to standard output"] if prediction.printed else []
+    if prediction.depth is not None and (gaps := float(np.isnan(prediction.depth).mean())):
+        share = f"{100 * gaps:.0f} % of the pixels"
+        oddities.append(f"no answer in {share}: ranked by protocol sure alone")
+    return "; ".join(oddities)
 
 
 def _answer(method: Method, seed: int, pair: MadePair) -> Prediction:
