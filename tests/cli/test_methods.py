@@ -22,9 +22,22 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     predict = ("predict", *images, "--method", "mymodule:predict", "--out", "depth.png")
     told = dfdbench.fine(*predict, "--figure", "picture.png")
     assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out
+    assert "(the file holds levels times 256)" in told.out
+    assert "odd " not in told.err
     depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
     assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)
     assert np.asarray(cv2.imread("picture.png")).ndim == 3
+
+
+def test_a_map_at_one_end_of_the_levels_is_said_to_be_odd(
+    dfdbench: Command, tmp_path: Path
+) -> None:
+    Path("near.py").write_text(
+        "def predict(infocus, defocus):\n    return 255.0 + 0 * infocus[..., 0]\n"
+    )
+    images = photographs(tmp_path)
+    told = dfdbench.fine("predict", *images, "--method", "near:predict", "--out", "depth.npy")
+    assert "odd          100 % of the pixels are at one end of the levels" in told.err
 
 
 def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: Path) -> None:
