@@ -63,9 +63,10 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
         title = metrics_of(protocol)[name].title
         folder = leaderboard_folder() if leaderboard is None else leaderboard
         others = dict(_others(result, protocol, [pair.id for pair in pairs], folder))
-        if result.method.name != CONSTANT and run.store:
-            row = next((row.result for row in others if row.name == CONSTANT), None)
-            lines |= _constant(row.pairs if row else run.store, pairs, protocol, own)
+        row = next((row.result for row in others if row.name == CONSTANT), None)
+        known = row.pairs if row else run.store
+        if result.method.name != CONSTANT and known is not None:
+            lines |= _constant(known, pairs, protocol, own)
         lines |= _best(result, own, name, title, others)
         lines |= _worst(result, protocol, pairs, title)
     return lines

@@ -3,9 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import dfdbench as dfd
 from dfdbench.board.row_file import leaderboard_folder
+from dfdbench.report.verdict import verdict_facts
+from dfdbench.results.saved_run import SavedRun
 
 
 def lines(run: dfd.Run) -> dict[str, str]:
@@ -41,6 +44,9 @@ def test_a_part_of_the_pairs_is_held_against_the_same_pairs_of_the_rows(
     rows = rows[(rows["protocol"] == "valid") & (rows["metric"] == "nrmse")]
     means = rows[rows["capture"].isin(ran)].groupby("method")["value"].mean().to_dict()
     assert f"NRMSE {means['constant']:.4f}  NMAE " in found["constant"]
+    # A row needs no data at hand.
+    bare = SavedRun(Path("result.json"), done.result, None, "not here")
+    assert verdict_facts(bare, "valid")["constant"]["nrmse"] == pytest.approx(means["constant"])
     # What is given the blur, as `local` is, itself left out.
     given = ["graph-cuts", "graph-cuts-rounded", "guided", "sgm", "s-transform"]
     best = min(given, key=means.__getitem__)

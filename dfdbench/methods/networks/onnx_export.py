@@ -3,6 +3,7 @@
 import io
 import json
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
@@ -53,8 +54,8 @@ def export_onnx(
     Raises
     ------
     InputError
-        If it is another method, the path has another ending or the description's is taken, or
-        there is no such readout.
+        If the package onnx is not installed, it is another method, the path has another ending or
+        the description's is taken, or there is no such readout.
     MethodError
         If there are no such weights.
 
@@ -63,6 +64,9 @@ def export_onnx(
     >>> export_onnx("u-net", "u-net.onnx", weights="demo")  # doctest: +SKIP
     """
     path = Path(path)
+    if find_spec("onnx") is None:
+        fix = "pip install 'dfdbench[onnx]'"
+        raise InputError("the package onnx is not installed", where="export-onnx", fix=fix)
     if method not in EXPORTED:
         reads = "reads a volume of costs, no images" if method == "volume-net" else "is no network"
         expected = " or ".join(EXPORTED)

@@ -60,3 +60,12 @@ def test_what_cannot_be_exported_is_refused(
     with pytest.raises(InputError, match=says):
         export_onnx(method, tmp_path / name, "demo", readout)
     assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]
+
+
+def test_without_the_package_onnx_the_error_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("dfdbench.methods.networks.onnx_export.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'dfdbench\[onnx\]'"):
+        export_onnx("u-net", tmp_path / "n.onnx", weights="demo")
+    assert not list(tmp_path.iterdir())
