@@ -18,7 +18,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import ResultError
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import whole_files, write_whole
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
@@ -53,9 +53,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
         Where the folder holds something else.
     """
     set_aside = None
-    # A kill may leave no more than the identity half written.
-    unfinished = f".{RUN_IDENTITY}."
-    if folder.exists() and not all(p.name.startswith(unfinished) for p in folder.iterdir()):
+    if whole_files(folder):
         if not (folder / RUN_IDENTITY).exists():
             what, fix = "the folder holds something else than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)

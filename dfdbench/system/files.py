@@ -15,6 +15,7 @@ from dfdbench.errors import DfdbenchError, ResultError, reason_of, room_or
 LARGEST_TEXT = 64 * 2**20
 #: The largest file of numbers that is read at once: an image, the ranges of a laser scanner.
 LARGEST_ARRAY = 2**30
+_UNFINISHED = ".unfinished"
 
 
 def is_address(place: str | Path) -> bool:
@@ -131,8 +132,16 @@ def write_whole(path: Path, content: str | bytes) -> None:
         raise
 
 
+def whole_files(folder: Path) -> list[Path]:
+    """Return what lies in a folder, without what `write_whole` left where it was killed."""
+    if not folder.exists():
+        return []
+    return [path for path in folder.iterdir() if path.suffix != _UNFINISHED]
+
+
 def _replace(path: Path, content: str | bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    names = {"prefix": f".{path.name}.", "suffix": _UNFINISHED}
+    handle, temporary = tempfile.mkstemp(dir=path.parent, **names)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)

@@ -19,7 +19,7 @@ from dfdbench.errors import InputError, ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.system.files import read_as, write_whole
+from dfdbench.system.files import read_as, whole_files, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.training.configuration import settled
@@ -286,7 +286,7 @@ class TrainingFolder:
     @property
     def foreign(self) -> bool:
         """True if the folder holds files, and none of them is a training's."""
-        there = {file.name for file in self.path.iterdir()} if self.path.exists() else set()
+        there = {file.name for file in whole_files(self.path)}
         return bool(there) and there.isdisjoint(_OWN)
 
     @property

@@ -15,6 +15,7 @@ from dfdbench.results.run_folder import (
     read_identity,
     read_prediction,
 )
+from tests.system.test_files import kill_while_writing
 
 
 def other_dtype(place: Path) -> None:
@@ -59,7 +60,7 @@ def test_depth_maps_that_are_something_else_are_told(
 
 
 def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Path) -> None:
-    (tmp_path / ".run.json.a1b2c3d4").write_text("{")
+    kill_while_writing(tmp_path / "run.json")
     assert open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False) is None
     assert read_identity(tmp_path) == {"entry": "mine"}
     (tmp_path / "run.json").rename(tmp_path / "thesis.txt")

@@ -1,6 +1,9 @@
 import errno
 import multiprocessing
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -21,6 +24,27 @@ def test_a_failed_write_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.M
         files.write_whole(path, "new")
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
+
+
+def kill_while_writing(path: Path) -> None:
+    """Let a process begin to write a file, and kill it before the file is whole."""
+    program = (
+        "import os, pathlib, signal, sys; from dfdbench.system import files;"
+        "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL);"
+        "files.write_whole(pathlib.Path(sys.argv[1]), 'half')"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert not path.exists()
+    assert len(list(path.parent.iterdir())) == 1
+
+
+def test_what_a_kill_left_of_a_file_is_none(tmp_path: Path) -> None:
+    kill_while_writing(tmp_path / "folder/a.json")
+    assert files.whole_files(tmp_path / "folder") == []
+    files.write_whole(tmp_path / "folder/a.json", "whole")
+    assert files.whole_files(tmp_path / "folder") == [tmp_path / "folder/a.json"]
+    assert files.whole_files(tmp_path / "none") == []
 
 
 def test_a_file_is_read_up_to_a_bound(tmp_path: Path) -> None:

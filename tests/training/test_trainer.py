@@ -20,6 +20,7 @@ from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import Log, TrainingFolder, train
 from tests.conftest import store_of, write_png
 from tests.methods.networks.test_architectures import SMALL
+from tests.system.test_files import kill_while_writing
 
 QUICK = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "learning_rate": 1e-3}
 QUICK |= {"steps": 12, "evaluate_every": 5, "evaluate_pairs": 1}
@@ -223,6 +224,11 @@ def folder(tmp_path: Path) -> TrainingFolder:
     made = TrainingFolder(tmp_path / "training")
     made.save(IDENTITY, {"step": 4, "network": torch.ones(2)}, LOG)
     return made
+
+
+def test_a_training_killed_before_its_first_file_is_none_and_no_stranger(tmp_path: Path) -> None:
+    kill_while_writing(tmp_path / "training/losses.csv")
+    assert not TrainingFolder(tmp_path / "training").foreign
 
 
 def test_what_was_saved_comes_back(folder: TrainingFolder) -> None:

@@ -19,7 +19,7 @@ from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
-from dfdbench.system.files import hold, write_whole
+from dfdbench.system.files import hold, whole_files, write_whole
 from dfdbench.system.text import parse_json, require_same
 from dfdbench.training.learner import DivergedError
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
@@ -103,7 +103,7 @@ class SearchFolder:
         now = json.loads(json.dumps(identity))
         file = self.path / _IDENTITY
         if not file.exists():
-            if self.path.exists() and any(self.path.iterdir()):
+            if whole_files(self.path):
                 what = "the folder holds something else than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
             write_whole(file, json.dumps(now, indent=2) + "\n")

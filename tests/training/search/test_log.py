@@ -22,6 +22,7 @@ from dfdbench.training.search.particle import COMPONENTS, position_of
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
 from tests.methods.networks.test_architectures import SMALL
+from tests.system.test_files import kill_while_writing
 from tests.training.search.made_searches import small_plan, some_rows
 
 
@@ -42,6 +43,13 @@ def path(plan: SearchPlan, tmp_path: Path) -> Path:
     for row in some_rows(plan):
         folder.note(row)
     return tmp_path / "s"
+
+
+def test_a_search_killed_before_it_said_what_it_is_begins_again(
+    plan: SearchPlan, tmp_path: Path
+) -> None:
+    kill_while_writing(tmp_path / "s/search.json")
+    assert len(opened(plan, tmp_path / "s")) == 0
 
 
 def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -> None:
