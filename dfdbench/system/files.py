@@ -140,8 +140,7 @@ def whole_files(folder: Path) -> list[Path]:
 
 
 def _replace(path: Path, content: str | bytes) -> None:
-    names = {"prefix": f".{path.name}.", "suffix": _UNFINISHED}
-    handle, temporary = tempfile.mkstemp(dir=path.parent, **names)
+    handle, temporary = tempfile.mkstemp(_UNFINISHED, f".{path.name}.", path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)

@@ -60,7 +60,8 @@ def _searched(folder: Path) -> object:
 
 
 def _page(folder: Path) -> object:
-    files = sorted(path for path in (folder / "page").rglob("*") if path.is_file())
+    # A kill while a file is written leaves a hidden part of it.
+    files = sorted(path for path in (folder / "page").rglob("[!.]*") if path.is_file())
     return {str(path.relative_to(folder)): _sha256(path) for path in files}
 
 
