@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
 from typing import Any, TypeVar
 
 from dfdbench.errors import InputError
@@ -111,6 +109,8 @@ class Processes(Pool):
     def _outcomes(
         self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
+        from multiprocessing import get_context  # most verbs are done before this is imported
+
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         context = get_context("spawn")
         pool = futures.ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
@@ -161,6 +161,9 @@ def _begin_worker() -> None:
 
 
 def _end_with_parent() -> None:
+    from multiprocessing import parent_process
+    from multiprocessing.connection import wait
+
     # Where the parent is killed, nobody takes what a worker gives: it would write what the next
     # call writes, too, and then wait for ever.
     parent = parent_process()
