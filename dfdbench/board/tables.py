@@ -33,15 +33,14 @@ def ranking_table(board: ScoreBoard, folder: Path) -> Table:
 
 
 def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
-    """Return the tables beside a ranking of single runs that have rows."""
+    """Return the tables beside a ranking of single runs that have rows.
+
+    What each method is, and where it ran, is told once: beside the headline.
+    """
     if board.suite != CLEAN or board.result.method.scored:
         return []
-    tables = [
-        lighting_table(board),
-        scenes_table(board),
-        scenes_table(board, folds=True),
-        runs_table(board, folder),
-    ]
+    tables = [lighting_table(board), scenes_table(board), scenes_table(board, folds=True)]
+    tables += [runs_table(board, folder)] * board.headline
     return [table for table in tables if table.rows]
 
 
