@@ -55,7 +55,7 @@ def list_datasets(
         for heading in released_headings()
     ]
     sets += _own(cache)
-    heads = ("name", "manifest", "scenes", "pairs", "built", "")
+    heads = ("name", "scenes", "pairs", "built", "")
     tracks = [
         {"track": f"{track.name}-{severity}", "step": step, "title": track.title}
         for track in TRACKS.values()
@@ -69,7 +69,7 @@ def list_datasets(
     found = registered_methods() if entries else method_words()
     columns = ("name", "entry" if entries else "what it is")
     tables = (
-        Table("data sets", heads, tuple(map(_cells, sets)), "llrrll", records=tuple(sets)),
+        Table("data sets", heads, tuple(map(_cells, sets)), "lrrll", records=tuple(sets)),
         Table("tracks", ("track", "", ""), rows, "lll", (note,), records=tuple(tracks)),
         Table("methods", columns, tuple(sorted(found.items())), "ll"),
     )
@@ -83,7 +83,8 @@ def _listed(manifest: Heading | Manifest, name: str, built: bool) -> dict[str, o
 
 def _cells(record: dict[str, object]) -> tuple[str, ...]:
     words = {True: "yes", False: "no", None: ""}
-    shown = (words[v] if v is None or isinstance(v, bool) else str(v) for v in record.values())
+    told = (value for key, value in record.items() if key != "manifest")
+    shown = (words[v] if v is None or isinstance(v, bool) else str(v) for v in told)
     return tuple(shown)
 
 

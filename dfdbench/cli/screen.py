@@ -74,10 +74,10 @@ def print_table(table: Table) -> None:
 
     console = Unread()
     # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
-    # narrow one deviations go first; then the terminal wraps the rows, which loses nothing.
+    # narrow one some columns go first; then the terminal wraps the rows, which loses nothing.
     width = console.width if sys.stdout.isatty() else 200
     if least_width(table) > width:
-        table = without(table, "std")
+        table = without(table, "std", "scenes")
     for part in as_rich(table):
         console.width = width if isinstance(part, Text) else max(width, least_width(table))
         console.print(part)
@@ -197,7 +197,6 @@ def _bar() -> Progress:
         bars.BarColumn(),
         bars.MofNCompleteColumn(),
         bars.TextColumn("{task.fields[more]}"),
-        bars.TimeElapsedColumn(),
         bars.TextColumn("left"),
         bars.TimeRemainingColumn(),
     )

@@ -27,7 +27,7 @@ _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
 # In pixels; so narrow a kernel changes nothing, and a width of 0 is none.
 _LEAST_SIGMA = 0.1
-_SAY = "--param recipe=FILE.toml with what the manifest's rig and depth.scale lack"
+_SAY = "say it in FILE.toml (--param recipe=FILE.toml; predict: --lens FILE.toml)"
 
 
 def rig_of(manifest: Manifest) -> Rig:

@@ -123,12 +123,11 @@ def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
 
     notes = [Text(spelt_out(note), style="dim italic") for note in table.notes]
     shown = RichTable(box=box.SIMPLE_HEAD)
-    for column, side in zip(table.columns, table.align, strict=True):
-        right = side == "r"
+    for column, side, wraps in zip(table.columns, table.align, table.wraps, strict=True):
         shown.add_column(
             Text(spelt_out(column)),
-            justify="right" if right else "left",
-            no_wrap=right,
+            justify="right" if side == "r" else "left",
+            no_wrap=not wraps,
             overflow="fold",
         )
     for number, row in enumerate(table.rows):

@@ -62,6 +62,13 @@ class Table:
     parts: tuple[tuple[int, ...], ...] = ()
     label: str = ""
 
+    @property
+    def wraps(self) -> tuple[bool, ...]:
+        """Whether a column may be broken between words: text of several."""
+        cells = zip(self.columns, *self.rows, strict=True)
+        several = (any(" " in cell for cell in column) for column in cells)
+        return tuple(s and side != "r" for s, side in zip(several, self.align, strict=True))
+
 
 def least_width(table: Table) -> int:
     """Return how many characters wide a terminal must be to break no word of the cells.
@@ -73,16 +80,12 @@ def least_width(table: Table) -> int:
     """
     cells = list(zip(table.columns, *table.rows, strict=True))
     whole = [max(map(len, column)) for column in cells]
-    left = [side != "r" for side in table.align]
-    words = [
-        max((len(word) for cell in column for word in cell.split()), default=0)
-        for column, wraps in zip(cells, left, strict=True)
-        if wraps
-    ]
+    words = [max(len(word) for cell in column for word in cell.split() or [""]) for column in cells]
     # Columns that wrap are narrowed alike, the widest first, down to the longest word of any.
-    widest = max(words, default=0)
+    widest = max((n for n, wraps in zip(words, table.wraps, strict=True) if wraps), default=0)
     widths = [
-        min(width, widest) if wraps else width for width, wraps in zip(whole, left, strict=True)
+        min(width, widest) if wraps else width
+        for width, wraps in zip(whole, table.wraps, strict=True)
     ]
     return sum(widths) + 3 * len(widths) + 1
 
@@ -139,9 +142,9 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def without(table: Table, column: str) -> Table:
-    """Return a table without the columns of a name."""
-    kept = [at for at, name in enumerate(table.columns) if name != column]
+def without(table: Table, *columns: str) -> Table:
+    """Return a table without the columns of some names."""
+    kept = [at for at, name in enumerate(table.columns) if name not in columns]
     return replace(
         table,
         columns=tuple(table.columns[at] for at in kept),

@@ -1,7 +1,11 @@
+import io
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.console import Console
 
+from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, as_html, least_width, listed, without
 
 WORDS = st.text("abc ", max_size=12)
@@ -44,3 +48,14 @@ def test_a_list_is_whole_or_says_how_much_is_left(count: int, most: int | None, 
 def test_without_a_column_all_else_stays_in_its_place() -> None:
     table = Table("t", ("a", "std", "b", "std"), (("1", "2", "3", "4"),), "lrlr", ("note",))
     assert without(table, "std") == Table("t", ("a", "b"), (("1", "3"),), "ll", ("note",))
+
+
+def test_names_are_whole_on_a_narrow_terminal() -> None:
+    rows = (("realworld-synthetic", "448", "Real-world set k00-k63 with synthetic blur"),)
+    table = without(Table("T", ("name", "pairs", ""), rows, "lrl"), "pairs")
+    assert table.wraps == (False, True)
+    written = io.StringIO()
+    Console(file=written, width=least_width(table)).print(as_rich(table)[1])
+    printed = written.getvalue()
+    assert max(map(len, printed.splitlines())) == least_width(table) < 40
+    assert all(word in printed.split() for word in " ".join((rows[0][0], rows[0][2])).split())
