@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
-from dfdbench.blur.formation import blur, encode
+from dfdbench.blur.formation import blur
+from dfdbench.blur.light import encode
 from dfdbench.blur.occlusion import GAP
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.tracks import DISK, Formation, find_degradation

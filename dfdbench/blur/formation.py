@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
+from dfdbench.blur.light import Floats, decode, encode
 from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
@@ -141,7 +142,6 @@ def _noise(formation: Formation) -> NDArray[np.float64]:
     return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)
 
 
-Floats = NDArray[np.float64]
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 # A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
@@ -432,32 +432,6 @@ def _magnifying(size: int, larger: float) -> Floats:
     columns = np.clip(nearest[:, np.newaxis] + steps, 0, size - 1)
     np.add.at(weights, (np.arange(size)[:, np.newaxis], columns), taps)
     return weights
-
-
-def decode(grey: NDArray[np.floating]) -> Floats:
-    """Return linear light, 0 to 1, of grey levels 0 to 255: the sRGB curve (IEC 61966-2-1).
-
-    Examples
-    --------
-    >>> decode(np.array([0, 128, 255])).round(4).tolist()
-    [0.0, 0.2159, 1.0]
-    """
-    signal = np.asarray(grey, dtype=np.float64) / 255
-    curve = ((np.maximum(signal, 0) + 0.055) / 1.055) ** 2.4
-    return np.asarray(np.where(signal <= 0.04045, signal / 12.92, curve))
-
-
-def encode(light: Floats) -> Floats:
-    """Return grey levels of linear light, cut to 0 and 1: the inverse of `decode`, not rounded.
-
-    Examples
-    --------
-    >>> encode(np.array([-0.1, 0.2159, 2.0])).round().tolist()
-    [0.0, 128.0, 255.0]
-    """
-    light = np.clip(light, 0, 1)
-    curve = 1.055 * light ** (1 / 2.4) - 0.055
-    return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, curve))
 
 
 _LINEAR = decode(np.arange(256.0))

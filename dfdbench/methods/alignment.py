@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode, move
+from dfdbench.blur.formation import move
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw, noise_at
+from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 
 Array = NDArray[Any]

@@ -12,7 +12,6 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit
-from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
@@ -150,6 +149,8 @@ class Local(Solver):
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
+        from dfdbench.methods.law_cost import UNIT, level_costs  # compile; a constant needs none
+
         blur, window = self.blur, self.window_in(infocus)
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
@@ -202,6 +203,8 @@ def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[C
 
 
 def _by_law(law: BlurLaw, infocus: Image, defocus: Image) -> Iterator[Cost]:
+    from dfdbench.methods.law_cost import blurred_by
+
     # For Gaussian noise: of two levels that leave as much, the one that has to show more of it.
     blurred = blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(defocus))
     channel_sum = np.ones((1, infocus.shape[2]), np.float32)

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import LAST_LEVEL
 
 Array = NDArray[Any]

@@ -8,7 +8,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 
 from dfdbench.results.record import Environment
@@ -27,6 +26,8 @@ def describe_environment() -> Environment:
     >>> describe_environment().versions["dfdbench"] == version("dfdbench")
     True
     """
+    import numba  # slow, and a run with nothing to do needs none of it
+
     return Environment(
         python=platform.python_version(),
         platform=f"{platform.system()} {platform.machine()}",
@@ -51,7 +52,7 @@ def software() -> dict[str, str | None]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
-        "numba": numba.__version__,
+        "numba": _version("numba"),
         "torch": _version("torch"),
         "onnxruntime": _version("onnxruntime"),
         "architecture": platform.machine(),

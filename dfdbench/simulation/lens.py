@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import encode
+from dfdbench.blur.light import encode
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import tracing
 from dfdbench.simulation.photographs import near_normal_numbers

@@ -6,7 +6,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, uniform_numbers
+from dfdbench.blur.formation import uniform_numbers
+from dfdbench.blur.light import decode
 
 Floats = NDArray[np.float64]
 

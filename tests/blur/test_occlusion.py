@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 from scipy.stats import qmc
 
-from dfdbench.blur.formation import encode
+from dfdbench.blur.light import encode
 from dfdbench.blur.occlusion import GAP, composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES

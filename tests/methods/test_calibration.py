@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode, move
+from dfdbench.blur.formation import move
 from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.errors import MethodError

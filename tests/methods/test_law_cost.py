@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import correlate, gaussian_filter
 
-from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
+from dfdbench.blur.light import decode, encode
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods import law_cost

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode
+from dfdbench.blur.light import decode, encode
 from dfdbench.methods.view_change import Images, find_change
 
 SHAPE = (150, 200)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from dfdbench.blur.formation import encode
+from dfdbench.blur.light import encode
 from dfdbench.building.sources.demo import SCENES
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module

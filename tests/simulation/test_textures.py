@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dfdbench.blur.formation import encode
+from dfdbench.blur.light import encode
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
 

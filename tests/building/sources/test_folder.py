@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.formation import decode
+from dfdbench.blur.light import decode
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching import known_checksums

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from dfdbench.blur.formation import decode, encode
+from dfdbench.blur.light import decode, encode
 from dfdbench.building.sources import matching
 from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.errors import InputError

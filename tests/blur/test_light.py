@@ -1,0 +1,11 @@
+import numpy as np
+
+from dfdbench.blur import light
+
+
+def test_srgb_s_curve_and_its_inverse() -> None:
+    grey = np.arange(256.0)
+    assert np.allclose(light.encode(light.decode(grey)), grey, atol=1e-9)
+    # From the standard's tables: a linear 18 % is grey level 118, and the curve is one piece.
+    assert round(float(light.encode(np.array([0.18]))[0])) == 118
+    assert np.abs(np.diff(light.encode(np.linspace(0.003, 0.0033, 99)))).max() < 0.02
