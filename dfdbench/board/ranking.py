@@ -168,8 +168,6 @@ def boards(
     runs = [(number, run) for number, entry in enumerate(entries) for run in entry.runs]
     if not runs:
         return []
-    scores = scores_of([run for _, run in runs])
-    scores["entry"] = scores["run"].map(dict(enumerate(number for number, _ in runs)))
     groups: dict[tuple[str, str, bool, int, str, str, str], list[int]] = {}
     for number, entry in enumerate(entries):
         data = entry.result.dataset
@@ -180,6 +178,8 @@ def boards(
                 continue
             key = (data.name, data.split, later, order, protocol)
             groups.setdefault((*key, data.fingerprint, data.manifest_sha256), []).append(number)
+    scores = scores_of([run for _, run in runs], {key[4] for key in groups})
+    scores["entry"] = scores["run"].map(dict(enumerate(number for number, _ in runs)))
     return [
         _board(entries, members, scores, suite, key[4], ranked)
         for key, members in sorted(groups.items(), key=lambda item: item[0])

@@ -1,6 +1,6 @@
 """Every score of runs as a pandas table, and tables of a run over tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import pandas as pd
@@ -31,13 +31,15 @@ COLUMNS = (
 UNANSWERED = "unanswered"
 
 
-def scores_of(results: Sequence[Result]) -> pd.DataFrame:
+def scores_of(results: Sequence[Result], protocols: Collection[str] | None = None) -> pd.DataFrame:
     """Return the scores of runs as one long table.
 
     Parameters
     ----------
     results : sequence of Result
         Runs on any data sets, with any methods.
+    protocols : collection of str, optional
+        Only the scores under these.
 
     Returns
     -------
@@ -52,7 +54,7 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
     """
     columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
     for number, result in enumerate(results):
-        labels = result.protocol_names
+        labels = [p for p in result.protocol_names if protocols is None or p in protocols]
         scored = [(label, name) for label in labels for name in _scored_by(result, label)]
         for name, value in _run(number, result).items():
             columns[name] += [value] * (len(scored) * len(result.pairs))
