@@ -6,8 +6,8 @@ DONE, NO, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 STATUSES = {
     DONE: "done, or the reader of a pipe (`head`) has enough",
     NO: "done, and the answer is no: pairs or trials failed, a store or row differs, a test is not "
-    "covered, a search found nothing, or you said no",
-    MISTAKE: "not done, or only in part: a mistake in what was asked, or something lacking; "
+    "covered by its training, a search found nothing, or you said no",
+    MISTAKE: "not done, or only in part: a mistake in what was asked, or something missing; "
     "standard error says what, where, and what to do",
-    INTERRUPTED: "stopped by Ctrl-C; standard error says how it goes on",
+    INTERRUPTED: "stopped by Ctrl-C; standard error says how to go on",
 }
