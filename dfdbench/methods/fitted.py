@@ -182,7 +182,8 @@ class Solver(Calibrated):
         As of `Calibrated`.
     sure : bool
         Also say how sure it is, in levels: the spread of its costs about the answer, times the
-        factor that a fit finds honest, which it then has even where the blur is told.
+        factor with which its intervals hold on training captures. So it is fitted even where the
+        blur is given.
     """
 
     _farther_is_higher = False

@@ -46,7 +46,8 @@ class STransform:
         Side of the square window in pixels, odd.
     sure : bool
         Also say how sure it is, in levels: the standard error of the least squares, times the
-        factor that a fit finds honest, which it then has even with a recipe.
+        factor with which its intervals hold on training captures. So it is fitted even with a
+        recipe.
 
     Raises
     ------

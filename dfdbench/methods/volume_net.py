@@ -142,7 +142,7 @@ class VolumeNetMethod(Solver):
         Tell the network how often training shows each depth.
     sure : bool
         Also say how sure it is, in levels: the distribution's standard deviation, times the factor
-        that the fit finds honest.
+        with which its intervals hold on the training captures.
     device : str
         ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
 

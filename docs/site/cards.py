@@ -197,8 +197,8 @@ def _breaks(name: str, card: Card, means: pd.Series, pair: dict[str, float | Non
     columns = ("where", "NRMSE ↓", "a constant's", "share")
     table = Table("", columns, rows, "lrrr")
     return (
-        f"\n## Where it breaks\n\n{text}Compared with a constant depth map on {len(shares)} sets "
-        f"and tracks (protocol `{_PROTOCOL}`), it is {said}. The worst:\n\n"
+        f"\n## Where it breaks\n\n{text}Beside a constant depth map on the same sets "
+        f"and tracks, {len(shares)} in all (protocol `{_PROTOCOL}`), it is {said}. The worst:\n\n"
         + as_markdown(table).partition("\n\n")[2]
     )
 

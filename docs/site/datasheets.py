@@ -84,7 +84,7 @@ def _page(manifest: Manifest, board: Board) -> str:
         "scenes, pairs": f"{manifest.scene_count}, {manifest.pair_count}",
         "splits": escape_markdown(splits) or "none; folds and single scenes",
         "depth": escape_markdown(f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"),
-        "made of": sources,
+        "source": sources,
         "licence (license)": escape_markdown(_licence(manifest)),
         "cite": escape_markdown("; ".join(cited)),
         "fingerprint": _fingerprint(manifest, board),
