@@ -245,7 +245,8 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
             **{
                 f"{name} {CLEAN if column == 0 else column}": None if np.isnan(value) else value
                 for name, means in by_metric.items()
-                for column, value in means.loc[track].items()
+                # Results from before a metric have none of it.
+                for column, value in means.reindex_like(shown).loc[track].items()
             },
             **dict(zip(("low", "high"), interval or (None, None), strict=True)),
             "interval": named,

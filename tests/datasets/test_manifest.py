@@ -26,7 +26,7 @@ RELEASED = {
     "realworld-1": "538e64a625824c6f5f691eaaeafcd76ee1025239cbc6df2bc4895b395c5d66b3",
     "realworld-sim-1": "a8644ff74b48e71580a7ef6868d5a0c324d75953d6e56979a0c563d58137ce85",
     "realworld-synthetic-1": "6009745258887c203497d30728c828c7c0f3f045180ea58be35e53262a4a1fcb",
-    "zedd-test-1": "a6927ba0fa213de9b7094c0c387680ca56bd4284b4d95b9adf3d0d4cf5fe6258",
+    "zedd-test-1": "090cd97ed322eedbafa867e84aaa4b5c3cc39e65d0fd314d469afc9305d201eb",
     "zedd-1": "ce0a9339a7acfcf6a60b46c8b143b711f5c9c45c71c06a2773f7cd05c39cef9b",
 }
 

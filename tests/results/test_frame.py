@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dfdbench.metrics.metric import METRICS
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
@@ -65,6 +68,14 @@ def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
     ]
     assert table.records[0]["nmae mean"] == 0.25
     assert "demo-1, split test, protocol valid" in table.title
+
+
+def test_runs_from_before_a_metric_have_none_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    younger = dict(METRICS, younger=replace(METRICS["nmae"], name="younger", younger=True))
+    monkeypatch.setattr("dfdbench.results.frame.metrics_of", lambda protocol: younger)
+    gain = severities_table(list(RUNS.values()), "valid").records[0]
+    assert gain["nmae 3"] == 0.375
+    assert {gain[f"younger {at}"] for at in ("clean", 1, 3, "mean")} == {None}
 
 
 def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
