@@ -131,7 +131,7 @@ def test_the_installed_wheel_works_without_the_checkout(elsewhere: Path, tmp_pat
         return python(elsewhere / "bin" / "dfdbench", *words, cwd=tmp_path)
 
     assert dfdbench("--version").split() == ["dfdbench", __version__]
-    assert "realworld-synthetic-1" in dfdbench("list")
+    assert "realworld-synthetic" in dfdbench("list")
     assert "162" in dfdbench("info", "demo")
     assert "162 pairs" in dfdbench("build", "demo")
     assert "NRMSE" in dfdbench("run", "--method", "constant", "--dataset", "demo")
