@@ -1,5 +1,7 @@
 """Each verb killed at random moments; the same command then ends as if nothing had happened.
 
+Every other kill comes while a file is written: those moments are short, and the ones that hurt.
+
 Six kills a verb, `make kills COUNT=100` more.
 """
 
@@ -8,6 +10,7 @@ import multiprocessing
 import os
 import random
 import shutil
+import signal
 import sys
 import time
 import uuid
@@ -114,7 +117,18 @@ WORKS = {
 }
 
 
-def _child(folder: str, arguments: list[str], environment: Mapping[str, str]) -> None:
+def _child(
+    folder: str, arguments: list[str], environment: Mapping[str, str], last: int, writes: Any
+) -> None:
+    whole = os.fsync
+
+    def write(handle: Any) -> None:
+        writes.value += 1
+        if writes.value == last:
+            os.kill(os.getpid(), signal.SIGKILL)
+        whole(handle)
+
+    os.fsync = write
     os.environ.update(environment)
     os.chdir(folder)
     sys.path.insert(0, folder)
@@ -136,16 +150,21 @@ class Killer:
         self._context.set_forkserver_preload([__name__])
         self._environment = dict(environment)
         self._moments = random.Random(7)
+        # How many files the command last wrote that was let end.
+        self._writes = self._context.Value("i")
+        self._in_writes = False
         self._begun("list", Path()).join()
 
-    def _begun(self, command: str, folder: Path) -> Any:
-        words = (str(folder.resolve()), command.split(), self._environment)
+    def _begun(self, command: str, folder: Path, last: int = 0) -> Any:
+        writes = self._context.Value("i") if last else self._writes
+        words = (str(folder.resolve()), command.split(), self._environment, last, writes)
         process = self._context.Process(target=_child, args=words)
         process.start()
         return process
 
     def seconds(self, command: str, folder: Path) -> float:
         """Let a command end; return how long that took."""
+        self._writes.value = 0
         begun = time.monotonic()
         process = self._begun(command, folder)
         process.join()
@@ -154,8 +173,10 @@ class Killer:
 
     def kill(self, command: str, folder: Path, takes: float) -> bool:
         """Begin a command and kill it; return whether it had not ended before."""
-        process = self._begun(command, folder)
-        process.join(self._moments.uniform(0.02, 0.9) * takes)
+        self._in_writes = not self._in_writes and self._writes.value > 0
+        last = self._moments.randint(1, self._writes.value) if self._in_writes else 0
+        process = self._begun(command, folder, last)
+        process.join(None if last else self._moments.uniform(0.02, 0.9) * takes)
         process.kill()
         process.join()
         return bool(process.exitcode)
