@@ -122,11 +122,11 @@ def _child(
 ) -> None:
     whole = os.fsync
 
-    def write(handle: Any) -> None:
+    def write(fd: Any) -> None:
         writes.value += 1
         if writes.value == last:
             os.kill(os.getpid(), signal.SIGKILL)
-        whole(handle)
+        whole(fd)
 
     os.fsync = write
     os.environ.update(environment)
