@@ -274,14 +274,15 @@ STACKS: Mapping[str, Track] = MappingProxyType(
 TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
 #: Those that a patch of an image shows, from which networks are trained.
 OF_PATCHES = tuple(track.name for track in _ALL if not track.severities[0].whole)
+_FIRST = ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
 #: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
 #: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
 SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         suite: tuple(f"{name}-{severity}" for name in names for severity in (1, 2, 3))
         for suite, names in (
-            ("tracks-1", ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")),
-            ("tracks-2", tuple(TRACKS)),
+            ("tracks-1", _FIRST),
+            ("tracks-2", (*_FIRST, "magnification", "vignetting", "colour", "lens")),
         )
     }
     | {label: (label,) for label in ("stack-5", "stack-9")}
