@@ -14,7 +14,6 @@ REASONS = {
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,
-    "dfdbench/methods/mrf/moves.py:move": "one order of steps, over arrays that all of them change",
     "dfdbench/methods/rounded_graph_cuts.py:_misfits": _KERNEL,
     "dfdbench/methods/shape_from_focus.py:_peaks": _KERNEL,
     "dfdbench/metrics/similarity.py:mean_similarity": _KERNEL,

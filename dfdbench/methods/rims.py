@@ -20,6 +20,8 @@ from dfdbench.methods.law_cost import aligned
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
+#: Of images or of one: what is aimed at, its noise, kernels by level, and how far they reach.
+Views = tuple[Array, Array, Array, Array]
 
 # Chosen on the demo set's training stacks. A misfit counts in full up to about so many nats, and
 # above by its logarithm: there may be a third surface.
@@ -86,9 +88,9 @@ def settle_rims(
         )
         whole = LAST_LEVEL - whole
     settled = whole.copy()
-    views = (light, aims, noise, kernels, reach, order < _NEAREST)
+    views = (aims, noise, kernels, reach)
     for turn in range(_SWEEPS):
-        if not _sweep(settled, *views, turn % 2 == 1):
+        if not _sweep(settled, light, views, order < _NEAREST, turn % 2 == 1):
             break
     ends = LAST_LEVEL - settled if farther_is_higher else settled
     return np.where(settled == whole, levels, ends).astype(np.float32)
@@ -101,16 +103,8 @@ def _quadrants(law: BlurLaw) -> NDArray[np.float32]:
 
 
 @compiled(fastmath={"contract"})
-def _sweep(
-    levels: Array,
-    light: Array,
-    aims: Array,
-    noise: Array,
-    kernels: Array,
-    reach: Array,
-    focused: Array,
-    backwards: bool,
-) -> int:
+def _sweep(levels: Array, light: Array, views: Views, focused: Array, backwards: bool) -> int:
+    aims, noise, kernels, reach = views
     height, width = levels.shape
     changed = 0
     for row in range(height):
@@ -129,18 +123,8 @@ def _sweep(
                 gain = 0.0
                 for image in range(len(aims)):
                     if focused[image, near] or focused[image, far]:
-                        gain += _far_over_near(
-                            y,
-                            x,
-                            near,
-                            far,
-                            levels,
-                            light,
-                            aims[image],
-                            noise[image],
-                            kernels[image],
-                            reach[image],
-                        )
+                        view = aims[image], noise[image], kernels[image], reach[image]
+                        gain += _far_over_near((y, x, near, far), levels, light, view)
                 if other == near:
                     gain = -gain
                 if gain > most:
@@ -153,18 +137,10 @@ def _sweep(
 
 @compiled(fastmath={"contract"})
 def _far_over_near(
-    y: int,
-    x: int,
-    near: int,
-    far: int,
-    levels: Array,
-    light: Array,
-    aim: Array,
-    noise: Array,
-    kernels: Array,
-    reach: Array,
+    pixel: tuple[int, int, int, int], levels: Array, light: Array, view: Views
 ) -> float:
     """Return how many nats better an image is explained if a pixel is far than if it is near."""
+    (y, x, near, far), (aim, noise, kernels, reach) = pixel, view
     height, width, channels = light.shape
     split = (near + far) // 2
     # What is seen of the far and the near surface, but for the pixel: its colours, and its share.

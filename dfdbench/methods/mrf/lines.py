@@ -22,6 +22,12 @@ CANDIDATES = AROUND + 4 + 1
 _FAR = np.int32(2**31 - 1)
 
 Array = NDArray[Any]
+#: What each label costs each pixel; labels, what they cost, and a label that any may choose.
+Arrays = tuple[Array, Array, Array, Array]
+#: The slope and the cap of the smoothness.
+Law = tuple[Any, Any]
+#: Where a line's labels lie, and where its costs do.
+Grids = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 def best_lines(
@@ -66,62 +72,33 @@ def best_lines(
     """
     height, width = labels.shape
     count, own = unary.shape[2], unary.shape[1]
-    _sweep(
-        unary.reshape(-1, count),
-        labels.reshape(-1),
-        costs.reshape(-1),
-        favoured.reshape(-1),
-        np.int32(slope),
-        np.int32(cap),
-        along.reshape(-1),
-        across.reshape(-1),
-        (height, 1, width) if columns else (width, width, 1),
-        # Where the costs of a line's pixels lie, as the grid says where its labels do.
-        (first, 1, own) if columns else (first, own, 1),
-    )
+    grid = (height, 1, width) if columns else (width, width, 1)
+    # Where the costs of a line's pixels lie, as the grid says where its labels do.
+    part = (first, 1, own) if columns else (first, own, 1)
+    arrays = unary.reshape(-1, count), labels.reshape(-1), costs.reshape(-1), favoured.reshape(-1)
+    law = np.int32(slope), np.int32(cap)
+    _sweep(arrays, law, along.reshape(-1), across.reshape(-1), (grid, part))
 
 
 @compiled()
-def _sweep(
-    unary: Array,
-    labels: Array,
-    costs: Array,
-    favoured: Array,
-    slope: Any,
-    cap: Any,
-    along: Array,
-    across: Array,
-    grid: tuple[int, int, int],
-    part: tuple[int, int, int],
-) -> None:
-    length, next_line, step = grid
-    first = part[0]
+def _sweep(arrays: Arrays, law: Law, along: Array, across: Array, grids: Grids) -> None:
+    (length, next_line, step), (first, _, _) = grids
     # For each pixel of a line its candidates, and what they cost.
     choices = np.empty((length, CANDIDATES), np.int32)
     sums = np.empty((length, CANDIDATES), np.int32)
-    for line in range(first, first + len(unary) // length):
-        _offer(unary, labels, favoured, slope, cap, across, grid, part, line, choices, sums)
-        _add_lines(slope, cap, along, line * next_line, step, choices, sums)
-        _take(unary, labels, costs, slope, cap, along, grid, part, line, choices, sums)
+    for line in range(first, first + len(arrays[0]) // length):
+        _offer(arrays, law, across, grids, line, choices, sums)
+        _add_lines(law, along, line * next_line, step, choices, sums)
+        _take(arrays, law, along, grids, line, choices, sums)
 
 
 @compiled()
 def _offer(
-    unary: Array,
-    labels: Array,
-    favoured: Array,
-    slope: Any,
-    cap: Any,
-    across: Array,
-    grid: tuple[int, int, int],
-    part: tuple[int, int, int],
-    line: int,
-    choices: Array,
-    sums: Array,
+    arrays: Arrays, law: Law, across: Array, grids: Grids, line: int, choices: Array, sums: Array
 ) -> None:
     # Candidates cost what they cost the pixel, and the edges to the lines beside.
-    length, next_line, step = grid
-    first, own_next, own_step = part
+    (unary, labels, _, favoured), (slope, cap) = arrays, law
+    (length, next_line, step), (first, own_next, own_step) = grids
     lines, count = labels.size // length, unary.shape[1]
     last, highest = np.int32(count - 1), max(count - AROUND, 0)
     for place in range(length):
@@ -154,11 +131,10 @@ def _offer(
 
 
 @compiled()
-def _add_lines(
-    slope: Any, cap: Any, along: Array, first: int, step: int, choices: Array, sums: Array
-) -> None:
+def _add_lines(law: Law, along: Array, first: int, step: int, choices: Array, sums: Array) -> None:
     # From pixel to pixel, add the least that the line costs up to the one before; all relative to
     # the pixel's least, so that sums stay small.
+    slope, cap = law
     before = np.empty(CANDIDATES, np.int32)
     for place in range(len(sums)):
         total = sums[place]
@@ -174,20 +150,10 @@ def _add_lines(
 
 @compiled()
 def _take(
-    unary: Array,
-    labels: Array,
-    costs: Array,
-    slope: Any,
-    cap: Any,
-    along: Array,
-    grid: tuple[int, int, int],
-    part: tuple[int, int, int],
-    line: int,
-    choices: Array,
-    sums: Array,
+    arrays: Arrays, law: Law, along: Array, grids: Grids, line: int, choices: Array, sums: Array
 ) -> None:
-    _, next_line, step = grid
-    first, own_next, own_step = part
+    (unary, labels, costs, _), (slope, cap) = arrays, law
+    (_, next_line, step), (first, own_next, own_step) = grids
     # From the line's end, each pixel takes what is best before the label that comes after it.
     for place in range(len(sums) - 1, -1, -1):
         at = line * next_line + place * step

@@ -36,6 +36,8 @@ ABUNDANT = 10
 FREE, SOURCE, SINK = 0, 1, 2
 
 Array = NDArray[Any]
+#: What a search changes: capacity, tree, parent, distance, orphans; and fronts, counts, listed.
+Trees = tuple[Array, Array, Array, Array, Array, tuple[Array, Array, Array]]
 
 
 class GridGraph:
@@ -93,15 +95,13 @@ class GridGraph:
         rows = self.pitch * np.arange(1, height + 1)[:, np.newaxis]
         self.active: NDArray[np.int32] = (rows + np.arange(1, width + 1)).ravel().astype(np.int32)
         self.nodes = self.active.copy()
-        self._parent = np.zeros(nodes, np.uint8)
-        self._distance = np.zeros(nodes, np.int32)
         self._given = np.zeros(nodes, np.int32)
         self._carried = np.zeros(nodes, np.int32)
-        self._orphans = np.zeros(nodes, np.int32)
+        parent, (distance, orphans) = np.zeros(nodes, np.uint8), np.zeros((2, nodes), np.int32)
         # Nodes to grow from: for both trees, at an even and an odd distance.
-        self._fronts = np.zeros((2, 2, nodes), np.int32)
-        self._counts = np.zeros((2, 2), np.int64)
-        self._listed = np.zeros((2, nodes), np.int32)
+        fronts, counts = np.zeros((2, 2, nodes), np.int32), np.zeros((2, 2), np.int64)
+        lists = fronts, counts, np.zeros((2, nodes), np.int32)
+        self._trees = self.capacity, self.tree, parent, distance, orphans, lists
 
     def clear(self) -> None:
         """Take away the links of the active nodes, which then belong to no side."""
@@ -112,28 +112,11 @@ class GridGraph:
         # Most of the flow needs no turn: nine tenths on the energies here.
         flow = 0
         for direction in (RIGHT, DOWN):
+            links = self.terminal, self.capacity
             flow += _push_along(
-                self.pitch,
-                direction,
-                self.active,
-                self.terminal,
-                self.capacity,
-                self._given,
-                self._carried,
+                self.pitch, direction, self.active, *links, self._given, self._carried
             )
-        flow += _grow_and_augment(
-            self.pitch,
-            self.active,
-            self.terminal,
-            self.capacity,
-            self.tree,
-            self._parent,
-            self._distance,
-            self._orphans,
-            self._fronts,
-            self._counts,
-            self._listed,
-        )
+        flow += _grow_and_augment(self.pitch, self.active, self.terminal, self._trees)
         return int(flow)
 
     def sink_side(self) -> NDArray[np.bool_]:
@@ -203,19 +186,9 @@ def _push_along(
 
 
 @compiled()
-def _grow_and_augment(
-    pitch: int,
-    active: Array,
-    terminal: Array,
-    capacity: Array,
-    tree: Array,
-    parent: Array,
-    distance: Array,
-    orphans: Array,
-    fronts: Array,
-    counts: Array,
-    listed: Array,
-) -> int:
+def _grow_and_augment(pitch: int, active: Array, terminal: Array, trees: Trees) -> int:
+    capacity, tree, parent, distance, _, lists = trees
+    fronts, counts, listed = lists
     step = (1, -1, pitch, -pitch)
     counts[:] = 0
     ends = np.zeros(2, np.int64)
@@ -265,7 +238,7 @@ def _grow_and_augment(
                     tree[other] = side
                     parent[other] = direction ^ 1
                     distance[other] = depth + 1
-                    _list(side, other, depth + 1, fronts, counts, listed)
+                    _list(side, other, depth + 1, lists)
                     direction += 1
                     continue
                 upper, lower = (node, other) if side == SOURCE else (other, node)
@@ -274,47 +247,18 @@ def _grow_and_augment(
                 capacity[forth] -= push
                 capacity[back] += push
                 # The side is a constant in each call, for which the compiler makes a faster copy.
-                _take(
-                    SOURCE,
-                    push,
-                    upper,
-                    step,
-                    terminal,
-                    capacity,
-                    tree,
-                    parent,
-                    distance,
-                    orphans,
-                    fronts,
-                    counts,
-                    listed,
-                    depths[0],
-                    depths[0] + (side == SOURCE),
-                )
-                _take(
-                    SINK,
-                    push,
-                    lower,
-                    step,
-                    terminal,
-                    capacity,
-                    tree,
-                    parent,
-                    distance,
-                    orphans,
-                    fronts,
-                    counts,
-                    listed,
-                    depths[1],
-                    depths[1] + (side == SINK),
-                )
+                ends_at = depths[0], depths[0] + (side == SOURCE)
+                _take(SOURCE, push, upper, step, terminal, trees, ends_at)
+                ends_at = depths[1], depths[1] + (side == SINK)
+                _take(SINK, push, lower, step, terminal, trees, ends_at)
         counts[side - 1, depth & 1] = 0
         depths[side - 1] += 1
     return flow
 
 
 @compiled()
-def _list(side: int, node: int, depth: int, fronts: Array, counts: Array, listed: Array) -> None:
+def _list(side: int, node: int, depth: int, lists: tuple[Array, Array, Array]) -> None:
+    fronts, counts, listed = lists
     # A node may come to the same distance twice, but is to be grown from once.
     if listed[side - 1, node] != depth:
         listed[side - 1, node] = depth
@@ -354,17 +298,10 @@ def _take(
     at: int,
     step: tuple[int, int, int, int],
     terminal: Array,
-    capacity: Array,
-    tree: Array,
-    parent: Array,
-    distance: Array,
-    orphans: Array,
-    fronts: Array,
-    counts: Array,
-    listed: Array,
-    depth: int,
-    limit: int,
+    trees: Trees,
+    depths: tuple[int, int],
 ) -> None:
+    capacity, _, parent, _, orphans, _ = trees
     # Take the flow from the links of one tree's part of the path; nodes cut off are adopted.
     waiting = 0
     while parent[at] != TERMINAL:
@@ -384,39 +321,15 @@ def _take(
         parent[at] = ORPHAN
         orphans[waiting] = at
         waiting += 1
-    _adopt(
-        side,
-        step,
-        waiting,
-        capacity,
-        tree,
-        parent,
-        distance,
-        orphans,
-        fronts,
-        counts,
-        listed,
-        depth,
-        limit,
-    )
+    _adopt(side, step, waiting, trees, depths)
 
 
 @compiled(inline="always")
 def _adopt(
-    side: int,
-    step: tuple[int, int, int, int],
-    waiting: int,
-    capacity: Array,
-    tree: Array,
-    parent: Array,
-    distance: Array,
-    orphans: Array,
-    fronts: Array,
-    counts: Array,
-    listed: Array,
-    depth: int,
-    limit: int,
+    side: int, step: tuple[int, int, int, int], waiting: int, trees: Trees, depths: tuple[int, int]
 ) -> None:
+    capacity, tree, parent, distance, orphans, lists = trees
+    depth, limit = depths
     # Every orphan takes the nearest parent that it can, in a queue, so that children come after
     # parents. `limit` is the greatest distance that the tree may have while it is grown.
     head, tail = 0, waiting
@@ -451,4 +364,4 @@ def _adopt(
         parent[orphan] = best
         distance[orphan] = nearest + 1
         if nearest + 1 >= depth:
-            _list(side, orphan, nearest + 1, fronts, counts, listed)
+            _list(side, orphan, nearest + 1, lists)

@@ -24,6 +24,10 @@ from dfdbench.system.compiled import compiled
 __all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
 
 Array = NDArray[Any]
+#: The table of the smoothness, and the weights of edges to the right and down.
+Edges = tuple[Array, Array, Array]
+#: Labels and their costs, what each label is offered, and what that costs each pixel.
+State = tuple[Array, Array, Array, Array]
 
 
 def expansion_offer(labels: int, target: int) -> NDArray[np.int32]:
@@ -114,43 +118,17 @@ class Mover:
             for rows, part in bands_of(self._unary):
                 _costs_of(part, labels[rows], offer, costs[rows])
         graph.clear()
-        graph.active = _choose(
-            labels, self._costs, offer, costs, self._gains, self._weights, graph.nodes, graph.tree
-        )
+        state, edges = (labels, self._costs, offer, costs), (self._table, self._right, self._down)
+        graph.active = _choose(state, self._gains, self._weights, graph.nodes, graph.tree)
         # Beside pixels that stay there is less to gain; where nearly all take part, few are. Terms
         # that are not submodular are cut otherwise beside such a pixel: only where there are none.
         few = 2 * graph.active.size < labels.size
         if few and bool((offer == offer[0]).all()) and self._energy.is_metric:
-            graph.active = _drop(
-                self._table,
-                self._gains,
-                self._right,
-                self._down,
-                labels,
-                self._costs,
-                offer,
-                costs,
-                graph.active,
-                graph.tree,
-            )
-        change = int(
-            _propose(
-                self._table,
-                self._right,
-                self._down,
-                labels,
-                self._costs,
-                offer,
-                costs,
-                graph.active,
-                graph.terminal,
-                graph.capacity,
-                graph.tree,
-            )
-        )
-        change += graph.cut()
+            graph.active = _drop(edges, self._gains, state, graph.active, graph.tree)
+        links = graph.terminal, graph.capacity
+        change = int(_propose(edges, state, graph.active, links, graph.tree)) + graph.cut()
         if change < 0:
-            _apply(labels, self._costs, offer, costs, graph.active, graph.tree)
+            _apply(state, graph.active, graph.tree)
         return change
 
     def move_lines(self, columns: bool) -> int:
@@ -225,18 +203,10 @@ def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> None:
 
 
 @compiled()
-def _choose(
-    labels: Array,
-    costs: Array,
-    offer: Array,
-    offered: Array,
-    gains: Array,
-    weights: Array,
-    nodes: Array,
-    tree: Array,
-) -> Array:
+def _choose(state: State, gains: Array, weights: Array, nodes: Array, tree: Array) -> Array:
     # A pixel that loses more by its own cost than all its edges together can save moves in no best
     # set: it has no part in the cut. Those that have are listed, and marked in `tree`.
+    labels, costs, offer, offered = state
     height, width = labels.shape
     count = 0
     for y in range(height):
@@ -252,19 +222,9 @@ def _choose(
 
 
 @compiled()
-def _drop(
-    table: Array,
-    gains: Array,
-    right: Array,
-    down: Array,
-    labels: Array,
-    costs: Array,
-    offer: Array,
-    offered: Array,
-    active: Array,
-    tree: Array,
-) -> Array:
+def _drop(edges: Edges, gains: Array, state: State, active: Array, tree: Array) -> Array:
     # As `_choose`, with what is known by now: an edge to a pixel that stays saves what it saves.
+    (table, right, down), (labels, costs, offer, offered) = edges, state
     height, width = labels.shape
     pitch = width + 1
     count, y, start = 0, 0, pitch + 1
@@ -301,9 +261,8 @@ def _drop(
 
 
 @compiled()
-def _apply(
-    labels: Array, costs: Array, offer: Array, offered: Array, active: Array, tree: Array
-) -> None:
+def _apply(state: State, active: Array, tree: Array) -> None:
+    labels, costs, offer, offered = state
     pitch = labels.shape[1] + 1
     for node in active:
         if tree[node] == SINK:
@@ -316,18 +275,10 @@ def _apply(
 # dozen, for every pixel.
 @compiled()
 def _propose(
-    table: Array,
-    right: Array,
-    down: Array,
-    labels: Array,
-    costs: Array,
-    offer: Array,
-    offered: Array,
-    active: Array,
-    terminal: Array,
-    capacity: Array,
-    tree: Array,
+    edges: Edges, state: State, active: Array, links: tuple[Array, Array], tree: Array
 ) -> int:
+    (table, right, down), (labels, costs, offer, offered) = edges, state
+    terminal, capacity = links
     height, width = labels.shape
     pitch = width + 1
     for node in active:
