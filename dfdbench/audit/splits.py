@@ -336,13 +336,7 @@ def ranked_splits_table(
     if rank is not None and rank > SHOWN:
         chosen.append((rank, ranking.candidates[rank - 1]))
     rows = tuple(
-        (
-            f"{number:,}" + (" (published)" if number == rank else ""),
-            ", ".join(candidate.test),
-            str(_pair_count(manifest, candidate.test)),
-            percent(candidate.uncovered),
-            f"{candidate.overlap:.3f}",
-        )
+        (f"{number:,}" + " (published)" * (number == rank), *_cells(manifest, candidate))
         for number, candidate in chosen
     )
     count = len(ranking.candidates)
@@ -367,14 +361,7 @@ def folds_table(
     """Return the best folds, what the published ones reach, and which cannot be covered."""
     best = proposals[0]
     rows = tuple(
-        (
-            _fold_name(number),
-            ", ".join(fold.test),
-            str(_pair_count(manifest, fold.test)),
-            percent(fold.uncovered),
-            f"{fold.overlap:.3f}",
-            "yes" if fold.covered else "no",
-        )
+        (_fold_name(number), *_cells(manifest, fold), "yes" if fold.covered else "no")
         for number, fold in enumerate(best.folds, 1)
     )
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
@@ -385,12 +372,14 @@ def folds_table(
         )
     if hopeless:
         largest = max(len(fold.test) for fold in best.folds)
-        least = math.ceil(len(hopeless) / largest)
         notes.append(
             f"{len(hopeless)} scenes leave their fold uncovered whatever else is in it; they fill "
-            f"at least {least} of {len(best.folds)} folds"
+            f"at least {math.ceil(len(hopeless) / largest)} of {len(best.folds)} folds"
         )
-    notes += [_why_hopeless(item) for item in hopeless]
+    for item in hopeless:
+        why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
+        least = percent(item.least)
+        notes.append(f"{item.scene}: {why}; at least {least} of its fold is uncovered")
     columns = ("fold", "test scenes", "pairs", "uncovered", "overlap", "covered")
     return Table(f"folds of {manifest.label}", columns, rows, "llrrrl", tuple(notes))
 
@@ -414,68 +403,21 @@ def folds_fragment(folds: Folds, why: str) -> str:
     return "\n".join([f"# {why}\n# They replace the manifest's own folds.\n", *tables])
 
 
-@dataclass(frozen=True)
-class ProposalSettings:
-    """What a proposal depends on: the store's fingerprint, the scenes, the draws' seed."""
-
-    fingerprint: str
-    scenes: Scenes
-    seed: int
-
-    def absent(self, manifest: Manifest) -> list[str]:
-        """Return the manifest's scenes that could not be chosen."""
-        return [name for name in manifest.scene_names if name not in self.scenes.names]
-
-    def as_dict(self, manifest: Manifest) -> dict[str, object]:
-        """Return all of it for JSON."""
-        return {
-            "fingerprint": self.fingerprint,
-            "criterion": self.scenes.criterion,
-            "allowed_share": self.scenes.allowed,
-            "density_factor": self.scenes.bound.factor,
-            "density_floor": self.scenes.bound.floor,
-            "seed": self.seed,
-            "absent_scenes": self.absent(manifest),
-            "kept_together": [list(group) for group in self.scenes.groups if len(group) > 1],
-        }
-
-
-def ranking_as_json(
-    manifest: Manifest, settings: ProposalSettings, ranking: Ranking, published: Sequence[str]
-) -> str:
-    """Return a ranking's best as JSON."""
-    return as_json(
-        "split",
-        dataset=manifest.stem,
-        **settings.as_dict(manifest),
-        choices=len(ranking.candidates),
-        exhaustive=ranking.exhaustive,
-        covered=ranking.covered,
-        published={"test": published, "rank": ranking.rank(published)},
-        candidates=ranking.candidates[:SHOWN],
-    )
-
-
-def folds_as_json(
-    manifest: Manifest,
-    settings: ProposalSettings,
-    proposals: Sequence[Folds],
-    hopeless: Sequence[Hopeless],
-    published: Folds,
-) -> str:
-    """Return proposed folds as JSON, the best first, and the published ones."""
-
-    def described(folds: Folds) -> dict[str, object]:
-        return {"not_covered": folds.not_covered, "folds": folds.folds}
-
-    return as_json(
-        "split, folds",
-        dataset=manifest.stem,
-        **settings.as_dict(manifest),
-        published=described(published) if published.folds else None,
-        proposals=[described(folds) for folds in proposals[:SHOWN]],
-        cannot_be_covered=hopeless,
-    )
+def settings_of(
+    manifest: Manifest, fingerprint: str, scenes: Scenes, seed: int
+) -> dict[str, object]:
+    """Return what a proposal depends on, for JSON: data, scenes, criterion, seed of the draws."""
+    return {
+        "dataset": manifest.stem,
+        "fingerprint": fingerprint,
+        "criterion": scenes.criterion,
+        "allowed_share": scenes.allowed,
+        "density_factor": scenes.bound.factor,
+        "density_floor": scenes.bound.floor,
+        "seed": seed,
+        "absent_scenes": [name for name in manifest.scene_names if name not in scenes.names],
+        "kept_together": [list(group) for group in scenes.groups if len(group) > 1],
+    }
 
 
 @dataclass(frozen=True)
@@ -521,57 +463,74 @@ def propose(
     counts = np.stack([histogram.counts for histogram in histograms.values()])
     bound = bound or DensityBound()
     scenes = Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allowed)
-    settings = ProposalSettings(store.fingerprint, scenes, seed)
+    settings = settings_of(store.manifest, store.fingerprint, scenes, seed)
     if size is not None:
-        return _proposed_tests(store.manifest, settings, size)
-    return _proposed_folds(store.manifest, settings, folds or 0)
+        return _proposed_tests(store.manifest, scenes, settings, size, seed)
+    return _proposed_folds(store.manifest, scenes, settings, folds or 0, seed)
 
 
-def _proposed_tests(manifest: Manifest, settings: ProposalSettings, size: int) -> Proposal:
-    scenes = settings.scenes
+def _proposed_tests(
+    manifest: Manifest, scenes: Scenes, settings: dict[str, object], size: int, seed: int
+) -> Proposal:
     # Ranked only where all its scenes are built: a part of it is another test.
     published = manifest.scenes_of("test") if "test" in {s.name for s in manifest.splits} else ()
     published = published if set(published) <= set(scenes.names) else ()
-    ranking = rank_tests(scenes, size, settings.seed, published)
-    best = ranking.candidates[0].test
+    ranking = rank_tests(scenes, size, seed, published)
+    best, count = ranking.candidates[0].test, len(ranking.candidates)
     train = tuple(name for name in scenes.names if name not in best)
-    why = (
-        f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
-        f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
+    why = f"first of {count:,} ({_chosen_by(manifest, scenes, seed)})"
+    content = as_json(
+        "split",
+        **settings,
+        choices=count,
+        exhaustive=ranking.exhaustive,
+        covered=ranking.covered,
+        published={"test": published, "rank": ranking.rank(published)},
+        candidates=ranking.candidates[:SHOWN],
     )
-    files = {
-        "split.json": ranking_as_json(manifest, settings, ranking, published),
-        "split.toml": split_fragment(manifest, best, train, why),
-    }
+    verb = f"dfdbench audit split {manifest.short} --test-scenes {size}"
+    fragment = split_fragment(manifest, best, train, f"{verb}: {why}")
     table = ranked_splits_table(manifest, ranking, published, scenes.criterion)
-    return Proposal(f"test-{size}", table, files)
+    return Proposal(f"test-{size}", table, {"split.json": content, "split.toml": fragment})
 
 
-def _proposed_folds(manifest: Manifest, settings: ProposalSettings, number: int) -> Proposal:
-    scenes = settings.scenes
-    proposals = propose_folds(scenes, number, settings.seed)
+def _proposed_folds(
+    manifest: Manifest, scenes: Scenes, settings: dict[str, object], number: int, seed: int
+) -> Proposal:
+    proposals = propose_folds(scenes, number, seed)
     best = proposals[0]
     hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
     tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    chosen_by = _chosen_by(manifest, settings)
+    kept = [{"not_covered": p.not_covered, "folds": p.folds} for p in (published, *proposals)]
+    content = as_json(
+        "split, folds",
+        **settings,
+        published=kept[0] if published.folds else None,
+        proposals=kept[1 : SHOWN + 1],
+        cannot_be_covered=hopeless,
+    )
+    chosen_by = _chosen_by(manifest, scenes, seed)
     why = f"dfdbench audit split {manifest.short} --folds {number} ({chosen_by})"
-    files = {
-        "folds.json": folds_as_json(manifest, settings, proposals, hopeless, published),
-        "folds.toml": folds_fragment(best, why),
-    }
     table = folds_table(manifest, proposals, hopeless, published)
+    files = {"folds.json": content, "folds.toml": folds_fragment(best, why)}
     return Proposal(f"folds-{number}", table, files)
 
 
-def _chosen_by(manifest: Manifest, settings: ProposalSettings) -> str:
-    scenes, absent = settings.scenes, settings.absent(manifest)
-    said = f"criterion {scenes.criterion}, seed {settings.seed}"
+def _chosen_by(manifest: Manifest, scenes: Scenes, seed: int) -> str:
+    said = f"criterion {scenes.criterion}, seed {seed}"
     if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
         said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
         said += f", allowed share {scenes.allowed:g}"
+    absent = [name for name in manifest.scene_names if name not in scenes.names]
     return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
+
+
+def _cells(manifest: Manifest, candidate: Candidate) -> tuple[str, ...]:
+    pairs = str(_pair_count(manifest, candidate.test))
+    shares = percent(candidate.uncovered), f"{candidate.overlap:.3f}"
+    return ", ".join(candidate.test), pairs, *shares
 
 
 def _pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:
@@ -589,11 +548,6 @@ def _score(what: str, folds: Folds) -> str:
         f"{what}: {folds.not_covered} of {len(folds.folds)} not covered, at worst "
         f"{percent(worst.uncovered)} ({', '.join(worst.test)})"
     )
-
-
-def _why_hopeless(item: Hopeless) -> str:
-    why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
-    return f"{item.scene}: {why}; at least {percent(item.least)} of its fold is uncovered"
 
 
 def _why_unranked(published: Sequence[str], size: int) -> str:

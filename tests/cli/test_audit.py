@@ -99,6 +99,8 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     assert (found["choices"], found["exhaustive"], found["published"]["rank"]) == (3, True, None)
     assert found["candidates"][-1]["test"] == ["Three"]
     folds = dfdbench("audit split", uneven, "--folds", "3")
+    kept = json.loads(Path("results/uneven-splits/folds-3/folds.json").read_text())
+    assert (kept["cannot_be_covered"][0]["scene"], kept["seed"]) == ("Three", 0)
     assert "Three: rare in all other scenes: 36-38" in folds.out
     fragment = Path("results/uneven-splits/folds-3/folds.toml").read_text()
     assert len(tomllib.loads(fragment)["folds"]) == 3
