@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import DEPTH, Group, Key, Layout, unread_files
+from dfdbench.building.folder_layout import Group, Key, Layout, unread_files
 from dfdbench.building.sources.image_files import (
     ARRAYS,
     SUFFIXES,
@@ -100,15 +100,13 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     """
     depths = [group for group in layout.groups if _is_depth(folder, group)]
     # Photographs may be grey and have 16 bits, too: a name says more.
-    depths = [group for group in depths if DEPTH.search(group.pattern.lower())] or depths
+    depths = [group for group in depths if group.is_depth] or depths
     photographs = [group for group in layout.groups if group not in depths]
     photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
-        what = (
-            "no depth map and two photographs a scene are found: a depth file is grey and says so "
-        )
-        what += f"in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
+        what = "no depth map and two photographs a scene are found: a depth file is grey "
+        what += f"and says so in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
         found = "; ".join(filter(None, (there, unread_files(folder))))
         fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
         raise InputError(what, where=str(folder), got=found, fix=fix)
@@ -122,12 +120,9 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     if len(photographs) > len(fitting):
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
     tell_depth(folder, scenes, facts)
+    sharp, soft = facts.roles["infocus"], facts.roles["defocus"]
     facts.matching = matching_of(
-        (
-            key[1],
-            _photograph(folder, facts.roles["infocus"], key, facts),
-            _photograph(folder, facts.roles["defocus"], key, facts),
-        )
+        (key[1], _photograph(folder, sharp, key, facts), _photograph(folder, soft, key, facts))
         for key in _shared(tuple(keys), *facts.roles.values())[:_ALIGNED]
     )
     facts.found += facts.matching.found
@@ -172,7 +167,7 @@ def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
 def _is_depth(folder: Path, group: Group) -> bool:
     image = _read(folder, group, next(iter(group.files)))[1]
     flat = image.ndim == 2 or bool((image[..., :3] == image[..., :1]).all())
-    return flat and (bool(DEPTH.search(group.pattern.lower())) or image.dtype != np.uint8)
+    return flat and (group.is_depth or image.dtype != np.uint8)
 
 
 def _spread(keys: Sequence[Key], most: int) -> list[Key]:

@@ -2,8 +2,9 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
@@ -18,8 +19,12 @@ _MOST_GROUPS = 10
 _ROLES = 3
 # Kinds of files that are named where they are not read.
 _NAMED = 6
-_END = re.compile(r"^(?P<scene>.+[^_\-.])(?P<tail>[_\-.][A-Za-z][^_\-.]*)$")
-_START = re.compile(r"^(?P<head>[A-Za-z][^_\-.]*[_\-.])(?P<scene>.+)$")
+# A file's whole name is the scene's, or its start, or its end.
+_FORMS = (
+    r"(?P<scene>.*)",
+    r"(?P<scene>.+[^_\-.])[_\-.][A-Za-z][^_\-.]*",
+    r"[A-Za-z][^_\-.]*[_\-.](?P<scene>.+)",
+)
 
 #: The part of a set that a scene lies in, "" where there are none, and the scene's name.
 Key = tuple[str, str]
@@ -40,6 +45,11 @@ class Group:
 
     pattern: str
     files: dict[Key, str]
+
+    @property
+    def is_depth(self) -> bool:
+        """Whether their names say that they are depth maps."""
+        return bool(DEPTH.search(self.pattern.lower()))
 
 
 @dataclass(frozen=True)
@@ -138,11 +148,11 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    layouts = [_layout(paths, reading) for reading in (_stem, _start_of, _end_of)]
+    layouts = [_layout(paths, _name_reading(form)) for form in _FORMS]
     whole = [*folder_layouts(paths), *(layout for layout in layouts if layout)]
-    if whole:
-        return max(whole, key=_likelihood)
-    return _by_order(paths)
+    # A scene with a depth file and two others cannot be a kind of files read as a scene.
+    order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
+    return whole[order.index(max(order))] if whole else _by_order(paths)
 
 
 def folder_layouts(paths: tuple[str, ...], least: int = _ROLES) -> list[Layout]:
@@ -158,16 +168,11 @@ def single_scene(paths: tuple[str, ...], name: str) -> Layout:
     return Layout(tuple(Group(path, {key: path}) for path in paths), (key,), False, ())
 
 
-def _likelihood(layout: Layout) -> tuple[int, int, int]:
-    # A scene with a depth file and two others cannot be a kind of files read as a scene.
-    return _with_depth(layout.groups), len(layout.scenes), -len(layout.groups)
-
-
 def _with_depth(groups: tuple[Group, ...]) -> int:
     depths: set[Key] = set()
     others: Counter[Key] = Counter()
     for group in groups:
-        (depths if DEPTH.search(group.pattern.lower()) else others).update(list(group.files))
+        (depths if group.is_depth else others).update(list(group.files))
     return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
@@ -185,22 +190,16 @@ def _folder_reading(level: int) -> Reading:
     return read
 
 
-def _stem(path: PurePosixPath) -> tuple[str, str] | None:
-    return str(path.with_name("{scene}" + path.suffix)), path.stem
+def _name_reading(form: str) -> Reading:
+    def read(path: PurePosixPath) -> tuple[str, str] | None:
+        match = re.fullmatch(form, path.stem, re.DOTALL)
+        if match is None:
+            return None
+        start, end = match.span("scene")
+        stem = f"{path.stem[:start]}{{scene}}{path.stem[end:]}"
+        return str(path.with_name(stem + path.suffix)), match["scene"]
 
-
-def _start_of(path: PurePosixPath) -> tuple[str, str] | None:
-    match = _END.match(path.stem)
-    if not match:
-        return None
-    return str(path.with_name("{scene}" + match["tail"] + path.suffix)), match["scene"]
-
-
-def _end_of(path: PurePosixPath) -> tuple[str, str] | None:
-    match = _START.match(path.stem)
-    if not match:
-        return None
-    return str(path.with_name(match["head"] + "{scene}" + path.suffix)), match["scene"]
+    return read
 
 
 def _split_of(path: str) -> tuple[PurePosixPath, str]:
@@ -228,7 +227,7 @@ def _layout(paths: tuple[str, ...], reading: Reading, least: int = _ROLES) -> La
         if any(key in files for key in scenes)
     }
     layout = _sorted(groups, scenes, False, paths)
-    depths = [group for group in layout.groups if DEPTH.search(group.pattern.lower())]
+    depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
     return layout if scenes and len(limited) <= _MOST_GROUPS else None
 
@@ -237,10 +236,8 @@ def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str
     """Join kinds of images that differ in nothing but their endings and have no scene in common."""
     alike: dict[str, list[str]] = defaultdict(list)
     for pattern in found:
-        path = PurePosixPath(pattern)
-        alike[pattern if path.suffix.lower() in ARRAYS else str(path.with_suffix(""))].append(
-            pattern
-        )
+        is_array = pattern.lower().endswith(ARRAYS)
+        alike[pattern if is_array else str(PurePosixPath(pattern).with_suffix(""))].append(pattern)
     joined: dict[str, dict[Key, str]] = {}
     for base, patterns in alike.items():
         together = {key: file for pattern in patterns for key, file in found[pattern].items()}
@@ -270,7 +267,7 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
         for number in range(1, count + 1)
     )
     groups = {
-        pattern: dict(zip(scenes, _in_order(files), strict=True))
+        pattern: dict(zip(scenes, chain(*(in_order(files[s]) for s in sorted(files))), strict=True))
         for pattern, files in folders.items()
         if _sizes(files) == common
     }
@@ -281,15 +278,14 @@ def _sizes(files: dict[str, list[str]]) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((split, len(found)) for split, found in files.items()))
 
 
-def _in_order(files: dict[str, list[str]]) -> Iterator[str]:
-    for split in sorted(files):
-        yield from sorted(files[split], key=_counting)
+def in_order(paths: Iterable[str]) -> list[str]:
+    """Return paths as cameras count: 2 comes before 10."""
 
+    def key(path: str) -> list[tuple[int, str]]:
+        parts = re.findall(r"\d+|\D+", path)
+        return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
-def _counting(path: str) -> list[tuple[int, str]]:
-    # 2 comes before 10: cameras count.
-    parts = re.findall(r"\d+|\D+", path)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+    return sorted(paths, key=key)
 
 
 def _sorted(

@@ -49,10 +49,9 @@ class Stacks:
     @property
     def kinds(self) -> tuple[Group, ...]:
         """The stacks that every scene has."""
-        groups = self.layout.groups
         return tuple(
             group
-            for group in groups
+            for group in self.layout.groups
             if len(group.files) == len(self.layout.scenes)
             and all(path in self.images for path in group.files.values())
         )
@@ -60,7 +59,7 @@ class Stacks:
     @property
     def has_depth(self) -> bool:
         """Whether a file's name says that it is a depth map."""
-        return any(DEPTH.search(group.pattern.lower()) for group in self.layout.groups)
+        return any(group.is_depth for group in self.layout.groups)
 
 
 def find_stacks(folder: Path, paths: tuple[str, ...]) -> Stacks | None:
@@ -149,7 +148,17 @@ def _is_below(path: str, table: PurePosixPath) -> bool:
 def _named_by(table: _Table, paths: tuple[str, ...]) -> dict[str, dict[int, str]]:
     """Return families of files by their names with a column in braces where the row's cell is."""
     names = {path: PurePosixPath(path) for path in paths}
-    words = {word for place in names.values() for word in _words(place.stem)}
+    stems = {place.stem for place in names.values()}
+    # What stands between _ and - in a name, and two or three of them together.
+    marks = {
+        stem: [-1, *(m.start() for m in re.finditer("[_-]", stem)), len(stem)] for stem in stems
+    }
+    words = {
+        stem[start + 1 : end]
+        for stem, at in marks.items()
+        for first, start in enumerate(at)
+        for end in at[first + 1 : first + 4]
+    }
     columns = [
         name
         for name in table.rows[0]
@@ -168,14 +177,6 @@ def _named_by(table: _Table, paths: tuple[str, ...]) -> dict[str, dict[int, str]
     return {name: found for name, found in families.items() if len(found) == len(table.rows)}
 
 
-def _words(stem: str) -> Iterator[str]:
-    """Yield what stands between _ and - in a name, and two or three of them together."""
-    marks = [-1, *(match.start() for match in re.finditer("[_-]", stem)), len(stem)]
-    for first, start in enumerate(marks):
-        for end in marks[first + 1 : first + 4]:
-            yield stem[start + 1 : end]
-
-
 def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
     """Return what a folder's stacks seem to be.
 
@@ -191,17 +192,16 @@ def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
         for group in layout.groups
         if group not in stacks.kinds and len(group.files) == len(layout.scenes)
     ]
-    depths = [group for group in others if DEPTH.search(group.pattern.lower())]
+    depths = [group for group in others if group.is_depth]
     sharp = [group for group in others if group not in depths]
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
-    likely = named or (sharp if len(sharp) == 1 else [])
-    facts = Facts({"infocus": likely[0]} if likely else {})
-    facts.roles["images"] = stack
+    likely = (named or (sharp if len(sharp) == 1 else []))[:1]
+    facts = Facts(dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
     keys = list(layout.scenes[:: max(1, math.ceil(len(layout.scenes) / _LOOKED_AT))])
     first = Group(stack.pattern, {key: stacks.images[stack.files[key]][0] for key in keys})
-    tell_photographs(folder, [*likely[:1], first], keys, facts)
+    tell_photographs(folder, [*likely, first], keys, facts)
     counts = sorted({len(stacks.images[stack.files[key]]) for key in layout.scenes})
-    told = " to ".join(map(str, {counts[0]: None, counts[-1]: None}))
+    told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
     facts.found.append(f"stacks {stack.pattern} of {told} images")
     if named:
         facts.found.append(f"in focus all over {named[0].pattern}")
@@ -231,7 +231,9 @@ def _tell_table(folder: Path, layout: Layout, stack: Group, stacks: Stacks, fact
     images = stacks.images[stack.files[layout.scenes[0]]]
     for table in _tables(folder):
         if len(table.rows) == len(images) and _is_below(images[0], table.path):
-            pattern = _pattern_beside(table.path, stack)
+            # As deep as the table lies, folders are those of the stack's pattern.
+            folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
+            pattern = str(PurePosixPath(*folders, table.path.name))
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
             _tell_columns(table.rows, table.columns, stack, facts)
             return
@@ -256,12 +258,6 @@ def _rows_of(path: Path) -> tuple[list[dict[str, str]], list[str]]:
         if columns or not any(map(_is_number, rows[0])):
             return rows, columns
     return [], []
-
-
-def _pattern_beside(path: PurePosixPath, stack: Group) -> str:
-    """Return a file's pattern: as deep as it lies, folders are those of the stack's pattern."""
-    folders = PurePosixPath(stack.pattern).parts[: len(path.parts) - 1]
-    return str(PurePosixPath(*folders, path.name))
 
 
 def _tell_columns(
