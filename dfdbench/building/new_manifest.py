@@ -2,6 +2,7 @@
 
 import json
 import re
+import textwrap
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -291,12 +292,8 @@ def _split_name(folder: str) -> str:
 
 
 def _rows(names: list[str]) -> str:
-    rows = [""]
-    for name in names:
-        if len(rows[-1]) + len(name) + 4 > _ROW:
-            rows.append("")
-        rows[-1] += f'"{name}", '
-    return "".join(f"    {row.rstrip()}\n" for row in rows)
+    text = " ".join(f'"{name}",' for name in names)
+    return textwrap.indent(textwrap.fill(text, _ROW - 1, break_on_hyphens=False), "    ") + "\n"
 
 
 def _text(value: str) -> str:
@@ -306,6 +303,7 @@ def _text(value: str) -> str:
 def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits; what nobody can tell from files says so."""
     count, shortest = len(scenes), min(map(min, facts.shapes.values()))
+    what = "A focal stack" if "images" in facts.roles else "Two photographs"
     unit = "levels, as in the files"
     if facts.depth_ends is not None:
         unit = "levels, linear in the files' values"
@@ -323,7 +321,7 @@ name = "{name}"
 short = "{name}"
 version = 1
 title = "{name}" # what people read in lists
-description = "{_described(facts)} of {counted(count, "scene")}."
+description = "{what}{" and a depth map" * ("depth" in facts.roles)} of {counted(count, "scene")}."
 reader = "folder"
 degradation = "clean"
 network_crop = {shortest} # the square that protocol thesis-networks scores
@@ -344,11 +342,6 @@ unit = "{unit}"
     parts.append(_files(facts, scenes))
     parts.append(_TAIL)
     return "\n".join(parts)
-
-
-def _described(facts: Facts) -> str:
-    what = "A focal stack" if "images" in facts.roles else "Two photographs"
-    return f"{what} and a depth map" if "depth" in facts.roles else what
 
 
 def _pair_images(facts: Facts) -> str:

@@ -156,11 +156,6 @@ def _resolution(lens: ThinLens, distance: float) -> str:
     return "none" if np.isinf(step) else f"{step:.3f}"
 
 
-def _as_data(pair: StepPair) -> dict[str, object]:
-    judged = {"repeats": pair.repeats, "span": pair.span, "longest_run": pair.longest_run}
-    return {**asdict(pair), **judged}
-
-
 def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
     shown = ranked[:limit]
     distances = tuple(f"{distance:g}" for distance in shown[0].distances)
@@ -182,9 +177,11 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
         "the more even growth, the lesser blur",
         *((f"{left} more usable pairs: --limit {len(ranked)}",) if left else ()),
     )
+    keys = ("repeats", "span", "longest_run")
+    records = tuple(asdict(pair) | {key: getattr(pair, key) for key in keys} for pair in shown)
     columns = ("", "pair", *distances, "repeats", "span", "run")
     align = "rl" + "r" * (len(distances) + 3)
-    return Table(title, columns, rows, align, notes, records=tuple(map(_as_data, shown)))
+    return Table(title, columns, rows, align, notes, records=records)
 
 
 def _range(given: tuple[str, str]) -> tuple[float, float]:

@@ -135,10 +135,6 @@ def _of_pair(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Arr
     return capture.infocus[region], [capture.defocus[region]]
 
 
-def _of_stack(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
-    return sharp_and_blurred(capture.stack[:, *region])
-
-
 def _parts(
     captures: Sequence[TrainingPair], read: Read, changes: Sequence[ViewChange] = ()
 ) -> list[list[Part]]:
@@ -262,7 +258,7 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
-    return _calibrate(captures, _of_stack)
+    return _calibrate(captures, lambda one, part: sharp_and_blurred(one.stack[:, *part]))
 
 
 def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:

@@ -341,8 +341,5 @@ def spelt_out(text: str) -> str:
 
 
 def _spelt(letter: str) -> str:
-    return letter if _is_shown(letter) else letter.encode("unicode_escape").decode()
-
-
-def _is_shown(letter: str) -> bool:
-    return letter.isprintable() or letter in "\t\n" or unicodedata.category(letter) == "Zs"
+    shown = letter.isprintable() or letter in "\t\n" or unicodedata.category(letter) == "Zs"
+    return letter if shown else letter.encode("unicode_escape").decode()

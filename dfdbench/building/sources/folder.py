@@ -70,7 +70,9 @@ class FolderScenes:
         named: dict[str, None] = {}
         for pair in self._manifest.pairs_of_scene(scene):
             with gathered(problems):
-                named |= dict.fromkeys(self._files_of(pair))
+                others = (self._named(what, pair) for what in ("depth", "metadata"))
+                images = (image.path for image in self._taken(pair))
+                named |= dict.fromkeys((*images, *filter(None, others)))
         for name in named:
             with gathered(problems):
                 path = self._path(name)
@@ -153,11 +155,6 @@ class FolderScenes:
             return read_table(content, where, self._files.columns), where
         rows = [{name: str(cell) for name, cell in row.items()} for row in self._files.image]
         return (rows, f"{self._manifest.stem}: files.image") if rows else None
-
-    def _files_of(self, pair: Pair) -> list[str]:
-        """Return the names of all files that a capture is made of."""
-        others = (self._named(what, pair) for what in ("depth", "metadata"))
-        return [*(image.path for image in self._taken(pair)), *filter(None, others)]
 
     def _values(self, pair: Pair) -> dict[str, str]:
         return self._files.values_of(pair.scene, self._names[pair.scene], pair.at)

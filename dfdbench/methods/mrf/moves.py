@@ -90,7 +90,8 @@ class Mover:
         self._weights = self._right + self._down
         self._weights[:, 1:] += self._right[:, :-1]
         self._weights[1:] += self._down[:-1]
-        self._slope, self._cap = _slope_and_cap(energy.smoothness)
+        self._slope = max(int(self._table[1]), 1)
+        self._cap = max(int(self._table.max()) // self._slope, 1)
         self._favoured: NDArray[np.int32] | None = None
         self._labels = labels
         self._costs = costs_at(energy.unary, labels)
@@ -162,11 +163,6 @@ class Mover:
 
     def _sum(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
         return int(_sum_costs(self._table, self._right, self._down, labels, costs))
-
-
-def _slope_and_cap(table: NDArray[np.int32]) -> tuple[int, int]:
-    slope = max(int(table[1]), 1)
-    return slope, max(int(table.max()) // slope, 1)
 
 
 @compiled()
