@@ -29,7 +29,8 @@ def train_command(
     dataset: Annotated[
         str | None,
         Option(
-            help="A data set's name, or a store's path or URL; volume-net: rendered rooms.",
+            help="A data set's name, or a store's path or URL; stack-net and volume-net: rendered "
+            "rooms.",
             show_default="middlebury",
             autocompletion=data_sets,
         ),
@@ -59,12 +60,12 @@ def train_command(
 ) -> None:
     """Train a network; write its weights, a model card, a log and figures."""
     limit = seconds_of(max_time)
-    if method == "volume-net":
-        _refuse_unused(fold is not None, config != "published", device != "auto")
+    if method in ("stack-net", "volume-net"):
+        _refuse_unused(method, fold is not None, config != "published", device != "auto")
         use_threads(threads)
         steps = values_of(changes, "--set")
-        _train_volume_net(
-            dataset, split, weights, limit, resume, fresh, seed, out, steps, format, cache
+        _train_on_cameras(
+            method, dataset, split, weights, limit, resume, fresh, seed, out, steps, format, cache
         )
         return
     dataset = dataset or "middlebury"
@@ -100,15 +101,16 @@ def train_command(
     _tell(folder, outcome, f"--method {method} --dataset {dataset}")
 
 
-def _refuse_unused(fold: bool, config: bool, device: bool) -> None:
+def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
     InputError.raise_if(
-        Problem("volume-net has no such choice", where=name, fix="leave it out")
+        Problem(f"{method} has no such choice", where=name, fix="leave it out")
         for name, given in (("--fold", fold), ("--config", config), ("--device", device))
         if given
     )
 
 
-def _train_volume_net(
+def _train_on_cameras(
+    method: str,
     dataset: str | None,
     split: str | None,
     weights: str | None,
@@ -124,34 +126,36 @@ def _train_volume_net(
     with needed():
         from dfdbench.figures.trainings import cameras_figure
         from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.training.cameras import Course, steps_of, train_on_cameras
+        from dfdbench.training.stacks import STACK_NET
         from dfdbench.training.trainer import FIGURES, TrainingFolder
-        from dfdbench.training.volume_examples import ROOMS, room_examples, set_examples
-        from dfdbench.training.volumes import steps_of, train_volume_net
-    steps = steps_of(changes)
+        from dfdbench.training.volumes import VOLUME_NET
+    course: Course[Any] = STACK_NET if method == STACK_NET.method else VOLUME_NET
+    steps = steps_of(course, changes)
     if split and not dataset:
         raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
-    start = find_weights("volume-net", weights) if weights else None
+    start = find_weights(method, weights) if weights else None
     store = open_dataset(dataset, cache=cache) if dataset else None
     what = f"{store.path.stem}-{split or 'train'}" if store else "rooms"
-    default = Path("training") / what / ("volume-net" + (f"-seed{seed}" if seed else ""))
+    default = Path("training") / what / (method + (f"-seed{seed}" if seed else ""))
     place = output_place(out or default, start if fresh else None, replaces=True)
     folder = TrainingFolder(place)
     _prepare(folder, resume, fresh)
     if store:
-        examples, trained_on = set_examples(store, split or "train")
+        examples, trained_on = course.of_set(store, split or "train")
     else:
         with progress("rendering rooms", "the same command goes on, at most a camera back") as bar:
-            examples = room_examples(place.parent / "examples", bar)
-        trained_on = ROOMS
-    with progress("training volume-net", RESUMED) as bar:
-        path, card, log = train_volume_net(
-            examples, trained_on, place, seed, steps, limit, start, bar, fresh
+            examples = course.of_rooms(place.parent / "examples", bar)
+        trained_on = course.rooms
+    with progress(f"training {method}", RESUMED) as bar:
+        path, card, log = train_on_cameras(
+            course, examples, trained_on, place, seed, steps, limit, start, bar, fresh
         )
-    save_figure(cameras_figure(log, f"volume-net, {trained_on}, seed {seed}"), place / FIGURES[0])
+    save_figure(cameras_figure(log, f"{method}, {trained_on}, seed {seed}"), place / FIGURES[0])
     show(format, [card_table(card)], weights=path, card=card.model_dump())
     say(f"log          {place / 'losses.csv'}, scores.csv")
     say(f"weights      {path}, and their card {path.with_suffix('.md')}")
-    say(f"next         dfdbench run --method volume-net --param weights={path}")
+    say(f"next         dfdbench run --method {method} --param weights={path}")
 
 
 def _keep_figures(
@@ -243,7 +247,7 @@ _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 #: What can be trained on patches of a data set, and what can be trained at all.
 Network = Literal["dfd-net", "u-net"]
-Trainable = Literal["dfd-net", "u-net", "volume-net"]
+Trainable = Literal["dfd-net", "stack-net", "u-net", "volume-net"]
 Configuration = Annotated[
     str,
     Option(

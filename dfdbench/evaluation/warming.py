@@ -19,7 +19,8 @@ from dfdbench.metrics.protocol import protocols_of, score
 
 _SHAPE = (24, 40)
 #: Those of networks alone, of which numba compiles nothing, and one that needs PyTorch, too.
-_LEARNED, _VOLUME = "dfdbench.methods.learned:", "dfdbench.methods.volume_net:"
+_LEARNED = ("dfdbench.methods.learned:", "dfdbench.methods.stack_net:")
+_VOLUME = "dfdbench.methods.volume_net:"
 
 
 def warm_up(on_step: Callable[[int, int], None] | None = None) -> None:

@@ -69,6 +69,7 @@ _BUILT_IN = {
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
+    "stack-net": "dfdbench.methods.stack_net:StackNetMethod",
     "u-net": "dfdbench.methods.learned:UNetMethod",
     "volume-net": "dfdbench.methods.volume_net:VolumeNetMethod",
 }
@@ -85,6 +86,7 @@ _WORDS = {
     "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
     "sgm": "semi-global matching of blur (Hirschmueller 2008)",
     "shape-from-focus": "the sharpest image of a stack (Nayar and Nakagawa 1994); needs no fit",
+    "stack-net": "a network that compares a stack's images, whatever their number; needs no fit",
     "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
     "volume-net": "a network that reads a volume of costs by the camera's own, fitted blur",
 }

@@ -267,8 +267,8 @@ class ShapeFromFocus:
 
     def __call__(self, stack: DataArray) -> Floats:
         """Return depth in the stack's unit, float32 of shape (y, x)."""
-        places, where = _focus_places(stack)
-        return _depth_of(self._found(stack.values, where, places, self._peak), stack)
+        places, where = focus_places(stack)
+        return depth_at(self._found(stack.values, where, places, self._peak), stack)
 
     def sharpest(self, images: Array) -> NDArray[np.intp]:
         """Return which of one or more images is sharpest at every pixel: (y, x)."""
@@ -308,10 +308,16 @@ class ShapeFromFocus:
         return np.asarray(cv2.blur(cells, self._window, borderType=cv2.BORDER_REPLICATE))
 
 
-def _focus_places(stack: DataArray) -> tuple[NDArray[np.float64], list[int]]:
+def focus_places(stack: DataArray, name: str = _NAME) -> tuple[NDArray[np.float64], list[int]]:
     """Return where the focus lies, rising, on a scale that blur grows along; and which images.
 
     Blur grows with the difference of inverse distances. Levels are inverse distances.
+
+    Raises
+    ------
+    MethodError
+        Where a distance is not known or twice the same, or there are fewer than three; it begins
+        with the method's name.
     """
     roles = stack["role"].values.tolist()
     used = [index for index, role in enumerate(roles) if role != "infocus"]
@@ -320,29 +326,31 @@ def _focus_places(stack: DataArray) -> tuple[NDArray[np.float64], list[int]]:
     if unknown:
         what = f"images {unknown} of {len(roles)} have no known focus depth"
         fix = "say in the manifest at what distance each image was focused"
-        raise MethodError(what, where=f"{_NAME}: focus_depth", fix=fix)
+        raise MethodError(what, where=f"{name}: focus_depth", fix=fix)
     different, counts = np.unique(depths, return_counts=True)
     if (counts > 1).any():
         what = f"images of one stack have the same focus depth: {different[counts > 1].tolist()}"
         fix = "leave all but one of them out"
-        raise MethodError(what, where=f"{_NAME}: focus_depth", fix=fix)
+        raise MethodError(what, where=f"{name}: focus_depth", fix=fix)
     if len(used) < 3:
         what = "too few images with a focus depth"
-        raise MethodError(what, where=_NAME, expected="3 or more", got=str(len(used)))
+        raise MethodError(what, where=name, expected="3 or more", got=str(len(used)))
     if stack.attrs["unit"] == "metres":
         if depths.min() <= 0:
             what = f"a focus depth of {depths.min():g} metres; distances are above 0"
-            raise MethodError(what, where=f"{_NAME}: focus_depth")
+            raise MethodError(what, where=f"{name}: focus_depth")
         depths = 1 / depths
     order = np.argsort(depths)
     return depths[order], [used[index] for index in order]
 
 
-def _depth_of(found: Floats, stack: DataArray) -> Floats:
+def depth_at(found: Floats, stack: DataArray) -> Floats:
+    """Return places as depth in a stack's unit, none beyond the ends of its set."""
     places: Array = found
     if stack.attrs["unit"] == "metres":
+        # Beyond infinity nothing is farther.
         with np.errstate(divide="ignore"):
-            places = 1 / places
+            places = 1 / np.maximum(places, 0)
     ends = sorted((stack.attrs["near"], stack.attrs["far"]))
     return np.asarray(np.clip(places, *ends), np.float32)
 

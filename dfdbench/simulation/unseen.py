@@ -1,6 +1,7 @@
 """Draw cameras and photograph rooms by seed: pairs and focus stacks that nobody has seen."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
@@ -144,34 +145,43 @@ def render_pair(
 
 
 def render_stack(
-    seed: int, scene: int, planes: int = 9, rays: int = _STACK_RAYS, threads: int = 1
+    seed: int,
+    scene: int,
+    planes: int | Sequence[float] = 9,
+    rays: int = _STACK_RAYS,
+    threads: int = 1,
+    camera: Camera | None = None,
 ) -> Stack:
     """Photograph a room at several focus distances with one aperture, and once at f/8.
 
     Parameters
     ----------
-    seed, scene, rays, threads
+    seed, scene, rays, threads, camera
         As of `render_pair`.
-    planes : int
-        Focus distances, evenly spread in dioptres.
+    planes : int or sequence of float
+        Focus distances, evenly spread in dioptres; or which, in metres, ascending.
     """
-    near, far = (1 / end for end in _STACK_ENDS)
-    wide = draw_camera(seed)
-    distances = tuple(_short(1 / power) for power in np.linspace(near, far, planes).tolist())
+    wide = camera or draw_camera(seed)
+    if isinstance(planes, int):
+        near, far = (1 / end for end in _STACK_ENDS)
+        distances = (1 / np.linspace(near, far, planes)).tolist()
+    else:
+        distances = list(planes)
+    distances = [_short(distance) for distance in distances]
     small = _stopped_down(wide)
     room = draw_room(seed, scene)
     sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
     gain = _gain(sharp, seed, scene)
     infocus = develop(gain * sharp, small, (seed, scene, 2))
-    images = np.empty((planes, *_SHAPE, 3), np.uint8)
+    images = np.empty((len(distances), *wide.shape, 3), np.uint8)
     for plane, distance in enumerate(distances):
         lens = replace(wide.lens, focus_distance=distance)
         # In register, as after an alignment.
-        camera = replace(wide, lens=lens, view_focus=wide.lens.focus_distance)
-        light = render(room, camera, rays, (seed, scene, 4, plane), threads)
-        images[plane] = develop(gain * light, camera, (seed, scene, 5, plane))
+        seen = replace(wide, lens=lens, view_focus=wide.lens.focus_distance)
+        light = render(room, seen, rays, (seed, scene, 4, plane), threads)
+        images[plane] = develop(gain * light, seen, (seed, scene, 5, plane))
     facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}
-    return Stack(images, distances, infocus, depth(room, small), facts)
+    return Stack(images, tuple(distances), infocus, depth(room, small), facts)
 
 
 def textured(image: Image) -> NDArray[np.bool_]:

@@ -104,6 +104,16 @@ def test_train_volume_net_on_a_data_set_then_run(dfdbench: Command, demo_store: 
     dfdbench.fine("run --method volume-net --limit 1 --param", weights, *store)
 
 
+@pytest.mark.slow
+def test_train_stack_net_on_a_stack_then_run(dfdbench: Command, demo_store: Dataset) -> None:
+    dfdbench.fine("build demo@stack-3")
+    quick = ["--set", "steps=2", "--threads", "1"]
+    done = dfdbench.fine("train stack-net --dataset demo@stack-3", *quick)
+    assert "ended by its number of steps" in done.out
+    weights = "weights=training/demo-1@stack-3-train/stack-net/weights.safetensors"
+    dfdbench.fine("run --method stack-net --dataset demo@stack-3 --limit 1 --param", weights)
+
+
 def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:
     for arguments, message in (
         (["--fold", "K1", "--device", "cpu"], "volume-net has no such choice (--fold)"),

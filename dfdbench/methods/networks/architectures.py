@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -131,7 +131,7 @@ def same(before: int, after: int, kernel: Kernel, bias: bool = True) -> nn.Conv2
     return nn.Conv2d(before, after, kernel, padding=padding, bias=bias)
 
 
-def in_float32(layers: nn.Module, pixels: Tensor) -> Tensor:
+def in_float32(layers: Callable[[Tensor], Tensor], pixels: Tensor) -> Tensor:
     """Return what layers make of pixels in float32, whatever precision is on."""
     # Blur shows in differences of a grey level or less: bf16 would round them away.
     with torch.autocast(pixels.device.type, enabled=False):

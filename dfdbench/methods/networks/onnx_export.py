@@ -16,6 +16,11 @@ from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.system.files import write_whole
 
 EXPORTED = ("u-net", "dfd-net")
+# Why others are not.
+_READS = {
+    "stack-net": "reads a stack of any length, no pair",
+    "volume-net": "reads a volume of costs, no images",
+}
 # What onnxruntime 1.20 and any later one reads.
 _OPERATORS = 17
 _DESCRIPTION = """\
@@ -68,7 +73,7 @@ def export_onnx(
         fix = "pip install 'dfdbench[onnx]'"
         raise InputError("the package onnx is not installed", where="export-onnx", fix=fix)
     if method not in EXPORTED:
-        reads = "reads a volume of costs, no images" if method == "volume-net" else "is no network"
+        reads = _READS.get(method, "is no network")
         expected = " or ".join(EXPORTED)
         raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
     if path.suffix != ".onnx":

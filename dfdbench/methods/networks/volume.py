@@ -7,6 +7,7 @@ without being trained again.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import torch
@@ -18,7 +19,7 @@ MOST = 25.0
 #: The guide's channels once two by two pixels are one.
 _GUIDE = 4
 # Three by three neighbours, for each of two by two pixels.
-_NEIGHBOURS, _PIXELS = 9, 4
+NEIGHBOURS, _PIXELS = 9, 4
 
 
 class VolumeNet(nn.Module):
@@ -59,7 +60,7 @@ class VolumeNet(nn.Module):
         self.joined = nn.ModuleList(_convolution(2 * fine, fine) for fine, _ in steps)
         self.last = _convolution(widths[0], widths[0])
         self.logits = nn.Conv2d(widths[0], levels, 1)
-        self.mask = nn.Conv2d(widths[0], _NEIGHBOURS * _PIXELS, 1)
+        self.mask = nn.Conv2d(widths[0], NEIGHBOURS * _PIXELS, 1)
         #: What the costs themselves, those along paths and the prior count in the answer.
         self.weights = nn.Parameter(torch.tensor([0.3, 0.3, 0.3]))
 
@@ -116,14 +117,14 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
     Parameters
     ----------
     logits : Tensor, shape (n, level, y, x)
-    mask : Tensor, shape (n, 36, y, x)
-        Logits of the nine shares for each of two by two pixels.
-    depths : Tensor, shape (level,)
+    mask : Tensor, shape (n, 9 k^2, y, x)
+        Logits of the nine shares for each of k by k pixels.
+    depths : Tensor, shape (level,) or (n, level)
         What each level stands for.
 
     Returns
     -------
-    mean, variance : Tensor, shape (n, 2 y, 2 x)
+    mean, variance : Tensor, shape (n, k y, k x)
 
     Notes
     -----
@@ -137,15 +138,16 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
     ([[0.5, 0.5], [0.5, 0.5]], [0.25, 0.25])
     """
     n, _, rows, columns = logits.shape
-    shares = logits.softmax(1)
+    shares, pixels = logits.softmax(1), mask.shape[1] // NEIGHBOURS
+    each = "nl" if depths.dim() > 1 else "l"
     moments = torch.stack(
-        [torch.einsum("nlyx,l->nyx", shares, depths**power) for power in (1, 2)], 1
+        [torch.einsum(f"nlyx,{each}->nyx", shares, depths**power) for power in (1, 2)], 1
     )
     around = functional.pad(moments, (1, 1, 1, 1), mode="replicate")
-    near = functional.unfold(around, 3).view(n, 2, _NEIGHBOURS, rows, columns)
-    taken = mask.view(n, _NEIGHBOURS, _PIXELS, rows, columns).softmax(1)
-    fine = torch.einsum("nckyx,nkpyx->ncpyx", near, taken).reshape(n, 2 * _PIXELS, rows, columns)
-    fine = functional.pixel_shuffle(fine, 2)
+    near = functional.unfold(around, 3).view(n, 2, NEIGHBOURS, rows, columns)
+    taken = mask.view(n, NEIGHBOURS, pixels, rows, columns).softmax(1)
+    fine = torch.einsum("nckyx,nkpyx->ncpyx", near, taken).reshape(n, 2 * pixels, rows, columns)
+    fine = functional.pixel_shuffle(fine, math.isqrt(pixels))
     mean = fine[:, 0]
     return mean, (fine[:, 1] - mean**2).clamp_min(0)
 

@@ -13,11 +13,17 @@ from torch import Tensor, nn
 
 from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.methods.networks.stack import StackNet
 from dfdbench.methods.networks.volume import VolumeNet
 from dfdbench.system.files import require_file, write_whole
 from dfdbench.system.strict import Record, problems_of
 
-NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet, "volume-net": VolumeNet}
+NETWORKS: dict[str, type[nn.Module]] = {
+    "dfd-net": DfDNet,
+    "stack-net": StackNet,
+    "u-net": UNet,
+    "volume-net": VolumeNet,
+}
 _VARIANCE = "running_var"
 _METADATA = "dfdbench-card"
 #: What a network's arguments come to that are none.
@@ -37,7 +43,7 @@ class Card(Record):
     """
 
     schema_version: Literal[1] = 1
-    method: Literal["dfd-net", "u-net", "volume-net"]
+    method: Literal["dfd-net", "stack-net", "u-net", "volume-net"]
     architecture: dict[str, Any]
     parameters: Annotated[int, Field(ge=1)]
     trained_on: str
@@ -103,7 +109,7 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
         for name, path in shipped_weights().items()
         if name.endswith(f"-{method}")
     }
-    example = next(iter(shipped))
+    example = next(iter(shipped), "FILE")
     fix = (
         f"dfdbench train {method} makes them; shipped are {', '.join(shipped)}, "
         f"as --param weights={example}, with `reduce` --weights {example}"

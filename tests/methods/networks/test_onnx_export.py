@@ -46,6 +46,7 @@ def test_the_median_level_is_exported_too(tmp_path: Path, demo_store: Dataset) -
 @pytest.mark.parametrize(
     ("method", "name", "readout", "says"),
     [
+        ("stack-net", "a.onnx", None, "reads a stack of any length"),
         ("volume-net", "a.onnx", None, "reads a volume of costs"),
         ("sgm", "a.onnx", None, "is no network"),
         ("u-net", "a.pt", None, "not the name of an ONNX file"),

@@ -118,6 +118,11 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
         ("dfd-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
         ("dfd-net", "robust", "demo-1, split train, random tracks", "test, 54 pairs"),
         ("dfd-net", "dfd-indoor", "dfd-indoor-1, split train", "test, 29 pairs"),
+        (
+            *("stack-net", "unseen"),
+            "rooms of unseen-0 from 1000 on, focused through random lenses",
+            "cameras held out: stack-07, stack-15, stack-23",
+        ),
     ],
 )
 def test_shipped_weights_are_small_and_say_what_they_are(

@@ -1,0 +1,103 @@
+"""stack-net: made stacks of any length, size and order, and what it refuses."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.errors import MethodError
+from tests.made_stacks import blurred_to, made_capture, stack_of
+from tests.methods.made_planes import texture
+
+pytest.importorskip("torch")
+
+from dfdbench.methods.networks.weights import shipped_weights
+from dfdbench.methods.stack_net import StackNetMethod
+
+FOCUS = (30.0, 75.0, 120.0, 165.0, 210.0)
+METHOD = StackNetMethod(device="cpu")
+
+
+def stack_at(level: float, focus: tuple[float, ...], shape: tuple[int, int] = (96, 128)) -> Any:
+    image = texture(3, *shape)
+    images = [blurred_to(image, np.full(shape, level), place, 0.03) for place in focus]
+    return stack_of(images, focus)
+
+
+@pytest.mark.parametrize("count", range(3, 11))
+def test_finds_a_plane_in_any_number_of_images(count: int) -> None:
+    focus = tuple(np.linspace(30, 210, count).tolist())
+    for level in (60, 150):
+        depth, sigma = METHOD(stack_at(level, focus))
+        assert depth.shape == sigma.shape == (96, 128)
+        assert depth.dtype == sigma.dtype == np.float32
+        assert np.median(np.abs(depth - level)) < 90 / (count - 1)
+
+
+def test_images_may_come_in_any_order_and_the_one_in_focus_is_left_out() -> None:
+    capture = made_capture(focus=FOCUS)
+    depth, sigma = METHOD(capture.stack)
+    mixed = capture.stack.isel(image=[3, 0, 5, 1, 4, 2])
+    without = made_capture(focus=FOCUS, with_infocus=False).stack
+    for other in (mixed, without):
+        again = METHOD(other)
+        np.testing.assert_array_equal(again[0], depth)
+        np.testing.assert_array_equal(again[1], sigma)
+
+
+def test_answers_in_metres_by_inverse_distance() -> None:
+    metres = np.array([0.5, 0.6, 0.8, 1.2, 3.0])
+    shape = (96, 128)
+    images = [
+        blurred_to(texture(3, *shape), np.full(shape, 1 / 0.9), place, 2.5)
+        for place in (1 / metres).tolist()
+    ]
+    stack = stack_of(images, metres.tolist(), unit="metres", ends=(0.4, 5.0))
+    depth, sigma = METHOD(stack)
+    assert np.median(np.abs(depth - 0.9)) < 0.1
+    assert sigma.min() > 0
+    alone = StackNetMethod(sure=False, device="cpu")(stack)
+    np.testing.assert_array_equal(alone, depth)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 70), (33, 47)])
+def test_any_size_has_an_answer_within_the_range(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(0)
+    images = [random.integers(0, 256, (*shape, 3)).astype(np.uint8) for _ in FOCUS]
+    depth, sigma = METHOD(stack_of(images, FOCUS))
+    assert depth.shape == shape
+    assert depth.min() >= 0
+    assert depth.max() <= 255
+    assert np.isfinite(sigma).all()
+    assert sigma.min() > 0
+
+
+def test_sixteen_bits_a_channel_and_more_light_say_nearly_the_same() -> None:
+    stack = stack_at(100, FOCUS)
+    depth, _ = METHOD(stack)
+    deep, _ = METHOD(stack.astype(np.uint16) * 257)
+    np.testing.assert_allclose(deep, depth, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("focus", "words"),
+    [
+        (
+            (30.0, np.nan, 150.0),
+            r"images \[1\] of 3 have no known focus depth \(stack-net: focus_depth\)",
+        ),
+        ((30.0, 90.0, 90.0, 210.0), r"the same focus depth: \[90.0\]"),
+        ((30.0,), r"\(stack-net\): expected 3 or more, got 1"),
+    ],
+)
+def test_says_what_is_wrong_with_the_stack(focus: tuple[float, ...], words: str) -> None:
+    with pytest.raises(MethodError, match=words):
+        METHOD(stack_of([texture(0)] * len(focus), focus))
+
+
+def test_refuses_weights_of_another_network() -> None:
+    other = shipped_weights()["unseen-volume-net"]
+    with pytest.raises(MethodError, match="another architecture, volume-net instead of stack-net"):
+        StackNetMethod(other)
+    with pytest.raises(MethodError, match="no such weights"):
+        StackNetMethod("nowhere")

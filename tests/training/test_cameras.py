@@ -1,0 +1,85 @@
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+
+from dfdbench.errors import InputError
+from dfdbench.methods.networks.weights import load_weights
+from dfdbench.training import trainer
+from dfdbench.training.cameras import loss_of, steps_of, train_on_cameras
+from dfdbench.training.volume_examples import COUNT, Example
+from dfdbench.training.volumes import DEPTHS, HELD_OUT, VOLUME_NET
+from tests.training.test_volumes import example
+
+train_volume_net = partial(train_on_cameras, VOLUME_NET)
+
+
+@pytest.fixture
+def cameras() -> Mapping[str, list[Example]]:
+    return {"lens-00": [example(0), example(1)], HELD_OUT[0]: [example(2)]}
+
+
+def test_the_loss_is_least_at_the_truth_and_does_not_see_unknown_pixels() -> None:
+    levels = torch.full((1, 8, 8), 99.5)
+    mask = torch.zeros(1, 36, 4, 4)
+    right = torch.full((1, COUNT, 4, 4), -9.0)
+    right[:, int((DEPTHS == 99.5).nonzero())] = 9.0
+    wrong = right.roll(3, 1)
+    known = torch.ones_like(levels, dtype=torch.bool)
+    assert loss_of(right, mask, levels, DEPTHS, known) < 0.01
+    assert loss_of(wrong, mask, levels, DEPTHS, known) > 0.01
+    assert loss_of(wrong, mask, levels, DEPTHS, ~known) == 0
+
+
+def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
+    cameras: Mapping[str, list[Example]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trainer, "_SAVE_SECONDS", 0.0)
+    whole, card, log = train_volume_net(cameras, "made", tmp_path / "whole", steps=3)
+    assert card.ended_by == "its number of steps"
+    assert [row["step"] for row in log.losses] == [1, 2, 3]
+    assert log.scores[-1][HELD_OUT[0]] == card.further_scores["valid"]["nrmse"]
+
+    def stop(step: int, steps: int | None) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    part = tmp_path / "part"
+    with pytest.raises(KeyboardInterrupt):
+        train_volume_net(cameras, "made", part, steps=3, on_step=stop)
+    resumed, _, after = train_volume_net(cameras, "made", part, steps=3)
+    assert after.losses == log.losses
+    before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
+    assert all(torch.equal(before[name], again[name]) for name in before)
+
+
+def test_time_that_is_up_ends_a_training(
+    cameras: Mapping[str, list[Example]], tmp_path: Path
+) -> None:
+    _, card, _ = train_volume_net(cameras, "made", tmp_path, max_seconds=1e-9)
+    assert (card.ended_by, card.steps) == ("its time limit", 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"crop": 9}, "no such choice"), ({"steps": 0}, "no number"), ({"steps": True}, "no number")],
+)
+def test_only_steps_can_be_set(changes: dict[str, int], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        steps_of(VOLUME_NET, changes)
+
+
+def test_depths_may_lie_unevenly_and_differ_between_captures() -> None:
+    depths = torch.tensor([[0.0, 1.0, 5.0], [10.0, 30.0, 40.0]])
+    mask, known = torch.zeros(2, 9 * 16, 2, 2), torch.ones(2, 8, 8, dtype=torch.bool)
+    truth = torch.tensor([4.0, 15.0]).view(2, 1, 1).expand(2, 8, 8).contiguous()
+    # The truth is shared by the two depths about it: 1 : 3 and 3 : 1.
+    shares = torch.tensor([[1e-9, 0.25, 0.75], [0.75, 0.25, 1e-9]]).log()
+    right = shares.view(2, 3, 1, 1).expand(2, 3, 2, 2)
+    best = loss_of(right, mask, truth, depths, known)
+    entropy = -(0.25 * torch.tensor(0.25).log() + 0.75 * torch.tensor(0.75).log())
+    torch.testing.assert_close(best, entropy)
+    for other in (right.roll(1, 1), right.flip(1), 2 * right):
+        assert loss_of(other, mask, truth, depths, known) > best
