@@ -82,21 +82,21 @@ def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("architecture", "told"),
+    "architecture",
     [
-        ({"bogus": 1}, "architecture cannot be built"),
-        ({"filters": [*SMALL[:-1], "nan"]}, "architecture cannot be built"),
+        {"bogus": 1},
+        {"filters": [*SMALL[:-1], "nan"]},
         # As large as it claims to be it would fit in no memory.
-        ({"filters": [2**40] * (len(SMALL) - 1) + [256]}, ""),
+        {"filters": [2**40] * (len(SMALL) - 1) + [256]},
     ],
 )
 def test_an_architecture_that_cannot_be_built_is_told(
-    tmp_path: Path, architecture: dict[str, Any], told: str
+    tmp_path: Path, architecture: dict[str, Any]
 ) -> None:
     path = tmp_path / "bogus.safetensors"
     network = files.build_network("dfd-net", {"filters": list(SMALL)})
     files.save_weights(path, network, card(architecture=architecture))
-    with pytest.raises(MethodError, match=told):
+    with pytest.raises(MethodError, match="architecture cannot be built"):
         files.load_weights(path, "dfd-net")
 
 
