@@ -4,12 +4,16 @@ import importlib
 import re
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 
+import dfdbench
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.calling import check_answer
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -95,3 +99,48 @@ def test_the_tracks_are_as_far_from_rays_as_is_said(
     monkeypatch.setattr(sys, "argv", ["tracks_by_rays.py"])
     module["main"]()
     assert capsys.readouterr().out in (DOCS / "tracks.md").read_text()
+
+
+def test_cameras_are_compared_on_the_same_rooms(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = runpy.run_path(str(DOCS / "cameras.py"))["main"].__globals__
+    smaller = {
+        name: replace(
+            camera,
+            lens=replace(camera.lens, pixel_size=4 * camera.lens.pixel_size),
+            shape=(120, 160),
+        )
+        for name, camera in names["CAMERAS"].items()
+        if name in ("plain", "old-lens")
+    }
+    for name, value in {
+        "CAMERAS": smaller,
+        "METHODS": ("s-transform",),
+        "ROOMS": 2,
+        "TABLE": tmp_path / "cameras.csv",
+    }.items():
+        monkeypatch.setitem(names, name, value)
+    names["main"](str(tmp_path))
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-4:] == [
+        "plain -> plain", "plain -> old-lens", "old-lens -> old-lens", "old-lens -> plain",
+    ]  # fmt: skip
+    assert (tmp_path / "cameras.png").stat().st_size > 10_000
+    head, _, row, floor, *matrix = said.out.splitlines()
+    assert head.startswith("| method |")
+    assert row.startswith("| `s-transform` | 0.")
+    assert floor.startswith("| `constant` | 0.")
+    assert len(matrix) == 2 + 4
+    depths = [Dataset(tmp_path / f"{name}.zarr").to_xarray("test-1").depth for name in smaller]
+    # The same room; one of the two lenses breathes.
+    assert 0 < np.abs(depths[0].values - depths[1].values).mean() < 0.2
+
+
+@pytest.mark.slow
+def test_a_camera_is_as_far_from_itself_as_is_said(tmp_path: Path) -> None:
+    names = runpy.run_path(str(DOCS / "cameras.py"))["main"].__globals__
+    said = names["matrices"](pd.read_csv(DOCS / "cameras.csv"))["s-transform"]
+    stores = [names["built"](name, tmp_path) for name in ("plain", "inside")]
+    found = dfdbench.run_transfer("s-transform", stores).table()
+    assert found.to_numpy() == pytest.approx(said.loc[found.index, found.columns].to_numpy(), 1e-3)

@@ -51,7 +51,7 @@ def scene_number(name: str) -> int:
     return int(number) - 1 + (FIRST_TRAIN if split == "train" else 0)
 
 
-def unseen_text(family: str, seed: int) -> str:
+def unseen_text(family: str, seed: int, train: int | None = None, test: int = TEST) -> str:
     """Return the manifest of a rendered set as its file would have it.
 
     Parameters
@@ -60,16 +60,18 @@ def unseen_text(family: str, seed: int) -> str:
         One of `FAMILIES`.
     seed : int
         From which rooms, camera and noise are drawn; 0 or more.
+    train, test : int, optional
+        How many rooms of each split; other numbers than the released set's need another name.
 
     Examples
     --------
     >>> unseen_text("unseen", 7).splitlines()[1]
     'name = "unseen-7"'
     """
-    train = PUBLIC_TRAIN if seed == 0 else TRAIN
+    train = train or (PUBLIC_TRAIN if seed == 0 else TRAIN)
     names = {
         split: [f"{split}-{number:0{len(str(count))}}" for number in range(1, count + 1)]
-        for split, count in (("train", train), ("test", TEST))
+        for split, count in (("train", train), ("test", test))
     }
     splits = "".join(
         f'[[splits]]\nname = "{split}"\npartition = "published"\npairs = {len(scenes)}\n'
@@ -90,7 +92,7 @@ def unseen_text(family: str, seed: int) -> str:
         what=FAMILIES[family],
         generator=GENERATOR,
         public=PUBLIC * (not seed),
-        count=train + TEST,
+        count=train + test,
         pair_images=pair_images,
         near=NEAR,
         far=FAR,

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.figures import style
@@ -20,6 +22,8 @@ _COLUMNS = 4
 _WIDTH, _HEIGHT = 2.7, 2.4
 # For methods beyond the number of colours.
 _LINES = ("-", "--", ":")
+#: What the colours of a transfer's matrix are.
+OVER_OWN = "over that of its own fit"
 
 
 def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:
@@ -242,18 +246,23 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     """
     side = 2.2 + 0.8 * len(means)
     figure = Figure((side + 2.4, side), layout="constrained")
-    axis = figure.subplots()
+    image = draw_transfer(figure.subplots(), means)
+    figure.colorbar(image, label=OVER_OWN, shrink=0.8)
+    figure.suptitle(style.wrapped(style.plain_text(title), 60), fontsize=10)
+    return figure
+
+
+def draw_transfer(axis: Axes, means: pd.DataFrame, most: float | None = None) -> AxesImage:
+    """Draw the matrix of `transfer_figure`; `most` is the last colour's share of the own score."""
     shares = means.to_numpy() / np.diag(means)
-    image = axis.imshow(shares, vmin=1, cmap="cividis_r")
-    middle = (1 + np.nanmax(shares)) / 2
+    most = most or float(np.nanmax(shares))
+    image = axis.imshow(shares, vmin=1, vmax=most, cmap="cividis_r")
     for (row, column), score in np.ndenumerate(means.to_numpy()):
-        colour = "white" if shares[row, column] > middle else "black"
+        colour = "white" if shares[row, column] > (1 + most) / 2 else "black"
         axis.text(column, row, f"{score:.3f}", ha="center", va="center", color=colour, fontsize=9)
     names = [style.plain_text(str(name)) for name in means.columns]
     axis.set_xticks(range(len(names)), names, rotation=45, ha="right")
     axis.set_yticks(range(len(names)), names)
     axis.set_xlabel("tested on")
     axis.set_ylabel("fitted on")
-    figure.colorbar(image, label="over that of its own fit", shrink=0.8)
-    figure.suptitle(style.wrapped(style.plain_text(title), 60), fontsize=10)
-    return figure
+    return image

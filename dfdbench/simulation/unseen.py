@@ -115,7 +115,12 @@ def draw_camera(seed: int, scene: int | None = None) -> Camera:
 
 
 def render_pair(
-    seed: int, scene: int, camera: Camera | None = None, rays: int = _RAYS, threads: int = 1
+    seed: int,
+    scene: int,
+    camera: Camera | None = None,
+    rays: int = _RAYS,
+    threads: int = 1,
+    sharp_focus: float | None = None,
 ) -> Pair:
     """Photograph a room twice: at f/8, and with the wide aperture of a camera.
 
@@ -131,9 +136,11 @@ def render_pair(
         A pixel of the defocus image; half as many at f/8.
     threads : int
         The images do not depend on it.
+    sharp_focus : float, optional
+        Focus elsewhere at f/8, in metres, so that the lens breathes between the images.
     """
     wide = camera or draw_camera(seed)
-    small = _stopped_down(wide)
+    small = _stopped_down(wide, sharp_focus)
     room = draw_room(seed, scene)
     sharp = render(room, small, max(rays // 2, 1), (seed, scene, 0), threads)
     blurred = render(room, wide, rays, (seed, scene, 1), threads)
@@ -196,8 +203,10 @@ def textured(image: Image) -> NDArray[np.bool_]:
     return np.asarray(variance >= _TEXTURE_LEVELS**2)
 
 
-def _stopped_down(camera: Camera) -> Camera:
-    return replace(camera, lens=replace(camera.lens, f_number=_INFOCUS_F_NUMBER))
+def _stopped_down(camera: Camera, focus: float | None = None) -> Camera:
+    focus = focus or camera.lens.focus_distance
+    lens = replace(camera.lens, f_number=_INFOCUS_F_NUMBER, focus_distance=focus)
+    return replace(camera, lens=lens)
 
 
 def _gain(light: Floats, seed: int, scene: int) -> float:

@@ -1,7 +1,8 @@
 import pytest
 
 from dfdbench.datasets.catalog import find_manifest, of_seed
-from dfdbench.datasets.rendered import scene_number, unseen_manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.rendered import scene_number, unseen_manifest, unseen_text
 from dfdbench.errors import InputError
 
 
@@ -14,6 +15,14 @@ def test_a_seed_names_its_set_and_its_rooms() -> None:
     assert seven.sha256 != unseen_manifest("unseen", 8).sha256
     numbers = [scene_number(name) for name in public.scene_names]
     assert len(set(numbers)) == len(numbers)
+
+
+def test_a_set_of_ones_own_may_have_fewer_rooms() -> None:
+    text = unseen_text("unseen", 7, 6, 12).replace('"unseen-7"', '"mine"')
+    mine = parse_manifest(text.encode(), "mine-1.toml")
+    assert [(split.name, split.pairs) for split in mine.splits] == [("train", 6), ("test", 12)]
+    numbers = [scene_number(name) for name in mine.scene_names]
+    assert sorted(numbers) == [*range(12), *range(1000, 1006)]
 
 
 @pytest.mark.parametrize("seed", ["-1", "1.5", "x", "", "007", "9" * 19])

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from dfdbench.figures import comparisons
 from dfdbench.figures.style import plain_text
@@ -95,3 +96,16 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert np.isnan(np.asarray(panels[1].lines[0].get_ydata(), float)[2])
     assert [text.get_text() for text in panels[0].get_xticklabels()] == ["clean", "1", "2", "3"]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
+
+
+def test_a_transfer_is_coloured_by_the_score_over_that_of_the_own_fit() -> None:
+    matrix = pd.DataFrame([[0.1, 0.3], [0.4, 0.2]], ["a", "b"], ["a", "b"])
+    axis = Figure().subplots()
+    image = comparisons.draw_transfer(axis, matrix, most=4)
+    assert np.asarray(image.get_array()).tolist() == pytest.approx(np.array([[1, 1.5], [4, 1]]))
+    assert image.get_clim() == (1, 4)
+    colours = {text.get_text(): text.get_color() for text in axis.texts}
+    assert colours == {"0.100": "black", "0.300": "black", "0.400": "white", "0.200": "black"}
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("tested on", "fitted on")
+    drawn = comparisons.transfer_figure(matrix, "A title")
+    assert [axis.images[0].get_clim() for axis in drawn.axes[:1]] == [(1, 4)]

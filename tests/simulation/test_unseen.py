@@ -96,6 +96,17 @@ def test_depth_is_of_the_in_focus_view() -> None:
     assert pair.depth.tobytes() == depth(draw_room(8, 0), camera).tobytes()
 
 
+def test_a_lens_that_is_focused_elsewhere_breathes() -> None:
+    camera = small(8)
+    pair, other = (render_pair(8, 0, camera, rays=8, sharp_focus=focus) for focus in (None, 2.0))
+    assert other.defocus.shape == pair.defocus.shape
+    assert other.infocus.tobytes() != pair.infocus.tobytes()
+    # The depth is still of the in-focus view.
+    lens = replace(camera.lens, f_number=8.0, focus_distance=2.0)
+    assert other.depth.tobytes() == depth(draw_room(8, 0), replace(camera, lens=lens)).tobytes()
+    assert other.depth.tobytes() != pair.depth.tobytes()
+
+
 def test_texture_is_where_grey_levels_vary() -> None:
     image = np.full((40, 40, 3), 100, np.uint8)
     image[:, 20:] += np.random.default_rng(1).integers(0, 40, (40, 20, 1)).astype(np.uint8)
