@@ -91,7 +91,7 @@ def set_stacks(store: Dataset, split: str) -> tuple[dict[str, list[Stack]], str]
 
 
 def _of(capture: Capture) -> Stack:
-    places, where = focus_places(capture.stack)
+    places, where = focus_places(capture.stack, "stack-net")
     truth = 1 / capture.depth if capture.about.kind == "metres" else capture.depth
     images = eight_bits(capture.images[where])
     return Stack(images, places.astype(np.float32), truth.astype(np.float32))
