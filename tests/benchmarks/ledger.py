@@ -57,7 +57,7 @@ class Ledger:
         minutes = (time.perf_counter() - self._begun) / 60
         load = f"{os.cpu_count()} cores with a load of {os.getloadavg()[0]:.0f}"
         where = f"{found.cpu}, one thread on {load}"
-        return f"{as_markdown(table).strip()}\n\n{where}; {minutes:.0f} minutes.\n"
+        return f"{as_markdown(table).strip()}\n\n{where}; the whole took {minutes:.1f} minutes.\n"
 
     def write(self, page: Path) -> None:
         """Put the table where the page has the last one."""
