@@ -149,7 +149,8 @@ class Local(Solver):
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
-        from dfdbench.methods.law_cost import UNIT, level_costs  # compile; a constant needs none
+        # They compile; a constant needs none.
+        from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 
         blur, window = self.blur, self.window_in(infocus)
         best = np.full(infocus.shape[:2], np.inf, np.float32)
@@ -162,7 +163,7 @@ class Local(Solver):
             costs = level_costs(self.blurs, infocus, images, np.inf)
             squares = (costs[..., n].astype(np.float32) for n in range(costs.shape[2]))
         elif isinstance(blur, BlurLaw):
-            squares = _by_law(blur, infocus, images[0])
+            squares = blurred_by(blur, np.atleast_3d(infocus), np.atleast_3d(images[0])).squares()
         else:
             squares = _by_recipe(blur, infocus, images[0])
         # Of a recipe's residuals nothing is known but that images are rounded.
@@ -200,19 +201,6 @@ def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[C
         trial = _separable(sharp, kernel, recipe.sigmas[candidate])
         residual = cv2.subtract(trial, blurred)
         yield np.asarray(cv2.transform(cv2.multiply(residual, residual), channel_sum))
-
-
-def _by_law(law: BlurLaw, infocus: Image, defocus: Image) -> Iterator[Cost]:
-    from dfdbench.methods.law_cost import blurred_by
-
-    # For Gaussian noise: of two levels that leave as much, the one that has to show more of it.
-    blurred = blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(defocus))
-    channel_sum = np.ones((1, infocus.shape[2]), np.float32)
-    for level in range(law.levels):
-        residual = (blurred.of_level(level) - blurred.aim) / blurred.noise
-        squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
-        entry = infocus.shape[2] * math.log(blurred.spread[level])
-        yield squares / np.float32(blurred.spread[level]) + np.float32(entry)
 
 
 def _separable(image: NDArray[np.float32], kernel: NDArray[np.float64], sigma: float) -> Image:

@@ -17,7 +17,8 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Solver
-from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, information, law_cost
+from dfdbench.methods.information import information
+from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, law_cost
 from dfdbench.methods.spread import Posterior
 
 Image = NDArray[np.uint8]

@@ -139,7 +139,8 @@ Array = NDArray[Any]
 # Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
-_LEVELS_LOOKED_AT = 8
+# Levels whose squares are worked out, and held, at once.
+_AT_ONCE = 32
 # Every so many levels, and the side of the corner, that tell how well a law explains a pair.
 _COARSE, _CORNER = 8, 256
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
@@ -171,12 +172,19 @@ class Blurred:
     noise: NDArray[np.float32]
     spread: NDArray[np.float64]
 
-    def of_level(self, level: int) -> NDArray[np.float32]:
-        """Return the in-focus image as it would look at one level: (y, x, channel).
+    def squares(self) -> Iterator[NDArray[np.float32]]:
+        """Yield what each level costs at every pixel, two a nat: float32, shape (y, x).
 
-        In the unit of the nodes; `level` is a place among the levels that were asked for.
+        The squares that it leaves, of its own variance and summed over channels, and the logarithm
+        of that variance: of two levels that leave as much, the one that has to show more of it.
         """
-        return np.asarray(self.nodes @ self.factors[:, level], np.float32)
+        inverse = 1 / self.noise
+        for level in range(0, len(self.spread), _AT_ONCE):
+            some = slice(level, level + _AT_ONCE)
+            factors = np.ascontiguousarray(self.factors[:, some])
+            weights = (1 / self.spread[some]).astype(np.float32)
+            entries = (self.aim.shape[2] * np.log(self.spread[some])).astype(np.float32)
+            yield from _squares(self.nodes, self.aim, factors, inverse, weights, entries)
 
 
 def blurred_by(
@@ -327,56 +335,6 @@ def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
     return float(np.sqrt(np.median(least)))
 
 
-def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
-    """Return what a pixel tells of its depth level: Fisher's information, a level to the -2.
-
-    The mean over pixels and some levels of the squared change a level makes, in units of the
-    noise. Its root is one over the error of a pixel's level, were the pixel alone.
-
-    Parameters
-    ----------
-    blurred : Blurred
-        The pair.
-    levels : ndarray of int
-        The depth levels that `blurred` holds, rising.
-    """
-    found = []
-    last = len(levels) - 1
-    for middle in np.linspace(0, last, min(_LEVELS_LOOKED_AT, last + 1)).astype(int):
-        low, high = max(middle - 1, 0), min(middle + 1, last)
-        change = blurred.factors[:, high] - blurred.factors[:, low]
-        slope = blurred.nodes @ change / np.float32(levels[high] - levels[low])
-        squares = np.square(slope / blurred.noise).sum(axis=2).mean(dtype=np.float64)
-        found.append(float(squares) / blurred.spread[middle])
-    return math.fsum(found) / len(found)
-
-
-def information_at(blurred: Blurred, levels: NDArray[Any]) -> NDArray[np.float64]:
-    """Return what each pixel tells of its own depth level, as `information`: shape (y, x).
-
-    Its inverse root is the least standard deviation, in levels, of an unbiased estimate from this
-    pixel alone (Cramér and Rao). Of normal noise with mean m and variance v, both a level's, a
-    channel tells ``m'^2 / v + (v' / v)^2 / 2``.
-
-    Parameters
-    ----------
-    blurred : Blurred
-        The pair, at all levels of its law.
-    levels : ndarray of int, shape (y, x)
-        The depth level of each pixel.
-    """
-    # Slopes are taken over a level to either side; at the ends of the scale to the inner one.
-    slopes = np.gradient(blurred.factors, axis=1)
-    # Blur leaves bare surfaces as they are, few kernels nearly so: over wide windows that adds up.
-    slopes -= slopes.mean(axis=0)
-    change = np.zeros(blurred.aim.shape, np.float32)
-    for node, slope in enumerate(slopes.astype(np.float32)):
-        change += blurred.nodes[..., node] * slope[levels][..., np.newaxis]
-    told = np.square(change / blurred.noise).sum(axis=2, dtype=np.float64)
-    wider = np.square(np.gradient(np.log(blurred.spread))) * blurred.aim.shape[2] / 2
-    return np.asarray(told / blurred.spread[levels] + wider[levels])
-
-
 def law_misfits(blurred: Blurred, before: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
     """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
 
@@ -420,6 +378,34 @@ def _levels(nodes: Array, factors: Array, out: Array) -> None:
 
 
 @compiled(fastmath={"contract"})
+def _leaves(
+    nodes: Array, aim: Array, factors: Array, inverse: Array, grey: Array, squares: Array
+) -> None:
+    """Write what every level leaves of a pixel, in noise, squared and summed over channels."""
+    squares[:] = 0
+    for channel in range(len(aim)):
+        _levels(nodes[channel], factors, grey)
+        for level in range(len(grey)):
+            residual = (aim[channel] - grey[level]) * inverse[channel]
+            squares[level] += residual * residual
+
+
+@compiled(fastmath={"contract"})
+def _squares(
+    nodes: Array, aim: Array, factors: Array, inverse: Array, weights: Array, entries: Array
+) -> Array:
+    (height, width), levels = aim.shape[:2], len(weights)
+    out = np.empty((levels, height, width), np.float32)
+    grey, squares = np.empty(levels, np.float32), np.empty(levels, np.float32)
+    for y in range(height):
+        for x in range(width):
+            _leaves(nodes[y, x], aim[y, x], factors, inverse[y, x], grey, squares)
+            for level in range(levels):
+                out[level, y, x] = weights[level] * squares[level] + entries[level]
+    return out
+
+
+@compiled(fastmath={"contract"})
 def _fill(
     nodes: Array,
     aim: Array,
@@ -432,19 +418,13 @@ def _fill(
     add: bool,
     unary: Array,
 ) -> int:
-    height, width, channels = aim.shape
+    height, width = aim.shape[:2]
     levels = factors.shape[1]
-    grey = np.empty(levels, np.float32)
-    squares = np.empty(levels, np.float32)
+    grey, squares = np.empty(levels, np.float32), np.empty(levels, np.float32)
     offset = np.int64(0)
     for y in range(height):
         for x in range(width):
-            squares[:] = 0
-            for channel in range(channels):
-                _levels(nodes[y, x, channel], factors, grey)
-                for level in range(levels):
-                    residual = (aim[y, x, channel] - grey[level]) * inverse[y, x, channel]
-                    squares[level] += residual * residual
+            _leaves(nodes[y, x], aim[y, x], factors, inverse[y, x], grey, squares)
             least = np.float32(np.inf)
             for level in range(levels):
                 cost = min(weights[level] * squares[level] + entries[level], most)

@@ -228,7 +228,7 @@ def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
     law = formation.given_law(RECIPE, degradation.formation)
     blurred = blurred_by(law, infocus, defocus, np.array([100]))
     inner = (slice(12, -12), slice(12, -12))
-    left = (blurred.of_level(0) - blurred.aim)[inner]
+    left = (blurred.nodes @ blurred.factors[:, 0] - blurred.aim)[inner]
     expected = blurred.noise[inner] * np.sqrt(blurred.spread[0])
     assert np.sqrt(np.mean(np.square(left / expected))) == pytest.approx(1, abs=0.25)
 

@@ -50,6 +50,16 @@ LAWS = [
 ]
 
 
+def test_squares_go_on_where_a_block_of_levels_ends() -> None:
+    law = BlurLaw(tuple(np.linspace(0.3, 3, 70)), kernel_size=15, noise=(2.0,))
+    blurred = law_cost.blurred_by(law, *pair())
+    found = np.stack(list(blurred.squares()))
+    looks = np.einsum("yxcn,nl->lyxc", blurred.nodes, blurred.factors)
+    wanted = np.square((looks - blurred.aim) / blurred.noise).sum(axis=3)
+    assert found.shape == (70, 21, 26)
+    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3)
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
     infocus, defocus = pair()
@@ -71,8 +81,13 @@ def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
     assert np.abs(unary - np.minimum(costs - least, 60000)).max() <= 2 + 0.002 * costs.max()
     assert offset == pytest.approx(least.sum(), rel=0.002)
     assert np.abs(law_cost.law_misfits(blurred) / law_cost.MISFIT_STEPS - misfits).max() < 0.1
+    squares = np.stack(list(blurred.squares()), axis=2)
+    assert squares.dtype == np.float32
+    # Two a nat, and of a nat the costs count four.
+    assert np.abs(2 * squares - costs).max() <= 0.002 * costs.max()
     for level in range(len(SIGMAS)):
-        assert np.abs(blurred.of_level(level) - blurred_at(law, infocus, level)).max() < 0.1
+        looks = blurred.nodes @ blurred.factors[:, level]
+        assert np.abs(looks - blurred_at(law, infocus, level)).max() < 0.1
 
 
 def test_an_image_of_a_stack_says_five_nats_at_most() -> None:
@@ -99,38 +114,6 @@ def test_only_the_levels_in_question_are_worked_out() -> None:
     ].astype(int)
     difference = whole[..., [1, 3]] - some
     assert np.abs(difference[..., 0] - difference[..., 1]).max() <= 1
-
-
-@pytest.mark.parametrize(("noise", "infocus_noise"), [(1.0, 0.0), (3.0, 0.0), (2.0, 1.0)])
-def test_information_is_that_of_a_pixel_alone(noise: float, infocus_noise: float) -> None:
-    # The kernels of two widths, and of what lies between: a slope that is known.
-    law = BlurLaw((2.0, 1.0), kernel_size=15, noise=(noise,), infocus_noise=infocus_noise)
-    infocus, defocus = pair()
-    change = blurred_at(law, infocus, 1) - blurred_at(law, infocus, 0)
-    spread = 1 + infocus_noise**2 * np.square(law.kernels()).sum(axis=(1, 2))
-    per_pixel = np.square(change / noise).sum(axis=2).mean()
-    found = law_cost.information(law_cost.blurred_by(law, infocus, defocus), np.array([0, 1]))
-    assert found == pytest.approx((per_pixel / spread).mean(), rel=1e-3)
-    far = law_cost.information(law_cost.blurred_by(law, infocus, defocus), np.array([0, 10]))
-    assert far == pytest.approx(found / 100)
-
-
-@pytest.mark.parametrize(("noise", "infocus_noise"), [(1.0, 0.0), (3.0, 0.0), (2.0, 1.0)])
-def test_a_pixels_information_is_that_of_its_own_level(noise: float, infocus_noise: float) -> None:
-    # The kernels of three widths, evenly apart: slopes that are known.
-    law = BlurLaw((3.0, 2.0, 1.0), kernel_size=15, noise=(noise,), infocus_noise=infocus_noise)
-    infocus, defocus = pair()
-    looks = [blurred_at(law, infocus, level) for level in range(3)]
-    shares = np.square(law.kernels()).sum(axis=(1, 2))
-    variances = noise**2 * (1 + infocus_noise**2 * shares)
-    levels = np.random.default_rng(2).integers(0, 3, infocus.shape[:2])
-    found = law_cost.information_at(law_cost.blurred_by(law, infocus, defocus), levels)
-    for level, (low, high) in enumerate([(0, 1), (0, 2), (1, 2)]):
-        step = high - low
-        told = np.square((looks[high] - looks[low]) / step).sum(axis=2) / variances[level]
-        told += 1.5 * (np.log(variances[high] / variances[low]) / step) ** 2
-        there = levels == level
-        assert found[there] == pytest.approx(told[there], rel=2e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize(("exponent", "most"), [(2.0, 20), (32.0, 40)])

@@ -22,7 +22,7 @@ def test_costs_are_those_of_normal_noise_over_two_by_two_pixels() -> None:
     blurred = blurred_by(LAW, pair.infocus, pair.defocus)
     costs = []
     for level in levels_of(32):
-        residual = (blurred.of_level(int(level)) - blurred.aim) / blurred.noise
+        residual = (blurred.nodes @ blurred.factors[:, level] - blurred.aim) / blurred.noise
         spread = blurred.spread[level]
         costs.append((residual**2).sum(2) / (2 * spread) + 1.5 * np.log(spread))
     nats = np.array(costs)
