@@ -2,8 +2,8 @@
 
 Printed are each method's NRMSE on every seed's test rooms and on DFD indoor (protocol `valid`); how
 many pairs of methods that one seed tells apart come in the other order on another; and the rank
-correlation of seeds and photographs. A seed tells two methods apart if the 95 % interval of their
-difference, over 24 rooms, leaves out 0.
+correlation of seeds and photographs. A seed tells two methods apart as a ranking's words do: if
+their difference over 24 rooms is beyond chance at 5 %, corrected for the number of pairs (Holm).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy import stats
 
 import dfdbench
 from dfdbench.datasets.rendered import seeded
-from dfdbench.metrics.intervals import LEVEL, chance
+from dfdbench.metrics.intervals import LEVEL, chance, holm
 
 ROOT = Path(__file__).parents[1]
 PHOTOGRAPHS = "dfd-indoor-1"
@@ -39,13 +39,14 @@ def errors_by_room(family: str) -> dict[str, pd.DataFrame]:
 
 def orders(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
     """Return, of pairs of methods that are told apart, by how much the first is worse."""
-    found = {}
-    for one, other in combinations(map(str, errors), 2):
-        differences = errors[one] - errors[other]
-        p = chance(differences.tolist(), errors.index.tolist())
-        if p is not None and p < LEVEL:
-            found[one, other] = float(differences.mean())
-    return found
+    pairs = list(combinations(map(str, errors), 2))
+    differences = [errors[one] - errors[other] for one, other in pairs]
+    found = holm([chance(each.tolist(), each.index.tolist()) for each in differences])
+    return {
+        pair: float(each.mean())
+        for pair, each, p in zip(pairs, differences, found, strict=True)
+        if p is not None and p < LEVEL
+    }
 
 
 def main(family: str = "unseen") -> None:
@@ -73,13 +74,15 @@ def main(family: str = "unseen") -> None:
     print(
         f"\nOf {pairs} pairs of methods the seeds tell apart {', '.join(map(str, apart.values()))}."
     )
+    mean = means[seeds].mean(axis=1)
+    useful = [pair for pair in turned if mean[[*pair]].max() < mean["constant"]]
     print(f"Told apart by two seeds, but in other orders: {len(turned)}.")
+    print(f"Of these, pairs of methods better than a constant: {len(useful)}.")
     for one, other in combinations(seeds, 2):
         print(
             f"Rank correlation of {one} and {other}: {rank_correlation(means[[one, other]]):.2f}."
         )
     if PHOTOGRAPHS in means:
-        mean = means[seeds].mean(axis=1)
         both = pd.DataFrame({"seeds": mean, "photographs": means[PHOTOGRAPHS]}).dropna()
         found = rank_correlation(both)
         print(f"With {PHOTOGRAPHS}, over {len(both)} methods: {found:.2f}.")
