@@ -127,8 +127,9 @@ def choose(
         here = search.best([replace(AS_USUAL, smoothing=smoothing, weight=w) for w in weights])
         if readouts and here.weight:
             sharper = [replace(here, sharpness=sharpness) for sharpness in SHARPNESSES]
-            here = min([here, *sharper], key=search.helped)
-        best = min(best, here, key=search.helped)
+            here = min([here, *sharper], key=search.error)
+        best = min(best, here, key=search.error)
+    best = min(search.tried, key=search.helped)
     if search.error(best) >= _BETTER * usual:
         return AS_USUAL
     return replace(best, energy=best.weight * energy_of(shares))
@@ -148,12 +149,13 @@ class _Search:
     ) -> None:
         self._solve, self._parts = solve, parts
         self._errors: dict[tuple[float, float, int], Array] = {}
+        self.tried: list[Chosen] = []
 
     def best(self, choices: Sequence[Chosen]) -> Chosen:
         """Return the best of some choices, tried until several in a row do not help."""
         found, worse = choices[0], 0
         for choice in choices[1:]:
-            if self.helped(choice) < self.helped(found):
+            if self.error(choice) < self.error(found):
                 found, worse = choice, 0
             elif (worse := worse + 1) == _ENOUGH:
                 break
@@ -171,6 +173,7 @@ class _Search:
     def _on_parts(self, choice: Chosen) -> Array:
         key = (choice.weight, choice.sharpness, choice.smoothing)
         if key not in self._errors:
+            self.tried.append(choice)
             self._errors[key] = np.array([self._of(*each, choice) for each in self._parts])
         return self._errors[key]
 
