@@ -41,13 +41,11 @@ _HOPELESS = 1.2
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
 # So many weights in a row that do not help end the search.
 _ENOUGH = 2
-# What makes more than a quarter of the parts worse is not taken: two bare walls can outweigh the
-# gain or loss on all else. Chosen on half of a training set's parts, it makes fewer of the other
-# half's worse, and their mean error is as low.
-_MOSTLY = 0.75
 # A gain of a tenth on parts cost `sgm` 0.003 on demo's `law-3`: less than a seventh is taken
 # for chance, and all left as usual; so it is where the error is but a few levels.
 _BETTER, _FEW_LEVELS = 0.85, 5.0
+# What rounding leaves of an error, so that one of 0 has a logarithm.
+_ROUNDING = 0.5
 
 Array = NDArray[Any]
 
@@ -81,8 +79,8 @@ def choose(
 
     Parts of some captures are solved with the histogram of the other groups' captures. What
     has the least root mean square error is taken, the mean over parts: at each smoothing the weight
-    first, then the readout. All is left as usual if that is not a seventh below the usual error;
-    and what makes more than a quarter of the parts worse is not taken.
+    first, then the readout. All is left as usual if that is not a seventh below the usual error, in
+    the geometric mean too: two bare walls can outweigh the gain or loss on all else.
 
     Parameters
     ----------
@@ -118,7 +116,7 @@ def choose(
     search = _Search(
         solve, [(part, energy_of(shares[groups != groups[at]])) for at, part in parts.items()]
     )
-    if (usual := search.error(AS_USUAL)) < _FEW_LEVELS:
+    if search.error(AS_USUAL) < _FEW_LEVELS:
         return AS_USUAL
     best, weights = AS_USUAL, WEIGHTS if prior else (0.0,)
     for smoothing in SMOOTHINGS if smooth else (1,):
@@ -129,9 +127,10 @@ def choose(
             sharper = [replace(here, sharpness=sharpness) for sharpness in SHARPNESSES]
             here = min([here, *sharper], key=search.error)
         best = min(best, here, key=search.error)
-    best = min(search.tried, key=search.helped)
-    if search.error(best) >= _BETTER * usual:
+    better = [choice for choice in search.tried if search.is_better(choice)]
+    if not better:
         return AS_USUAL
+    best = min(better, key=search.error)
     return replace(best, energy=best.weight * energy_of(shares))
 
 
@@ -165,10 +164,11 @@ class _Search:
         """Return the root mean square error in levels, the mean over parts."""
         return float(np.mean(self._on_parts(choice)))
 
-    def helped(self, choice: Chosen) -> float:
-        """Return the same; infinite if too few parts are as good as usual."""
-        as_good = self._on_parts(choice) <= self._on_parts(AS_USUAL)
-        return self.error(choice) if np.mean(as_good) >= _MOSTLY else math.inf
+    def is_better(self, choice: Chosen) -> bool:
+        """Return whether the error is a seventh below the usual one in both means over parts."""
+        found, usual = self._on_parts(choice), self._on_parts(AS_USUAL)
+        typical = np.log(found + _ROUNDING).mean() - np.log(usual + _ROUNDING).mean()
+        return bool(found.mean() < _BETTER * usual.mean() and math.exp(typical) < _BETTER)
 
     def _on_parts(self, choice: Chosen) -> Array:
         key = (choice.weight, choice.sharpness, choice.smoothing)
