@@ -99,22 +99,8 @@ class Board:
     @functools.cached_property
     def boards(self) -> tuple[ScoreBoard, ...]:
         """The rankings: of single runs by data set, then over tracks, then scored depth maps."""
-        return self._boards(headlines=False)
-
-    @functools.cached_property
-    def headlines(self) -> tuple[ScoreBoard, ...]:
-        """Those rankings that are to be looked at first, and no others."""
-        return self._boards(headlines=True)
-
-    def _boards(self, headlines: bool) -> tuple[ScoreBoard, ...]:
-        run: list[Entry] = []
-        scored: list[Entry] = []
         tracked: dict[str, list[Entry]] = {suite: [] for suite in SUITES}
         for path, row in self.rows.items():
-            if CLEAN_SUITE in row.suites:
-                kind = scored if row.method.scored else run
-                clean = (r for r in row.results if r.dataset.degradation == CLEAN)
-                kind += [Entry((result,), path, path.stem) for result in clean]
             runs = tuple(r for r in row.results if TRACKS_PROTOCOL in r.protocol_names)
             for suite in tracked.keys() & set(row.suites):
                 # Tracks are shown beside the clean images; a suite of one stands alone.
@@ -122,10 +108,23 @@ class Board:
                 own = tuple(r for r in runs if r.dataset.degradation in labels)
                 tracked[suite].append(Entry(own, path, path.stem))
         return (
-            *boards(run, headlines=headlines),
-            *(b for suite, runs in tracked.items() for b in boards(runs, suite, True, headlines)),
-            *boards(scored, ranked=False, headlines=headlines),
+            *boards(self._clean(scored=False)),
+            *(board for suite, runs in tracked.items() for board in boards(runs, suite)),
+            *boards(self._clean(scored=True), ranked=False),
         )
+
+    @functools.cached_property
+    def headlines(self) -> tuple[ScoreBoard, ...]:
+        """The rankings to be looked at first: of single runs, a data set and a split each."""
+        return tuple(boards(self._clean(scored=False), headlines=True))
+
+    def _clean(self, scored: bool) -> list[Entry]:
+        return [
+            Entry((result,), path, path.stem)
+            for path, row in self.rows.items()
+            if CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
+            for result in row.clean_results()
+        ]
 
     def table(
         self,
@@ -217,9 +216,7 @@ class Board:
             boards=[
                 self._context(board)
                 for board in self.headlines
-                if board.suite == CLEAN
-                and not board.result.method.scored
-                and seeded(board.result.dataset.name) is None
+                if seeded(board.result.dataset.name) is None
             ],
         )
         return text.rstrip("\n") + "\n"

@@ -25,6 +25,7 @@ from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
 _T = TypeVar("_T")
+_R = TypeVar("_R", bound=Record)
 _Fingerprints = TypeAdapter(dict[str, list[str]])
 RESULTS = "results"
 #: The package of the wheel that holds a copy of a clone's leaderboard.
@@ -159,6 +160,7 @@ class Row(Record):
         needed = {"prediction_sha256"} if self.method.scored else {"prediction_sha256", "seconds"}
         taken: set[tuple[str, str]] = set()
         for run in self.runs:
+            self._require_records(run)
             done = [status == "ok" for status in run.status]
             whole = (
                 ("status", run.status),
@@ -183,6 +185,23 @@ class Row(Record):
                 taken.add(key)
         return self
 
+    def _require_records(self, run: RowRun) -> None:
+        for name, made in (("method", self.method_of), ("environment", self.environment_of)):
+            try:
+                made(run)
+            except ValidationError as error:
+                first = error.errors()[0]
+                field = ".".join(map(str, (name, *first["loc"])))
+                raise ValueError(f"{run.label}: {field}: {first['msg']}") from error
+
+    def method_of(self, run: RowRun) -> record.MethodRecord:
+        """Return the method of a run: the row's, but for what differs."""
+        return _with(self.method, run.method)
+
+    def environment_of(self, run: RowRun) -> record.Environment:
+        """Return where a run was: the row's environment, but for what differs."""
+        return _with(self.environment, run.environment)
+
     @property
     def manifest(self) -> Manifest:
         """The data set's manifest, released or drawn from a seed.
@@ -198,6 +217,10 @@ class Row(Record):
     def results(self) -> tuple[record.Result, ...]:
         """The runs, each as a result of its own; errors of pairs are not kept."""
         return tuple(map(self._result, self.runs))
+
+    def clean_results(self) -> Iterator[record.Result]:
+        """Yield the results on clean images."""
+        return (self._result(run) for run in self.runs if run.label == CLEAN)
 
     def results_on(self, fingerprint: str) -> Iterator[record.Result]:
         """Yield the results of those runs that are on these data: most rows are on many tracks."""
@@ -223,13 +246,12 @@ class Row(Record):
             options=run.options,
         )
         whole = done == len(records)
-        environment = self.environment.model_dump() | run.environment
         return record.Result.model_construct(
             schema_version=1,
             dataset=dataset,
             protocols=[RELEASED[label].as_dict() for label in run.scores],
-            method=record.MethodRecord.model_validate(self.method.model_dump() | run.method),
-            environment=record.Environment.model_validate(environment),
+            method=self.method_of(run),
+            environment=self.environment_of(run),
             other_environments=run.other_environments,
             seed=self.seed,
             pairs=records,
@@ -251,6 +273,10 @@ class Row(Record):
     def place(self, folder: Path, name: str) -> Path:
         """Return where the row of the card of that name is in a leaderboard's folder."""
         return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
+
+
+def _with(shared: _R, own: dict[str, Any]) -> _R:
+    return type(shared).model_validate(shared.model_dump() | own) if own else shared
 
 
 def _manifest_of(dataset: str) -> Manifest:
@@ -411,7 +437,7 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
         what = f"{row.method.name} is another method here: {wording.without_folder(entry)}"
         fix = "name the method by its entry: MODULE:NAME"
         yield Problem(what, where=f"{where}: method.entry", fix=fix)
-    for trained_on in dict.fromkeys(result.method.trained_on for result in row.results):
+    for trained_on in dict.fromkeys(row.method_of(run).trained_on for run in row.runs):
         yield from training_problems(
             trained_on, row.method.weights_sha256, row.dataset, row.split, where
         )

@@ -74,6 +74,8 @@ SCORE = (*RUN, "scores", "valid", "nrmse", 3)
         (change(*RUN, "status", 0, to="failed"), "of a pair that was not evaluated"),
         (change(*RUN, "label", to="fog-1"), "no such run"),
         (change(*RUN, "machine", to=[1] * 54), "a machine that is not listed"),
+        (change(*RUN, "environment", to={"gpus": 3}), "environment.gpus: Extra inputs"),
+        (change(*RUN, "method", to={"name": 5}), "method.name: Input should be a valid string"),
         (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
     ],
 )
