@@ -61,7 +61,7 @@ class Entry:
     @property
     def given_blur(self) -> bool:
         """Whether the method was given a blur on a track, which nobody may be."""
-        return any(map(knew_blur, self.runs))
+        return any(knew_blur(run.method, run.dataset.degradation) for run in self.runs)
 
     @property
     def complete(self) -> bool:

@@ -186,9 +186,9 @@ class Row(Record):
         return self
 
     def _require_records(self, run: RowRun) -> None:
-        for name, made in (("method", self.method_of), ("environment", self.environment_of)):
+        for name in ("method", "environment"):
             try:
-                made(run)
+                _with(getattr(self, name), getattr(run, name))
             except ValidationError as error:
                 first = error.errors()[0]
                 field = ".".join(map(str, (name, *first["loc"])))
@@ -197,10 +197,6 @@ class Row(Record):
     def method_of(self, run: RowRun) -> record.MethodRecord:
         """Return the method of a run: the row's, but for what differs."""
         return _with(self.method, run.method)
-
-    def environment_of(self, run: RowRun) -> record.Environment:
-        """Return where a run was: the row's environment, but for what differs."""
-        return _with(self.environment, run.environment)
 
     @property
     def manifest(self) -> Manifest:
@@ -251,7 +247,7 @@ class Row(Record):
             dataset=dataset,
             protocols=[RELEASED[label].as_dict() for label in run.scores],
             method=self.method_of(run),
-            environment=self.environment_of(run),
+            environment=_with(self.environment, run.environment),
             other_environments=run.other_environments,
             seed=self.seed,
             pairs=records,
@@ -262,7 +258,7 @@ class Row(Record):
     @property
     def given_blur(self) -> bool:
         """Whether the method was given a blur on a track."""
-        return any(map(wording.knew_blur, self.results))
+        return any(wording.knew_blur(self.method_of(run), run.label) for run in self.runs)
 
     def is_of(self, card: Card) -> bool:
         """Return whether a card is of the row's method."""

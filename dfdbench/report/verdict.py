@@ -117,7 +117,7 @@ def _others(
             # `dfdbench leaderboard` tells of it; this run's score is as good without the row.
             continue
         for other in there:
-            if knew_blur(other):
+            if knew_blur(other.method, other.dataset.degradation):
                 continue
             scores = {pair.id: _of(pair, protocol) for pair in other.pairs}
             found = [scores.get(name) for name in ids]

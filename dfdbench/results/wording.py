@@ -187,15 +187,14 @@ def given_to(result: Result) -> str:
     return ", ".join(parts) or "nothing"
 
 
-def knew_blur(result: Result) -> bool:
-    """Return whether a method was given a blur on a track.
+def knew_blur(method: MethodRecord, degradation: str) -> bool:
+    """Return whether a method was given a blur on a track, which ``clean`` is not.
 
     It is what the record says: that the method's constructor was offered one, or that whoever ran
     it gave one, which may be the true one as well. Such a result has no rank.
     """
-    method = result.method
     given = method.parameters.get("recipe") is not None
-    return result.dataset.degradation != CLEAN and (given or "recipe" in method.uses)
+    return degradation != CLEAN and (given or "recipe" in method.uses)
 
 
 def without_folders(value: Any) -> Any:

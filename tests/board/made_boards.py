@@ -41,7 +41,8 @@ def _inline(value: Any) -> str:
 def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     """Submit runs, and write their card before if they have none."""
     runs = [results] if isinstance(results, Result) else list(results)
-    method, given = runs[0].method, any(map(knew_blur, runs))
+    method = runs[0].method
+    given = any(knew_blur(run.method, run.dataset.degradation) for run in runs)
     words = [method.name, *map(str, method.parameters.values()), *["given"] * given]
     name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(words)).strip("-") or "unnamed"
     if not any(

@@ -85,11 +85,12 @@ def test_told_a_method_gets_a_track_s_law_and_says_so(tiny_folder: Path, tmp_pat
     assert told.learner is None
     assert told.uses == ("recipe",)
     first = run_method(store, told, "test", tmp_path / "run").result
-    assert knew_blur(first)
+    assert knew_blur(first.method, first.dataset.degradation)
     # Given a blur, by whomever; the same method and data, but not the same run.
     given = load_for(store, "local", {"recipe": "published"})
     assert given.uses == ()
-    assert knew_blur(run_method(store, given, "test", tmp_path / "given").result)
+    second = run_method(store, given, "test", tmp_path / "given").result
+    assert knew_blur(second.method, second.dataset.degradation)
     assert not plan_run(store, load_for(store, "local", {}), "test", RunOptions()).identity.get(
         "told"
     )
