@@ -107,7 +107,7 @@ def panel_figure(
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
     """Draw each metric by scene and lighting, as the thesis's Figs 5.11 to 5.13."""
-    pairs = [pair for pair in result.pairs if pair.status == "ok"]
+    pairs = result.evaluated
     if not pairs:
         return None
     blocks, rows = result.dataset.blocks, result.dataset.rows
@@ -187,7 +187,7 @@ def _depth_counts(
     store: Dataset, result: Result, folder: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for pair in [record.pair for record in result.pairs if record.status == "ok"]:
+    for pair in [record.pair for record in result.evaluated]:
         depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
             counts = valid & ~np.isnan(prediction)
@@ -232,8 +232,8 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
 
 def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
     times: dict[int, list[float]] = {}
-    for pair in result.pairs:
-        if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:
+    for pair in result.evaluated:
+        if pair.timed_alone and pair.seconds is not None:
             rows, columns = store.shape_of(pair.scene)
             times.setdefault(rows * columns, []).append(pair.seconds)
     return times
@@ -259,7 +259,7 @@ def group_figures(
         By what groups the pairs.
     """
     labels = scene_labels(scenes)
-    if not labels or not any(p.status == "ok" for r in results.values() for p in r.pairs):
+    if not labels or not any(result.evaluated for result in results.values()):
         return {}
     blocks = next(iter(results.values())).dataset.blocks
     figures = {blocks: _group_figure(results, protocol, blocks, None)}
@@ -274,7 +274,7 @@ def _group_figure(
     def label(pair: PairResult) -> str | None:
         return label_of.get(pair.scene) if label_of else str(pair.coordinates[what])
 
-    found = [pair for result in results.values() for pair in result.pairs if pair.status == "ok"]
+    found = [pair for result in results.values() for pair in result.evaluated]
     labels = [name for name in dict.fromkeys(map(label, found)) if name is not None]
     several = len(results) > 1
     height = 1.3 + max(0.3, 0.16 * len(results)) * len(labels) + 0.3 * several
@@ -313,11 +313,9 @@ def _by_label(
     result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
 ) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
-    for pair in result.pairs:
-        name = label(pair)
-        if pair.status != "ok" or name is None:
-            continue
-        if (score := pair.score(protocol, metric)) is not None:
+    for pair in result.evaluated:
+        name, score = label(pair), pair.score(protocol, metric)
+        if name is not None and score is not None:
             found.setdefault(name, []).append(score)
     return found
 

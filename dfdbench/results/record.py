@@ -275,7 +275,7 @@ class Result(Record):
                 raise ValueError(f"{pair.id} is not scored under {', '.join(protocols)}")
             if pair.machine >= len(self.environments):
                 raise ValueError(f"{pair.id} was run on a machine that is not listed")
-        counts = len(pairs), sum(pair.status == "ok" for pair in pairs)
+        counts = len(pairs), len(self.evaluated)
         if counts != (data.expected, data.evaluated) or len({p.id for p in pairs}) < len(pairs):
             raise ValueError("the pairs do not add up")
         return self
@@ -291,9 +291,18 @@ class Result(Record):
         return (self.environment, *self.other_environments)
 
     @property
+    def evaluated(self) -> list[PairResult]:
+        """The pairs that have scores."""
+        return [pair for pair in self.pairs if pair.status == "ok"]
+
+    @property
     def complete(self) -> bool:
         """True where every expected pair was evaluated; only then is there an average."""
-        return all(pair.status == "ok" for pair in self.pairs)
+        return len(self.evaluated) == len(self.pairs)
+
+    def mean(self, protocol: str, metric: str) -> float | None:
+        """Return a metric's average; None where there is none."""
+        return (self.averages or {}).get(protocol, {}).get(metric)
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:

@@ -156,7 +156,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if value.low is not None
     ]
     if intervals:
-        count = len({result.dataset.group_of(p.scene) for p in result.pairs if p.status == "ok"})
+        count = len({result.dataset.group_of(pair.scene) for pair in result.evaluated})
         what = f"95 % interval of the overall mean, over {count} groups of scenes"
         if count < INTERVAL_GROUPS:
             what = f"range of the means of {count} groups of scenes, too few for an interval"
