@@ -17,6 +17,7 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
+from dfdbench.system.parallel import one_by_one
 from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
@@ -158,13 +159,12 @@ def _predict_folder(
     zipped, sure = out.suffix == ".zip", 0
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
-        for number, (name, paths) in enumerate(captures.items(), 1):
+        for name, paths in one_by_one(captures.items(), step):
             if len(paths) == 1:
                 estimate = predictor.of_stack(read_stack(*paths))
             else:
                 estimate = predictor(*map(read_image, paths))
             yield name, estimate
-            step(number, len(captures))
 
     with progress("estimating depth", "the same command begins anew") as step:
         if zipped:

@@ -32,6 +32,7 @@ from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import RunSummary, summarise
 from dfdbench.results.wording import score_text, seconds_text
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 from dfdbench.system.thumbnails import webp_address
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table
@@ -227,10 +228,8 @@ def write_html(
     pictures: dict[str, str] = {}
     of_data: dict[tuple[str, str], dict[str, str]] = {}
     cards = []
-    for number, (run, pair) in enumerate(content.pairs, 1):
+    for run, pair in one_by_one(content.pairs, on_pair):
         cards += _cards(run, pair, protocol, pictures, of_data)
-        if on_pair:
-            on_pair(number, len(content.pairs))
     templates = resources.files("dfdbench.report")
     # Names of methods are untrusted text: jinja escapes them.
     environment = jinja2.Environment(

@@ -15,6 +15,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.rendered import FIRST_TRAIN
 from dfdbench.methods.shape_from_focus import focus_places
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 
 #: What rendered stacks are called on a card.
 STACKS = "rooms of unseen-0 from 1000 on, focused through random lenses"
@@ -63,7 +64,7 @@ def room_stacks(
         Called with (cameras done, cameras in all).
     """
     found = {}
-    for number in range(CAMERAS):
+    for number in one_by_one(range(CAMERAS), on_camera):
         path = folder / f"stack-{number:02}.npz"
         if not path.exists():
             content = io.BytesIO()
@@ -71,8 +72,6 @@ def room_stacks(
             write_whole(path, content.getvalue())
         with np.load(path) as arrays:
             found[path.stem] = [Stack(**arrays)]
-        if on_camera:
-            on_camera(number + 1, CAMERAS)
     return found
 
 

@@ -30,6 +30,7 @@ from dfdbench.methods.networks.volume import MOST
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 
 Array = NDArray[Any]
 
@@ -135,14 +136,12 @@ def room_examples(
     ]
     cameras = [(name, make, number) for name, make, count in makers for number in range(count)]
     found = {}
-    for done, (name, make, number) in enumerate(cameras, 1):
+    for name, make, number in one_by_one(cameras, on_camera):
         path = folder / f"{name}-{number:02}.npz"
         if not path.exists():
             captures = make(number)
             _keep(path, captures, examples_of(captures))
         found[path.stem] = _kept(path)
-        if on_camera:
-            on_camera(done, len(cameras))
     return found
 
 
