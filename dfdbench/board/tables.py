@@ -74,7 +74,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     scores = len(columns) - 2
     dataset = board.result.dataset
     return Table(
-        f"{dataset.label}, split {dataset.split}, protocol {title_of(board.protocol)}{scored}",
+        f"{dataset.heading}, protocol {title_of(board.protocol)}{scored}",
         columns,
         rows,
         "rllrl" + "r" * len(metrics) + "lr",

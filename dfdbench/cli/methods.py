@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from dfdbench.cli.options import Facts, Params, Printed, Seed, methods, values_of
+from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
 from dfdbench.cli.screen import progress, say, show
 from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
@@ -52,9 +52,7 @@ def predict(
         ),
     ] = None,
     param: Params = None,
-    fitted: Annotated[
-        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
-    ] = None,
+    fitted: Fitted = None,
     lens: Annotated[
         Path | None, Option(metavar="FILE", help="TOML of a lens, recipe or law.")
     ] = None,

@@ -33,9 +33,7 @@ def run(
     images: Annotated[
         str | None, Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
-    fitted: Annotated[
-        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
-    ] = None,
+    fitted: options.Fitted = None,
     out: options.Out = None,
     limit: Annotated[
         int | None, Option(min=1, help="Run only this many pairs, from the first.")

@@ -54,7 +54,7 @@ def draw_run(
         "time_by_pixels": pixel_time_figure(store, result),
     }
     if sure := curves_of(store, result, folder, result.method.title):
-        title = f"how sure it is, {result.dataset.label}, split {result.dataset.split}"
+        title = f"how sure it is, {result.dataset.heading}"
         figures["sureness"] = sureness_figure([sure], title)
     groups = group_figures({result.method.title: result}, protocol, store.manifest.scenes)
     figures |= {f"by_{what}": figure for what, figure in groups.items()}
@@ -86,8 +86,8 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
-        f"split {result.dataset.split}, protocol {title_of(protocol)}"
+        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.heading}, "
+        f"protocol {title_of(protocol)}"
     )
     for axis, head in zip(grid[0], HEADS, strict=True):
         axis.set_title(head, fontsize=10)
@@ -121,8 +121,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{style.plain_text(result.method.title)} on {result.dataset.label}, "
-        f"split {result.dataset.split}, protocol {title_of(protocol)}"
+        f"{style.plain_text(result.method.title)} on {result.dataset.heading}, "
+        f"protocol {title_of(protocol)}"
     )
     for line, metric in zip(grid, metrics.values(), strict=True):
         line[0].set_ylabel(metric.axis_label)
@@ -177,7 +177,7 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
-        title=f"depths of {result.dataset.label}, split {result.dataset.split}",
+        title=f"depths of {result.dataset.heading}",
     )
     style.legend_below(figure, axis)
     return figure
@@ -222,8 +222,7 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
         xlabel="pixels of an image",
         ylabel="seconds per pair",
         ylim=(0, None),
-        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.label}, "
-        f"split {result.dataset.split}",
+        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.heading}",
     )
     axis.xaxis.set_major_formatter("{x:,.0f}")
     style.legend_below(figure, axis)
@@ -300,7 +299,7 @@ def _group_figure(
     first = next(iter(results.values()))
     whose = "" if several else f"{style.plain_text(next(iter(results)))} on "
     figure.suptitle(
-        f"{whose}{first.dataset.label}, split {first.dataset.split}, "
+        f"{whose}{first.dataset.heading}, "
         f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
         fontsize=10,
     )

@@ -143,8 +143,7 @@ def _section_of(
         if run.store and (curves := curves_of(run.store, run.result, run.path.parent, run.label))
     ]
     if sure:
-        data = board.result.dataset
-        plots["how sure it is"] = sureness_figure(sure, f"{data.label}, split {data.split}")
+        plots["how sure it is"] = sureness_figure(sure, board.result.dataset.heading)
     regions = region_table({run.label: run.result for run in members})
     tables = (ranking, regions, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)

@@ -235,7 +235,7 @@ def difference_table(
     interval = f"B less A, {interval_name(count)}"
     a, b = names or (method_label(first.method), method_label(second.method))
     return Table(
-        f"A: {a}, B: {b}; {dataset.label}, split {dataset.split}, {protocol}",
+        f"A: {a}, B: {b}; {dataset.heading}, {protocol}",
         ("metric", "pairs", interval, "B better", "B worse", "same"),
         tuple(rows),
         "lllrrr",

@@ -189,6 +189,11 @@ class DatasetRecord(Record):
         """What tables and figures call it: captures that are none say so."""
         return simulated_label(self.name, self.simulated)
 
+    @property
+    def heading(self) -> str:
+        """Its label and the split that was run, as titles say them."""
+        return f"{self.label}, split {self.split}"
+
     def group_of(self, scene: str) -> str:
         """Return the group that a scene is of, its own name if it stands alone."""
         return self.groups.get(scene, scene)
