@@ -19,7 +19,6 @@ from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import Degradation, Formation, Track
 from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.rendered import FAR, FIRST_TRAIN, NEAR, PUBLIC_TRAIN
@@ -143,20 +142,6 @@ def room_examples(
             _keep(path, captures, examples_of(captures))
         found[path.stem] = _kept(path)
     return found
-
-
-def set_examples(store: Dataset, split: str) -> tuple[dict[str, list[Example]], str]:
-    """Return a data set's captures as examples of one camera, and what they are in words.
-
-    Raises
-    ------
-    MethodError
-        If the blur cannot be fitted to them.
-    UnknownNameError
-        If there is no such split.
-    """
-    stem = store.manifest.stem
-    return {stem: examples_of(store.captures(split))}, f"{stem}, split {split}"
 
 
 def _through_lens(number: int) -> list[Capture]:
