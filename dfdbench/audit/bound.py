@@ -20,6 +20,7 @@ from dfdbench.methods.law_cost import blurred_by
 from dfdbench.methods.method import TrainingPair
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.parallel import one_by_one
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table
 
@@ -124,10 +125,9 @@ def split_bounds(
     pairs = store.pairs(split)
     spread = _spread(store, pairs)
     found = {}
-    for number, pair in enumerate(pairs, 1):
+    for pair in one_by_one(pairs, on_pair):
         capture = store.read(pair).two_of(store.manifest.pair_images)
         found[pair] = bound_of(law, capture, spread)
-        on_pair(number, len(pairs))
     return law, found
 
 

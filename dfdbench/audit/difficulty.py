@@ -14,6 +14,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.wording import NOTHING
+from dfdbench.system.parallel import one_by_one
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, percent
 
@@ -147,12 +148,11 @@ def split_difficulty(
     for scene in dict.fromkeys(pair.scene for pair in pairs):
         depth_maps(store, scene)
     found = {}
-    for number, pair in enumerate(pairs, 1):
+    for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
         far = manifest.depth.grows_with == "distance"
         depth = LAST_LEVEL - images.levels if far else images.levels
         found[pair] = smallest_step(images.infocus, depth, images.valid, recipe, noise)
-        on_pair(number, len(pairs))
     return found
 
 

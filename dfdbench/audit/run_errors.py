@@ -186,8 +186,7 @@ def kept_predictions(
         raise ResultError("the result is of another data set", where=str(store.path), fix=fix)
     require_pairs_of(result, store, folder)
     problems = []
-    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
-    for pair in evaluated:
+    for pair in result.evaluated:
         depth, valid = store.read_levels(pair.pair)
         prediction = read_prediction(folder, pair.pair, depth.shape)
         sigma = read_prediction(folder, pair.pair, depth.shape, "sigma")
@@ -200,9 +199,9 @@ def kept_predictions(
             answered = ~np.isnan(prediction)
             levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
             yield pair, depth, valid & answered, levels
-    if problems or not evaluated:
+    if problems or not result.evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
-        what += f" ({len(problems)} of {len(evaluated)} pairs)"
+        what += f" ({len(problems)} of {result.dataset.evaluated} pairs)"
         fix = "run the method again, without --no-predictions"
         raise ResultError(what, where=f"{folder}: {where}", fix=fix)
 
@@ -397,8 +396,7 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
 
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors that one level everywhere makes on the pairs of a run."""
-    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
-    depths = ((pair.id, *store.read_levels(pair.pair)) for pair in evaluated)
+    depths = ((pair.id, *store.read_levels(pair.pair)) for pair in result.evaluated)
     pairs = (
         (i, depth, valid, np.full(depth.shape, level, np.float32)) for i, depth, valid in depths
     )
@@ -468,11 +466,10 @@ def _table(
             metres = [_metres(there, scale)] if scale else []
             levels = range_text(int(there[0]), int(there[-1]))
             rows.append((levels, *metres, percent(first.share(inside)), *means(inside)))
-    whole = np.ones(LEVELS, bool)
     return Table(
         title,
         ("levels", *(["metres"] if scale else []), "of all", *errors),
-        (*rows, ("all", *([""] if scale else []), percent(1.0), *means(whole))),
+        (*rows, ("all", *([""] if scale else []), percent(1.0), *means(WHOLE))),
         "l" + "l" * bool(scale) + "r" * (1 + len(errors)),
         (note,),
         frozenset({len(rows) - 1}),

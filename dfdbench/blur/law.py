@@ -13,6 +13,7 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, KernelSize
 from dfdbench.errors import InputError
 from dfdbench.system.strict import STEPS, Share, check_fields, made_of
+from dfdbench.system.text import toml_text
 
 #: The field that only a law has, and no recipe.
 SIGMAS = "sigmas"
@@ -125,11 +126,7 @@ class BlurLaw:
         >>> print(BlurLaw(sigmas=(1.0, 0.5), noise=(0.25,)).as_toml().splitlines()[0])
         sigmas = [1.0, 0.5]
         """
-        lines = []
-        for name, value in self.as_dict().items():
-            text = str(value).lower() if isinstance(value, bool) else repr(value)
-            lines.append(f"{name} = {text}\n")
-        return "".join(lines)
+        return toml_text(self.as_dict())
 
 
 def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:

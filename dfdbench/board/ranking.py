@@ -15,7 +15,14 @@ from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results.differences import PairedDifference, corrected, paired_difference
-from dfdbench.results.frame import capture_means, group_means, mean_defined, scores_of, with_groups
+from dfdbench.results.frame import (
+    capture_means,
+    defined,
+    group_means,
+    mean_defined,
+    scores_of,
+    with_groups,
+)
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.wording import NOTHING, knew_blur, labelled, method_label, score_text
@@ -226,8 +233,7 @@ def _board(
     means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric")
 
     def score(number: int, metric: str) -> float | None:
-        value = means[metric].get(number, np.nan)
-        return None if np.isnan(value) else float(value)
+        return defined(means[metric].get(number, np.nan))
 
     def order(number: int) -> tuple[float, float]:
         value, tie = score(number, first), score(number, ties)

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -75,7 +74,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     scores = len(columns) - 2
     dataset = board.result.dataset
     return Table(
-        f"{dataset.label}, split {dataset.split}, protocol {title_of(board.protocol)}{scored}",
+        f"{dataset.heading}, protocol {title_of(board.protocol)}{scored}",
         columns,
         rows,
         "rllrl" + "r" * len(metrics) + "lr",
@@ -96,8 +95,8 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
         (
             wording.NOTHING if standing.rank is None else str(standing.rank),
             _linked(standing.entry, folder),
-            _shown(on_clean.get(row, np.nan)),
-            *map(_shown, tracks.loc[row]),
+            wording.score_text(on_clean.get(row, np.nan)),
+            *map(wording.score_text, tracks.loc[row]),
             wording.score_text(standing.scores[board.metric]),
             wording.interval_text(standing.interval),
             str(standing.above or wording.NOTHING),
@@ -140,11 +139,11 @@ def lighting_table(board: ScoreBoard) -> Table:
     metrics = [name for name in metrics_of(board.protocol) if name in set(board.scores["metric"])]
     for row, standing in enumerate(board.standings):
         for metric in metrics:
-            found = [means.at[(metric, level), row] for level in levels]
+            found = [float(means[row][metric, level]) for level in levels]
             name = standing.entry.label if metric == metrics[0] else ""
-            shown = (*map(_shown, found), board.shown(row, metric))
+            shown = (*map(wording.score_text, found), board.shown(row, metric))
             rows.append((name, find_metric(metric).heading, *shown))
-            by_level = {f"{axis} {n}": plain(v) for n, v in zip(levels, found, strict=True)}
+            by_level = {f"{axis} {n}": frame.defined(v) for n, v in zip(levels, found, strict=True)}
             head = {"method": standing.entry.label, "metric": metric}
             records.append({**head, **by_level, "overall": standing.scores[metric]})
     count = len(metrics)
@@ -182,8 +181,8 @@ def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
     for name, scenes in groups.items():
         part = own[own["scene"].isin(scenes)].assign(group=name)
         found = board.means(part, "group").loc[name]
-        rows.append((name, *map(_shown, found)))
-        records.append({what: name, **dict(zip(labels, map(plain, found), strict=True))})
+        rows.append((name, *map(wording.score_text, found)))
+        records.append({what: name, **dict(zip(labels, map(frame.defined, found), strict=True))})
     return Table(
         f"{find_metric(board.metric).heading} by {what}",
         (what, *labels),
@@ -238,7 +237,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 f"{metric}_difference_low": above.low if above else None,
                 f"{metric}_difference_high": above.high if above else None,
                 f"{metric}_difference_p": above.p if above else None,
-                **{place: plain(values[row]) for place, values in by_place.items()},
+                **{place: frame.defined(values[row]) for place, values in by_place.items()},
                 "seconds": entry.seconds,
                 "machine": wording.machine_of(entry.ranked_runs[0]),
                 "pairs": "/".join(
@@ -294,15 +293,6 @@ def link_to(path: Path, folder: Path) -> str:
 
 def _linked(entry: Entry, folder: Path) -> str:
     return Link(entry.label, link_to(entry.path, folder))
-
-
-def plain(value: Any) -> float | None:
-    """Return a number of a table; None if it is NaN."""
-    return None if np.isnan(value) else float(value)
-
-
-def _shown(value: Any) -> str:
-    return wording.score_text(plain(value))
 
 
 def _ranking_notes(board: ScoreBoard) -> list[str]:

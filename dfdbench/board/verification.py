@@ -121,9 +121,7 @@ def verify(
         what = f"{entry} is not built in, and its code is run only if you trust it"
         fix = f"read the code, then add --trust {entry}; use a container (CONTRIBUTING.md)"
         raise ResultError(what, where=where, fix=fix)
-    done = [
-        (result, pair) for result in row.results for pair in result.pairs if pair.status == "ok"
-    ]
+    done = [(result, pair) for result in row.results for pair in result.evaluated]
     if not done:
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
     seed = secrets.randbits(32) if seed is None else seed

@@ -18,6 +18,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 
 #: What says of a stack's images what is known of them.
 STACK_FILE = "stack.json"
@@ -76,7 +77,7 @@ def export_png(
     pairs = store.pairs(split)
     if not pairs:
         raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))
-    for number, pair in enumerate(pairs, 1):
+    for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
         if not images.is_pair:
             _write_stack(folder / pair.id, images, images_only)
@@ -88,8 +89,6 @@ def export_png(
             _write(sharp, images.infocus)
             _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
             _write(depth, images.levels)
-        if on_pair:
-            on_pair(number, len(pairs))
     return len(pairs)
 
 

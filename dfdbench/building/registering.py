@@ -15,7 +15,7 @@ from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
 from dfdbench.rig import geometry, lidar, registration
 from dfdbench.rig.sighting import Sighting, board_rays
-from dfdbench.system.parallel import Shown
+from dfdbench.system.parallel import Shown, one_by_one
 
 _Problems = dict[str, tuple[Problem, ...]]
 _T = TypeVar("_T")
@@ -118,13 +118,11 @@ def register_scenes(
     def each(what: str, names: Sequence[str], work: Callable[[str], _T]) -> dict[str, _T]:
         done = {}
         with shown(what) as step:
-            for number, name in enumerate(names, start=1):
+            for name in one_by_one(names, step):
                 try:
                     done[name] = work(name)
                 except DfdbenchError as error:
                     problems[name] = error.problems
-                if step:
-                    step(number, len(names))
         return done
 
     seen = each(

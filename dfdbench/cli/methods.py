@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from dfdbench.cli.options import Facts, Params, Printed, Seed, methods, values_of
+from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
 from dfdbench.cli.screen import progress, say, show
 from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
+from dfdbench.system.parallel import one_by_one
 from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
@@ -51,9 +52,7 @@ def predict(
         ),
     ] = None,
     param: Params = None,
-    fitted: Annotated[
-        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
-    ] = None,
+    fitted: Fitted = None,
     lens: Annotated[
         Path | None, Option(metavar="FILE", help="TOML of a lens, recipe or law.")
     ] = None,
@@ -158,13 +157,12 @@ def _predict_folder(
     zipped, sure = out.suffix == ".zip", 0
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
-        for number, (name, paths) in enumerate(captures.items(), 1):
+        for name, paths in one_by_one(captures.items(), step):
             if len(paths) == 1:
                 estimate = predictor.of_stack(read_stack(*paths))
             else:
                 estimate = predictor(*map(read_image, paths))
             yield name, estimate
-            step(number, len(captures))
 
     with progress("estimating depth", "the same command begins anew") as step:
         if zipped:

@@ -67,6 +67,7 @@ Method = Annotated[
     Option(help="A name, file.py:function, module:function or model.onnx.", autocompletion=methods),
 ]
 Params = Annotated[list[str] | None, Option("--param", help="The method's NAME=VALUE; repeatable.")]
+Fitted = Annotated[Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")]
 Split = Annotated[str, Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
 

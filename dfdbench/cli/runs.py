@@ -33,9 +33,7 @@ def run(
     images: Annotated[
         str | None, Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
-    fitted: Annotated[
-        Path | None, Option(metavar="RUN", help="Use what this run's fit learned.")
-    ] = None,
+    fitted: options.Fitted = None,
     out: options.Out = None,
     limit: Annotated[
         int | None, Option(min=1, help="Run only this many pairs, from the first.")
@@ -301,8 +299,7 @@ def _show(
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
         facts["verdict"] = done.verdict_facts()
-        nothing = not any(pair.status == "ok" for pair in done.result.pairs)
-        if done.failed and nothing and not done.result.method.scored:
+        if done.failed and not done.result.evaluated and not done.result.method.scored:
             then = f"dfdbench check-method {done.result.method.entry}"
         facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
         say(verdict_text(facts["verdict"]))
@@ -320,5 +317,5 @@ def _say_score(label: str, result: Result, protocol: str) -> None:
     from dfdbench.results.wording import score_text
 
     metric = ranked_by(protocol)[0]
-    score = (result.averages or {}).get(protocol, {}).get(metric)
-    say(f"{label:<12} {metrics_of(protocol)[metric].title} {score_text(score)}")
+    score = score_text(result.mean(protocol, metric))
+    say(f"{label:<12} {metrics_of(protocol)[metric].title} {score}")

@@ -74,7 +74,7 @@ def train_command(
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.configuration import precision_for, read_configuration
         from dfdbench.training.task import task_of
-        from dfdbench.training.trainer import TrainingFolder, train
+        from dfdbench.training.trainer import train
     use_threads(threads)
     store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
@@ -87,10 +87,7 @@ def train_command(
     name = f"{method}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     default = Path("training") / f"{store.path.stem}-{trained}" / name
-    # --fresh removes an earlier training, and must not remove the weights to begin with.
-    place = output_place(out or default, start if fresh else None, replaces=True)
-    folder = TrainingFolder(place)
-    _prepare(folder, resume, fresh)
+    folder = _folder(out or default, start, resume, fresh)
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method}", RESUMED) as bar:
@@ -98,7 +95,7 @@ def train_command(
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     tables = [card_table(outcome.card), patches_table(drawn)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
-    _tell(folder, outcome, f"--method {method} --dataset {dataset}")
+    _tell_outcome(outcome, f"--method {method} --dataset {dataset}")
 
 
 def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
@@ -126,9 +123,9 @@ def _train_on_cameras(
     with needed():
         from dfdbench.figures.trainings import cameras_figure
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.cameras import Course, steps_of, train_on_cameras
+        from dfdbench.training.cameras import Course, set_examples, steps_of, train_on_cameras
         from dfdbench.training.stacks import STACK_NET
-        from dfdbench.training.trainer import FIGURES, TrainingFolder
+        from dfdbench.training.trainer import FIGURES
         from dfdbench.training.volumes import VOLUME_NET
     course: Course[Any] = STACK_NET if method == STACK_NET.method else VOLUME_NET
     steps = steps_of(course, changes)
@@ -138,11 +135,9 @@ def _train_on_cameras(
     store = open_dataset(dataset, cache=cache) if dataset else None
     what = f"{store.path.stem}-{split or 'train'}" if store else "rooms"
     default = Path("training") / what / (method + (f"-seed{seed}" if seed else ""))
-    place = output_place(out or default, start if fresh else None, replaces=True)
-    folder = TrainingFolder(place)
-    _prepare(folder, resume, fresh)
+    place = _folder(out or default, start, resume, fresh).path
     if store:
-        examples, trained_on = course.of_set(store, split or "train")
+        examples, trained_on = set_examples(course, store, split or "train")
     else:
         with progress("rendering rooms", "the same command goes on, at most a camera back") as bar:
             examples = course.of_rooms(place.parent / "examples", bar)
@@ -153,9 +148,7 @@ def _train_on_cameras(
         )
     save_figure(cameras_figure(log, f"{method}, {trained_on}, seed {seed}"), place / FIGURES[0])
     show(format, [card_table(card)], weights=path, card=card.model_dump())
-    say(f"log          {place / 'losses.csv'}, scores.csv")
-    say(f"weights      {path}, and their card {path.with_suffix('.md')}")
-    say(f"next         dfdbench run --method {method} --param weights={path}")
+    _tell("scores.csv", path, f"--method {method}")
 
 
 def _keep_figures(
@@ -176,15 +169,18 @@ def _keep_figures(
     return drawn
 
 
-def _tell(training: TrainingFolder, outcome: TrainingOutcome, run: str) -> None:
+def _tell_outcome(outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
-    folder = training.path
     scores = "scores.csv, " if outcome.log.scores else ""
-    say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
-    say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
-    say(f"next         dfdbench run {run} --param weights={outcome.weights}")
+    _tell(f"{scores}depth_levels.csv, patches.csv", outcome.weights, run)
+
+
+def _tell(logs: str, weights: Path, run: str) -> None:
+    say(f"log          {weights.with_name('losses.csv')}, {logs}")
+    say(f"weights      {weights}, and their card {weights.with_suffix('.md')}")
+    say(f"next         dfdbench run {run} --param weights={weights}")
 
 
 def card_table(card: Card) -> Table:
@@ -221,8 +217,13 @@ def patches_table(drawn: Selections) -> Table:
     return Table(title, ("which", "patches", "pair"), tuple(rows), "lrl")
 
 
-def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
-    folder, another = training.path, "choose another with --out DIR"
+def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) -> TrainingFolder:
+    """Return the folder of a training, or refuse one that holds what may not be lost."""
+    from dfdbench.training.trainer import TrainingFolder
+
+    # --fresh removes an earlier training, and must not remove the weights to begin with.
+    folder = output_place(place, start if fresh else None, replaces=True)
+    training, another = TrainingFolder(folder), "choose another with --out DIR"
     what, fix = "", another
     if folder.exists() and not folder.is_dir():
         what = "not a folder"
@@ -237,6 +238,7 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
         fix = f"--resume goes on, --fresh starts anew, or {another}"
     if what:
         raise InputError(what, where=str(folder), fix=fix)
+    return training
 
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"

@@ -24,7 +24,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import Predictions, keep_store_place, open_run_folder
 from dfdbench.system.files import write_whole, writing_folder
-from dfdbench.system.parallel import Pool, Shown
+from dfdbench.system.parallel import Pool, Shown, one_by_one
 
 
 def evaluate(
@@ -182,15 +182,13 @@ def score_predictions(
         keep_store_place(folder, store.path)
         records: dict[str, PairResult] = {}
         kept = Predictions(folder, store.manifest)
-        for number, pair in enumerate(found.files, 1):
+        for pair in one_by_one(found.files, on_pair):
             images = store.read(pair)
             depth, sigma = found.read(pair, store.shape_of(pair.scene))
             answer = Prediction(depth, 0.0, sigma=sigma)
             record = record_of(store, images, answer, protocols_on(store))
             records[pair.id] = record.model_copy(update={"seconds": None})
             kept.keep(pair, depth, sigma)
-            if on_pair:
-                on_pair(number, len(found.files))
         pairs = [
             records.get(pair.id) or blank_record(pair, "missing")
             for pair in store.manifest.pairs(split)

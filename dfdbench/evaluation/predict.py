@@ -20,7 +20,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources.captured_images import matched
-from dfdbench.building.sources.image_files import read_photograph
+from dfdbench.building.sources.image_files import SUFFIXES, read_photograph
 from dfdbench.building.sources.matching import matching_of
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 Image = NDArray[np.uint8]
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
 Camera = str | Path | Mapping[str, Any] | BlurRecipe | BlurLaw
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 @dataclass(frozen=True)
@@ -422,7 +421,7 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
     """
     there: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.rglob("*")):
-        images = path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES
+        images = path.suffix.lower() in SUFFIXES and path.stem in ROLES
         if images or path.name == STACK_FILE:
             name = path.parent.relative_to(folder).as_posix()
             there.setdefault(name, {})[path.stem if images else STACK_FILE] = path

@@ -16,6 +16,7 @@ from dfdbench.methods.fitted import Solver
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.methods.rims import settle_rims
 from dfdbench.metrics.protocol import protocols_of, score
+from dfdbench.system.parallel import one_by_one
 
 _SHAPE = (24, 40)
 #: Those of networks alone, of which numba compiles nothing, and one that needs PyTorch, too.
@@ -31,11 +32,8 @@ def warm_up(on_step: Callable[[int, int], None] | None = None) -> None:
     on_step : callable, optional
         Called with (steps done, steps in all).
     """
-    steps = list(_steps())
-    for number, step in enumerate(steps, 1):
+    for step in one_by_one(list(_steps()), on_step):
         step()
-        if on_step:
-            on_step(number, len(steps))
 
 
 def _steps() -> Iterator[Callable[[], object]]:

@@ -34,7 +34,7 @@ def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figur
     each lighting beside the other.
     """
     dataset = runs[0].result.dataset
-    pairs = [pair for run in runs for pair in run.result.pairs if pair.status == "ok"]
+    pairs = [pair for run in runs for pair in run.result.evaluated]
     if not pairs:
         return {}
     if dataset.rows is None:
@@ -83,8 +83,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     found = [
         (run.label, seconds, score)
         for run in runs
-        if (score := (run.result.averages or {}).get(protocol, {}).get(name))
-        and (seconds := median_seconds([run.result]))
+        if (score := run.result.mean(protocol, name)) and (seconds := median_seconds([run.result]))
     ]
     if not found:
         return None
@@ -185,8 +184,7 @@ def _by_lighting(run: SavedRun) -> list[PairResult]:
 
 
 def _pairs_at(run: SavedRun, place: dict[str, int]) -> list[PairResult]:
-    pairs = (pair for pair in run.result.pairs if pair.status == "ok")
-    return [pair for pair in pairs if place.items() <= pair.coordinates.items()]
+    return [pair for pair in run.result.evaluated if place.items() <= pair.coordinates.items()]
 
 
 def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:

@@ -54,7 +54,7 @@ def draw_run(
         "time_by_pixels": pixel_time_figure(store, result),
     }
     if sure := curves_of(store, result, folder, result.method.title):
-        title = f"how sure it is, {result.dataset.label}, split {result.dataset.split}"
+        title = f"how sure it is, {result.dataset.heading}"
         figures["sureness"] = sureness_figure([sure], title)
     groups = group_figures({result.method.title: result}, protocol, store.manifest.scenes)
     figures |= {f"by_{what}": figure for what, figure in groups.items()}
@@ -86,8 +86,8 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
-        f"split {result.dataset.split}, protocol {title_of(protocol)}"
+        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.heading}, "
+        f"protocol {title_of(protocol)}"
     )
     for axis, head in zip(grid[0], HEADS, strict=True):
         axis.set_title(head, fontsize=10)
@@ -107,7 +107,7 @@ def panel_figure(
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
     """Draw each metric by scene and lighting, as the thesis's Figs 5.11 to 5.13."""
-    pairs = [pair for pair in result.pairs if pair.status == "ok"]
+    pairs = result.evaluated
     if not pairs:
         return None
     blocks, rows = result.dataset.blocks, result.dataset.rows
@@ -121,8 +121,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{style.plain_text(result.method.title)} on {result.dataset.label}, "
-        f"split {result.dataset.split}, protocol {title_of(protocol)}"
+        f"{style.plain_text(result.method.title)} on {result.dataset.heading}, "
+        f"protocol {title_of(protocol)}"
     )
     for line, metric in zip(grid, metrics.values(), strict=True):
         line[0].set_ylabel(metric.axis_label)
@@ -177,7 +177,7 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
-        title=f"depths of {result.dataset.label}, split {result.dataset.split}",
+        title=f"depths of {result.dataset.heading}",
     )
     style.legend_below(figure, axis)
     return figure
@@ -187,7 +187,7 @@ def _depth_counts(
     store: Dataset, result: Result, folder: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for pair in [record.pair for record in result.pairs if record.status == "ok"]:
+    for pair in [record.pair for record in result.evaluated]:
         depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
             counts = valid & ~np.isnan(prediction)
@@ -222,8 +222,7 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
         xlabel="pixels of an image",
         ylabel="seconds per pair",
         ylim=(0, None),
-        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.label}, "
-        f"split {result.dataset.split}",
+        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.heading}",
     )
     axis.xaxis.set_major_formatter("{x:,.0f}")
     style.legend_below(figure, axis)
@@ -232,8 +231,8 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
 
 def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
     times: dict[int, list[float]] = {}
-    for pair in result.pairs:
-        if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:
+    for pair in result.evaluated:
+        if pair.timed_alone and pair.seconds is not None:
             rows, columns = store.shape_of(pair.scene)
             times.setdefault(rows * columns, []).append(pair.seconds)
     return times
@@ -259,7 +258,7 @@ def group_figures(
         By what groups the pairs.
     """
     labels = scene_labels(scenes)
-    if not labels or not any(p.status == "ok" for r in results.values() for p in r.pairs):
+    if not labels or not any(result.evaluated for result in results.values()):
         return {}
     blocks = next(iter(results.values())).dataset.blocks
     figures = {blocks: _group_figure(results, protocol, blocks, None)}
@@ -274,7 +273,7 @@ def _group_figure(
     def label(pair: PairResult) -> str | None:
         return label_of.get(pair.scene) if label_of else str(pair.coordinates[what])
 
-    found = [pair for result in results.values() for pair in result.pairs if pair.status == "ok"]
+    found = [pair for result in results.values() for pair in result.evaluated]
     labels = [name for name in dict.fromkeys(map(label, found)) if name is not None]
     several = len(results) > 1
     height = 1.3 + max(0.3, 0.16 * len(results)) * len(labels) + 0.3 * several
@@ -300,7 +299,7 @@ def _group_figure(
     first = next(iter(results.values()))
     whose = "" if several else f"{style.plain_text(next(iter(results)))} on "
     figure.suptitle(
-        f"{whose}{first.dataset.label}, split {first.dataset.split}, "
+        f"{whose}{first.dataset.heading}, "
         f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
         fontsize=10,
     )
@@ -313,11 +312,9 @@ def _by_label(
     result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
 ) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
-    for pair in result.pairs:
-        name = label(pair)
-        if pair.status != "ok" or name is None:
-            continue
-        if (score := pair.score(protocol, metric)) is not None:
+    for pair in result.evaluated:
+        name, score = label(pair), pair.score(protocol, metric)
+        if name is not None and score is not None:
             found.setdefault(name, []).append(score)
     return found
 

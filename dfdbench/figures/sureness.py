@@ -66,7 +66,7 @@ def curves_of(store: Dataset, result: Result, folder: Path, label: str) -> Curve
     if SURE not in result.protocol_names:
         return None
     errors, least, held = [], [], []
-    for record in (pair for pair in result.pairs if pair.status == "ok"):
+    for record in result.evaluated:
         found = _errors(store, record.pair, folder)
         if found is None or not found.squares.size:
             continue

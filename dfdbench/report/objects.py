@@ -342,11 +342,10 @@ class Transfer:
     def table(self) -> pd.DataFrame:
         """Return the means: a row per set that it was fitted on, a column per set of the test."""
         means = {
-            pair: (result.averages or {}).get(self.protocol, {}).get(self._name, np.nan)
-            for pair, result in self.results.items()
+            pair: result.mean(self.protocol, self._name) for pair, result in self.results.items()
         }
         order = list(dict.fromkeys(own for own, _ in means))
-        frame = pd.Series(means).unstack().loc[order, order]
+        frame = pd.Series(means, dtype=float).unstack().loc[order, order]
         return frame.rename_axis(index="fitted on", columns="tested on")
 
     def worst(self) -> float:

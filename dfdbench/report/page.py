@@ -32,6 +32,7 @@ from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import RunSummary, summarise
 from dfdbench.results.wording import score_text, seconds_text
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 from dfdbench.system.thumbnails import webp_address
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table
@@ -142,8 +143,7 @@ def _section_of(
         if run.store and (curves := curves_of(run.store, run.result, run.path.parent, run.label))
     ]
     if sure:
-        data = board.result.dataset
-        plots["how sure it is"] = sureness_figure(sure, f"{data.label}, split {data.split}")
+        plots["how sure it is"] = sureness_figure(sure, board.result.dataset.heading)
     regions = region_table({run.label: run.result for run in members})
     tables = (ranking, regions, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
@@ -227,10 +227,8 @@ def write_html(
     pictures: dict[str, str] = {}
     of_data: dict[tuple[str, str], dict[str, str]] = {}
     cards = []
-    for number, (run, pair) in enumerate(content.pairs, 1):
+    for run, pair in one_by_one(content.pairs, on_pair):
         cards += _cards(run, pair, protocol, pictures, of_data)
-        if on_pair:
-            on_pair(number, len(content.pairs))
     templates = resources.files("dfdbench.report")
     # Names of methods are untrusted text: jinja escapes them.
     environment = jinja2.Environment(

@@ -83,7 +83,7 @@ def _score(result: Result, protocol: str) -> Line:
     """Return the mean scores; of an incomplete run, those of what was run, and why."""
     data, count = result.dataset, counted(result.dataset.expected, "pair")
     under = f"protocol {protocol}, split {data.split}"
-    done = [pair for pair in result.pairs if pair.status == "ok"]
+    done = result.evaluated
     if gaps := sum(pair.lacks_answers(protocol) for pair in done):
         why = f"{counted(gaps, 'pair')} without an answer for every pixel"
         return {"text": f"none: {why}  ({under}; --protocol sure)"}

@@ -124,11 +124,11 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
     """Return the change of each pair that both runs evaluated and for which the metric exists."""
-    others = {pair.id: pair for pair in second.pairs if pair.status == "ok"}
+    others = {pair.id: pair for pair in second.evaluated}
     found, about = [], find_metric(metric)
-    for pair in first.pairs:
+    for pair in first.evaluated:
         other = others.get(pair.id)
-        if pair.status != "ok" or other is None:
+        if other is None:
             continue
         before, after = pair.score(protocol, metric), other.score(protocol, metric)
         if before is not None and after is not None:
@@ -235,7 +235,7 @@ def difference_table(
     interval = f"B less A, {interval_name(count)}"
     a, b = names or (method_label(first.method), method_label(second.method))
     return Table(
-        f"A: {a}, B: {b}; {dataset.label}, split {dataset.split}, {protocol}",
+        f"A: {a}, B: {b}; {dataset.heading}, {protocol}",
         ("metric", "pairs", interval, "B better", "B worse", "same"),
         tuple(rows),
         "lllrrr",
@@ -319,9 +319,9 @@ def changes_to_show(
 
 
 def _same_depth_maps(first: Result, second: Result) -> bool:
-    others = {pair.id: pair.prediction_sha256 for pair in second.pairs if pair.status == "ok"}
+    others = {pair.id: pair.prediction_sha256 for pair in second.evaluated}
     return all(
         pair.prediction_sha256 is not None and pair.prediction_sha256 == others[pair.id]
-        for pair in first.pairs
-        if pair.status == "ok" and pair.id in others
+        for pair in first.evaluated
+        if pair.id in others
     )

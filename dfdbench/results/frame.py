@@ -143,14 +143,19 @@ def capture_means(scores: pd.DataFrame, by: str) -> pd.Series:
 
 def with_groups(values: pd.Series) -> tuple[list[float], list[str]]:
     """Return the values of `capture_means` that are not NaN, and the group of each."""
-    defined = values.dropna()
-    return defined.tolist(), defined.index.get_level_values("group").tolist()
+    known = values.dropna()
+    return known.tolist(), known.index.get_level_values("group").tolist()
 
 
 def mean_defined(numbers: NDArray[np.float64]) -> float:
     """Return the mean of the numbers that are not NaN, or NaN if there are none."""
     mean = mean_of(numbers[~np.isnan(numbers)].tolist())
     return np.nan if mean is None else mean
+
+
+def defined(value: float) -> float | None:
+    """Return a number of a table; None if it is NaN."""
+    return None if np.isnan(value) else float(value)
 
 
 def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
@@ -236,14 +241,14 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == first_by)]
     intervals = _intervals(own, shown["mean"])
     rows = tuple(
-        (str(track), *map(_shown, values), interval_text(interval))
+        (str(track), *map(score_text, values), interval_text(interval))
         for (track, values), interval in zip(shown.iterrows(), intervals, strict=True)
     )
     records = tuple(
         {
             "track": track,
             **{
-                f"{name} {CLEAN if column == 0 else column}": None if np.isnan(value) else value
+                f"{name} {CLEAN if column == 0 else column}": defined(value)
                 for name, means in by_metric.items()
                 # Results from before a metric have none of it.
                 for column, value in means.reindex_like(shown).loc[track].items()
@@ -272,10 +277,6 @@ def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, floa
         None if np.isnan(mean) else group_interval(*with_groups(values.loc[str(track)]))
         for track, mean in means.items()
     ]
-
-
-def _shown(value: float) -> str:
-    return score_text(None if np.isnan(value) else value)
 
 
 def _notes(results: Sequence[Result]) -> list[str]:

@@ -189,6 +189,11 @@ class DatasetRecord(Record):
         """What tables and figures call it: captures that are none say so."""
         return simulated_label(self.name, self.simulated)
 
+    @property
+    def heading(self) -> str:
+        """Its label and the split that was run, as titles say them."""
+        return f"{self.label}, split {self.split}"
+
     def group_of(self, scene: str) -> str:
         """Return the group that a scene is of, its own name if it stands alone."""
         return self.groups.get(scene, scene)
@@ -275,7 +280,7 @@ class Result(Record):
                 raise ValueError(f"{pair.id} is not scored under {', '.join(protocols)}")
             if pair.machine >= len(self.environments):
                 raise ValueError(f"{pair.id} was run on a machine that is not listed")
-        counts = len(pairs), sum(pair.status == "ok" for pair in pairs)
+        counts = len(pairs), len(self.evaluated)
         if counts != (data.expected, data.evaluated) or len({p.id for p in pairs}) < len(pairs):
             raise ValueError("the pairs do not add up")
         return self
@@ -291,9 +296,18 @@ class Result(Record):
         return (self.environment, *self.other_environments)
 
     @property
+    def evaluated(self) -> list[PairResult]:
+        """The pairs that have scores."""
+        return [pair for pair in self.pairs if pair.status == "ok"]
+
+    @property
     def complete(self) -> bool:
         """True where every expected pair was evaluated; only then is there an average."""
-        return all(pair.status == "ok" for pair in self.pairs)
+        return len(self.evaluated) == len(self.pairs)
+
+    def mean(self, protocol: str, metric: str) -> float | None:
+        """Return a metric's average; None where there is none."""
+        return (self.averages or {}).get(protocol, {}).get(metric)
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:

@@ -49,7 +49,7 @@ def region_table(results: Mapping[str, Result]) -> Table:
         rows.append((name, *map(score_text, means)))
     dataset = next(iter(results.values())).dataset
     return Table(
-        f"NRMSE by region, {dataset.label}, split {dataset.split}",
+        f"NRMSE by region, {dataset.heading}",
         ("method", *REGIONS),
         tuple(rows),
         "l" + "r" * len(REGIONS),
@@ -73,8 +73,7 @@ def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
-        f"{result.method.title} on {dataset.label}, split {dataset.split}, "
-        f"protocol {title_of(summary.protocol)} "
+        f"{result.method.title} on {dataset.heading}, protocol {title_of(summary.protocol)} "
         f"({state}{dataset.evaluated} of {counted(dataset.expected, 'pair')})"
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
@@ -156,7 +155,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if value.low is not None
     ]
     if intervals:
-        count = len({result.dataset.group_of(p.scene) for p in result.pairs if p.status == "ok"})
+        count = len({result.dataset.group_of(pair.scene) for pair in result.evaluated})
         what = f"95 % interval of the overall mean, over {count} groups of scenes"
         if count < INTERVAL_GROUPS:
             what = f"range of the means of {count} groups of scenes, too few for an interval"
@@ -333,10 +332,7 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
     heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset
-    title = (
-        f"{result.method.title} on {dataset.label}, split {dataset.split}, by {what}, "
-        f"protocol {title_of(protocol)}"
-    )
+    title = f"{result.method.title} on {dataset.heading}, by {what}, protocol {title_of(protocol)}"
     columns = (what, "scenes", *heads, "pairs")
     return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
 

@@ -170,8 +170,8 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
     first_by, ties_by = ranked_by(protocol)
     keys = [
         (first, pair.score(protocol, ties_by), pair.id, pair)
-        for pair in result.pairs
-        if pair.status == "ok" and (first := pair.score(protocol, first_by)) is not None
+        for pair in result.evaluated
+        if (first := pair.score(protocol, first_by)) is not None
     ]
     return tuple(pair for *_, pair in sorted(keys, key=lambda key: key[:3]))
 

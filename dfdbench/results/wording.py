@@ -1,6 +1,7 @@
 """How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -122,14 +123,14 @@ def _is_taken_for_other(text: str) -> bool:
 
 
 def score_text(value: float | None, nothing: str = NOTHING) -> str:
-    """Return a score with the four digits that the thesis prints; a dash where there is none.
+    """Return a score with the four digits that the thesis prints; a dash for None and NaN.
 
     Examples
     --------
-    >>> score_text(0.12345), score_text(None), score_text(None, "undefined")
+    >>> score_text(0.12345), score_text(math.nan), score_text(None, "undefined")
     ('0.1235', '–', 'undefined')
     """
-    return nothing if value is None else f"{value:.4f}"
+    return nothing if value is None or math.isnan(value) else f"{value:.4f}"
 
 
 def interval_text(interval: tuple[float, float] | None) -> str:

@@ -15,6 +15,7 @@ from dfdbench.rig import sighting as sights
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, Floats
 from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.parallel import one_by_one
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
@@ -111,13 +112,11 @@ def register(
     """
     fitted: dict[str, sights.Fitted] = {}
     problems: dict[str, tuple[Problem, ...]] = {}
-    for number, (name, sighting) in enumerate(sightings.items(), start=1):
+    for name, sighting in one_by_one(sightings.items(), on_scene):
         try:
             fitted[name] = sights.fit_board(sighting, rig)
         except DfdbenchError as error:
             problems[name] = error.problems
-        if on_scene:
-            on_scene(number, len(sightings))
     members = _of_one_rig(fitted, rig)
     boards = list(members.values())
     together = _known_to(boards, rig)

@@ -5,7 +5,7 @@ import os
 import re
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -27,6 +27,24 @@ Hear = Callable[[int, Outcome], None]
 _SECONDS_TO_ANSWER = 30
 #: How a scheduler is named: HOST:PORT, with a protocol before it or without.
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
+
+
+def one_by_one(items: Collection[Item], on_done: OnDone | None) -> Iterator[Item]:
+    """Yield each item; `on_done` is called with (items done, items in all) as each is over.
+
+    Examples
+    --------
+    >>> for letter in one_by_one("ab", lambda done, total: print(done, "of", total)):
+    ...     print(letter)
+    a
+    1 of 2
+    b
+    2 of 2
+    """
+    for number, item in enumerate(items, 1):
+        yield item
+        if on_done:
+            on_done(number, len(items))
 
 
 class Pool(ABC):

@@ -102,6 +102,20 @@ def require_same(
     InputError.raise_if(problems)
 
 
+def toml_text(content: Mapping[str, Any]) -> str:
+    """Return texts, numbers, switches and lists of them as TOML, a line a name.
+
+    Examples
+    --------
+    >>> print(toml_text({"filters": [4, 256], "schedule": "cosine", "decay_prelu": True}), end="")
+    filters = [4, 256]
+    schedule = "cosine"
+    decay_prelu = true
+    """
+    # What JSON writes of these TOML reads alike.
+    return "".join(f"{name} = {json.dumps(value)}\n" for name, value in content.items())
+
+
 def parse_toml(text: str) -> dict[str, Any]:
     """Return what TOML says.
 

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
@@ -58,9 +59,10 @@ class Course(Generic[E]):
         How the blur of the examples is known, for the card.
     rooms : str
         What its rendered rooms are called on a card.
-    of_rooms, of_set : callable
-        Make examples of them by camera, kept in a folder; or of a data set's split, with what
-        those are in words.
+    of_rooms : callable
+        Make examples of them by camera, kept in a folder.
+    of_captures : callable
+        Make examples of a data set's captures.
     held_out : collection of str
         Cameras that only test.
     steps : int
@@ -80,7 +82,7 @@ class Course(Generic[E]):
     recipe: str
     rooms: str
     of_rooms: Callable[[Path, Callable[[int, int], None] | None], Mapping[str, Sequence[E]]]
-    of_set: Callable[[Dataset, str], tuple[Mapping[str, Sequence[E]], str]]
+    of_captures: Callable[[Sequence[Capture]], Sequence[E]]
     held_out: Collection[str]
     steps: int
     crops: int
@@ -89,6 +91,22 @@ class Course(Generic[E]):
     shape_of: Callable[[E], tuple[int, ...]]
     loss: Callable[[Any, Sequence[E], int, int, bool], Tensor]
     error: Callable[[Any, E], float]
+
+
+def set_examples(
+    course: Course[E], store: Dataset, split: str
+) -> tuple[Mapping[str, Sequence[E]], str]:
+    """Return a split's captures as examples of one camera, and what they are in words.
+
+    Raises
+    ------
+    MethodError
+        If the course cannot make examples of them.
+    UnknownNameError
+        If there is no such split.
+    """
+    stem = store.manifest.stem
+    return {stem: course.of_captures(store.captures(split))}, f"{stem}, split {split}"
 
 
 def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:

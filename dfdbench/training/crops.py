@@ -18,6 +18,7 @@ from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError
+from dfdbench.system.parallel import one_by_one
 from dfdbench.training.configuration import Expansion
 
 #: What cross-entropy leaves out.
@@ -439,11 +440,9 @@ def selections_of(
         Called with (steps counted, steps in all).
     """
     places = np.empty((steps * cropper.count, 3), np.int32)
-    for step in range(steps):
+    for step in one_by_one(range(steps), on_step):
         first = step * cropper.count
         places[first : first + cropper.count] = [
             (place.index, place.top, place.left) for place in cropper.places(step)
         ]
-        if on_step:
-            on_step(step + 1, steps)
     return Selections(tuple(pairs), cropper.shapes, cropper.size, places)

@@ -15,14 +15,12 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
-from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Shown
 from dfdbench.system.strict import Record
-from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table
+from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.learner import EndedBy
-from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
+from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image, write_tables
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
 from dfdbench.training.trainer import WEIGHTS, train
 
@@ -232,18 +230,13 @@ def run_trials(
         with shown(f"{number} of {len(planned)}: {trial.folder.name}") as step:
             cards.append((trial.value, run_trial(trial, max_seconds, device, step)))
         tables = [experiment_table(experiment, cards, protocol) for protocol in LOGGED]
-        _keep(folder, tables)
+        write_tables(folder / "scores", tables)
     if experiment.name == REDUCTION:
         weights = {trial.value: trial.folder / WEIGHTS for trial in planned}
         seconds = seconds_an_image(weights, planned[0].task.store, device)
         tables = [comparison_table(experiment.title, cards, seconds, label) for label in LOGGED]
-        _keep(folder, tables)
+        write_tables(folder / "scores", tables)
     return tables, cards
-
-
-def _keep(folder: Path, tables: Sequence[Table]) -> None:
-    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
-        write_whole(folder / f"scores.{suffix}", render(tables, format))
 
 
 def _is_of(card: Card, task: Task, device: str) -> bool:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import Capture, eight_bits
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.rendered import FIRST_TRAIN
 from dfdbench.methods.shape_from_focus import focus_places
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 
 #: What rendered stacks are called on a card.
 STACKS = "rooms of unseen-0 from 1000 on, focused through random lenses"
@@ -63,7 +63,7 @@ def room_stacks(
         Called with (cameras done, cameras in all).
     """
     found = {}
-    for number in range(CAMERAS):
+    for number in one_by_one(range(CAMERAS), on_camera):
         path = folder / f"stack-{number:02}.npz"
         if not path.exists():
             content = io.BytesIO()
@@ -71,26 +71,17 @@ def room_stacks(
             write_whole(path, content.getvalue())
         with np.load(path) as arrays:
             found[path.stem] = [Stack(**arrays)]
-        if on_camera:
-            on_camera(number + 1, CAMERAS)
     return found
 
 
-def set_stacks(store: Dataset, split: str) -> tuple[dict[str, list[Stack]], str]:
-    """Return a data set's stacks as those of one camera, and what they are in words.
+def stack_of(capture: Capture) -> Stack:
+    """Return a capture as the network sees it.
 
     Raises
     ------
     MethodError
-        If a capture is no stack of three images or more with known focus.
-    UnknownNameError
-        If there is no such split.
+        If it is no stack of three images or more with known focus.
     """
-    stem = store.manifest.stem
-    return {stem: [_of(capture) for capture in store.captures(split)]}, f"{stem}, split {split}"
-
-
-def _of(capture: Capture) -> Stack:
     places, where = focus_places(capture.stack, "stack-net")
     truth = 1 / capture.depth if capture.about.kind == "metres" else capture.depth
     images = eight_bits(capture.images[where])

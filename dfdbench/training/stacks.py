@@ -15,7 +15,7 @@ from dfdbench.methods.networks.stack import StackNet, places_of
 from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.stack_net import greys_of
 from dfdbench.training.cameras import Course, cut, loss_of, side_of, turned
-from dfdbench.training.stack_examples import CAMERAS, EVERY, STACKS, Stack, room_stacks, set_stacks
+from dfdbench.training.stack_examples import CAMERAS, EVERY, STACKS, Stack, room_stacks, stack_of
 
 #: How many crops a step has, their rows and columns, and the fewest images.
 CROPS, CROP, FEWEST = 4, 160, 3
@@ -104,7 +104,7 @@ STACK_NET = Course(
     recipe="rendered by rays",
     rooms=STACKS,
     of_rooms=room_stacks,
-    of_set=set_stacks,
+    of_captures=lambda captures: [stack_of(capture) for capture in captures],
     held_out=HELD_OUT,
     steps=3000,
     crops=CROPS,

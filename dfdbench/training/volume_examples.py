@@ -19,7 +19,6 @@ from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import Degradation, Formation, Track
 from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.rendered import FAR, FIRST_TRAIN, NEAR, PUBLIC_TRAIN
@@ -30,6 +29,7 @@ from dfdbench.methods.networks.volume import MOST
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import one_by_one
 
 Array = NDArray[Any]
 
@@ -135,29 +135,13 @@ def room_examples(
     ]
     cameras = [(name, make, number) for name, make, count in makers for number in range(count)]
     found = {}
-    for done, (name, make, number) in enumerate(cameras, 1):
+    for name, make, number in one_by_one(cameras, on_camera):
         path = folder / f"{name}-{number:02}.npz"
         if not path.exists():
             captures = make(number)
             _keep(path, captures, examples_of(captures))
         found[path.stem] = _kept(path)
-        if on_camera:
-            on_camera(done, len(cameras))
     return found
-
-
-def set_examples(store: Dataset, split: str) -> tuple[dict[str, list[Example]], str]:
-    """Return a data set's captures as examples of one camera, and what they are in words.
-
-    Raises
-    ------
-    MethodError
-        If the blur cannot be fitted to them.
-    UnknownNameError
-        If there is no such split.
-    """
-    stem = store.manifest.stem
-    return {stem: examples_of(store.captures(split))}, f"{stem}, split {split}"
 
 
 def _through_lens(number: int) -> list[Capture]:

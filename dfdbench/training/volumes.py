@@ -19,9 +19,9 @@ from dfdbench.training.volume_examples import (
     ROOMS,
     TOLD_STEPS,
     Example,
+    examples_of,
     nats_of,
     room_examples,
-    set_examples,
 )
 
 #: Cameras of rendered rooms that only test, by name.
@@ -109,7 +109,7 @@ VOLUME_NET = Course(
     recipe="of each camera by itself, fitted",
     rooms=ROOMS,
     of_rooms=room_examples,
-    of_set=set_examples,
+    of_captures=examples_of,
     held_out=HELD_OUT,
     steps=12_000,
     crops=CROPS,

@@ -18,10 +18,11 @@ from dfdbench.board.board import NOTE, Board
 from dfdbench.board.cards import Card, cards_table
 from dfdbench.board.published import load_published, published_summary, published_table
 from dfdbench.board.ranking import Entry, ScoreBoard, Standing
-from dfdbench.board.tables import further_tables, link_to, plain, ranking_table, tracks_of
+from dfdbench.board.tables import further_tables, link_to, ranking_table, tracks_of
 from dfdbench.datasets.catalog import part_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.results.frame import defined
 from dfdbench.results.record import SCORED, Result
 from dfdbench.results.wording import NOTHING, given_to, machine_of, seconds_text
 from dfdbench.tables.render import as_markdown, escape_markdown
@@ -231,7 +232,7 @@ def _ranking(board: ScoreBoard, whole: Board) -> dict[str, Any]:
         tracks = pd.DataFrame(tracks_of(board).xs(board.metric, level="metric"))
         heads = [(f"mean {metric.heading}", False), *((str(name), False) for name in tracks)]
         scores = [
-            [standing.scores[board.metric], *map(plain, tracks.loc[row])]
+            [standing.scores[board.metric], *map(defined, tracks.loc[row])]
             for row, standing in enumerate(board.standings)
         ]
     return {

@@ -95,6 +95,7 @@ def test_train_volume_net_on_a_data_set_then_run(dfdbench: Command, demo_store: 
     store = ["--dataset", str(demo_store.path)]
     quick = ["--set", "steps=2", "--threads", "1"]
     done = dfdbench.fine("train volume-net", *store, *quick)
+    assert "demo-1, split train" in done.out
     folder = Path("training/demo-1-train/volume-net")
     assert " ".join(sorted(path.name for path in folder.iterdir())) == (
         "checkpoint.pt losses.csv training.png weights.md weights.safetensors"

@@ -1,18 +1,15 @@
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from dfdbench.datasets.captures import Capture, ImageFacts
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.training import stack_examples
-from dfdbench.training.stack_examples import room_stacks, set_stacks
+from dfdbench.training.stack_examples import room_stacks, stack_of
 
 
-def test_a_set_s_stacks_are_put_in_order_of_the_focus() -> None:
+def test_a_capture_s_images_are_put_in_order_of_the_focus() -> None:
     images = np.stack([np.full((4, 6, 3), grey, np.uint8) for grey in (9, 50, 10, 30)])
     facts = ImageFacts(
         ("infocus", "defocus", "defocus", "defocus"),
@@ -21,11 +18,7 @@ def test_a_set_s_stacks_are_put_in_order_of_the_focus() -> None:
     depth = np.full((4, 6), 80, np.float32)
     depth[0] = np.nan
     capture = Capture(Pair("Desk", ()), images, depth, facts)
-    manifest = SimpleNamespace(stem="mine-1")
-    store: Any = SimpleNamespace(manifest=manifest, captures=lambda split: [capture])
-    cameras, what = set_stacks(cast("Dataset", store), "train")
-    (stack,) = cameras["mine-1"]
-    assert what == "mine-1, split train"
+    stack = stack_of(capture)
     assert stack.images[:, 0, 0, 0].tolist() == [10, 30, 50]
     assert stack.places.tolist() == [20, 90, 200]
     np.testing.assert_array_equal(stack.truth, depth)

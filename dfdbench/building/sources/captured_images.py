@@ -1,14 +1,14 @@
 """One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.image_files import read_depth_file, read_photograph
+from dfdbench.building.sources.image_files import read_depth_file, read_photograph, sides
 from dfdbench.building.sources.interface import gathered
 from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
@@ -239,10 +239,7 @@ def _laid_on_the_first(
             covered &= both
         except InputError as error:
             moved = where if files.moved == "defocus" else where_first
-            problems += [
-                Problem(p.what, where=moved, expected=p.expected, got=p.got, fix=p.fix)
-                for p in error.problems
-            ]
+            problems += [replace(problem, where=moved) for problem in error.problems]
     SourceError.raise_if(problems)
     return [first, *others], covered, tuple(told)
 
@@ -331,7 +328,7 @@ def _odd_size(
     image: Image, where: str, first: Image, named: str, is_depth: bool
 ) -> Iterator[Problem]:
     if image.shape[:2] != first.shape[:2]:
-        expected, got = f"{_sides(first)} as {named}", _sides(image)
+        expected, got = f"{sides(first.shape)} as {named}", sides(image.shape)
         fix = "resample the depth map onto the image" * is_depth
         yield Problem("size differs", where=where, expected=expected, got=got, fix=fix)
 
@@ -344,7 +341,3 @@ def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice,
         what = f"the crop reaches to row {bottom} and column {right} of {shape[0]} and {shape[1]}"
         raise SourceError(what, where=where, fix="mend [files.crop]")
     return slice(crop.y, bottom), slice(crop.x, right)
-
-
-def _sides(image: Image) -> str:
-    return f"{image.shape[0]} rows, {image.shape[1]} columns"

@@ -233,7 +233,7 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     """
     image = decode_rgb(content, where)
     if size is not None and image.shape[:2] != size:
-        got, expected = _sides(image.shape), _sides(size)
+        got, expected = sides(image.shape), sides(size)
         raise SourceError("size differs", where=where, expected=expected, got=got)
     if not image.any():
         raise SourceError("the image is black all over", where=where, fix="fetch it again")
@@ -273,14 +273,15 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
             with Pillow.open(io.BytesIO(content)) as file:
                 found = file.size[::-1]
             if found != size:
-                got, expected = _sides(found), _sides(size)
+                got, expected = sides(found), sides(size)
                 raise SourceError("size differs", where=str(path), expected=expected, got=got)
         except SourceError as error:
             problems += error.problems
     return problems
 
 
-def _sides(shape: tuple[int, ...]) -> str:
+def sides(shape: tuple[int, ...]) -> str:
+    """Return an image's size in words."""
     return f"{shape[0]} rows, {shape[1]} columns"
 
 

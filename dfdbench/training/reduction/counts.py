@@ -138,7 +138,9 @@ def count_clusters(
         try:
             tapped = tap(network, images.infocus, images.defocus)
         except InputError as error:
-            raise _of_sample(error, pair) from error
+            raise InputError.of(
+                replace(problem, where=f"{pair.id}, {problem.where}") for problem in error.problems
+            ) from error
         for layer, taken in tapped.items():
             filters[layer] = len(taken.gram)
             own = (seed, number, layer)
@@ -184,12 +186,6 @@ def _statistic(counts: Sequence[int], statistic: Statistic) -> int:
         # Half a filter is one: Python would round to even.
         return int(sum(counts) / len(counts) + 0.5)
     return min(counts) if statistic == "min" else max(counts)
-
-
-def _of_sample(error: InputError, pair: Pair) -> InputError:
-    return InputError.of(
-        replace(problem, where=f"{pair.id}, {problem.where}") for problem in error.problems
-    )
 
 
 @dataclass(frozen=True)

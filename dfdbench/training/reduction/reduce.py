@@ -1,6 +1,5 @@
 """Write configurations of narrower networks, and compare them with the thesis."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +19,7 @@ from dfdbench.methods.networks.weights import Card, build_network, count_paramet
 from dfdbench.metrics.metric import METRICS, RANKED_BY
 from dfdbench.results.wording import NOTHING, score_text, seconds_text
 from dfdbench.system.files import write_whole
+from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
@@ -73,8 +73,13 @@ class Reduction:
         for name, text in self.files.items():
             write_whole(folder / name, text)
         for name, table in zip(("counts", "rows"), self.tables, strict=True):
-            for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
-                write_whole(folder / f"{name}.{suffix}", render([table], format))
+            write_tables(folder / name, [table])
+
+
+def write_tables(place: Path, tables: Sequence[Table]) -> None:
+    """Write tables as Markdown and as CSV, into files of one name with two endings."""
+    for format, suffix in ((Format.markdown, ".md"), (Format.csv, ".csv")):
+        write_whole(place.with_suffix(suffix), render(tables, format))
 
 
 def reduce_weights(
@@ -276,10 +281,8 @@ def as_toml(configuration: TrainingConfiguration, widths: Widths, comment: str) 
     filters = [4, 256]
     """
     others = configuration.model_dump(mode="json", exclude_none=True, exclude={"filters", "narrow"})
-    choices = {"filters": list(widths), "narrow": 1, **others}
-    # What JSON writes of texts, numbers and lists of them, TOML reads alike.
-    lines = [f"{name} = {json.dumps(value)}" for name, value in choices.items()]
-    return "\n".join([f"# {comment}", "", *lines, ""])
+    choices = toml_text({"filters": list(widths), "narrow": 1, **others})
+    return f"# {comment}\n\n{choices}"
 
 
 _TURNS = 9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SITES, SIZED
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool
+from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
@@ -327,10 +327,7 @@ def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
         for name, value in found.model_dump(mode="json").items()
         if name in named or (value is not None and getattr(found, name) != fields[name].default)
     }
-    lines = [
+    return (
         f"# Found by a particle swarm on {plan.store.manifest.stem}, objective "
-        f"{best.outcome.value:.6g},",
-        f"# selected on {plan.selected_on}.",
-        *(f"{name} = {json.dumps(value)}" for name, value in content.items()),
-    ]
-    return "\n".join(lines) + "\n"
+        f"{best.outcome.value:.6g},\n# selected on {plan.selected_on}.\n{toml_text(content)}"
+    )
