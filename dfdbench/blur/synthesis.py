@@ -23,7 +23,7 @@ def blur_by_level(
     levels : ndarray of int, shape (y, x)
         Which kernel each pixel has.
     kernels : ndarray of float64, shape (level, size, size)
-        One a level, of odd size.
+        One a level, of odd size, symmetric in both axes.
 
     Returns
     -------
@@ -33,7 +33,8 @@ def blur_by_level(
     Raises
     ------
     InputError
-        Where shapes do not fit one another, or a pixel's level has no kernel.
+        Where shapes do not fit one another, a pixel's level has no kernel, or a kernel is not
+        symmetric.
 
     Notes
     -----
@@ -50,10 +51,11 @@ def blur_by_level(
     """
     require_kernels(image, levels, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
+    radius = kernels.shape[1] // 2
     blurred = _gather(
-        _padded_rows(channels, kernels.shape[1] // 2),
+        _padded_rows(channels, radius),
         np.asarray(levels, dtype=np.int64),
-        np.ascontiguousarray(kernels, dtype=np.float64),
+        np.ascontiguousarray(kernels[:, radius:, radius:], dtype=np.float64),
         reaches(kernels),
         channels.shape[2],
     )
@@ -78,6 +80,8 @@ def require_kernels(
         wrong["levels"] = f"sizes differ, {image.shape[:2]} of the image and {levels.shape}"
     if kernels.ndim != 3 or kernels.shape[1] != kernels.shape[2] or kernels.shape[1] % 2 == 0:
         wrong["kernels"] = f"wrong shape {kernels.shape}, not (level, odd, odd)"
+    elif not all(np.array_equal(kernels, np.flip(kernels, axis)) for axis in (1, 2)):
+        wrong["kernels"] = "a kernel is not symmetric"
     elif levels.size and not 0 <= levels.min() <= levels.max() < len(kernels):
         wrong["levels"] = f"a level of {levels.min()}..{levels.max()} has no kernel"
     if wrong:
@@ -96,29 +100,43 @@ def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
 def _gather(
     rows: NDArray[np.float64],
     levels: NDArray[np.int64],
-    kernels: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
     reach: NDArray[np.int64],
     channels: int,
 ) -> NDArray[np.float64]:
-    # The window is added up column by column, for a few pixels at once; pixels of one level that
-    # lie side by side are done together. The order of the sums is fixed.
+    # Rows as far above a pixel as below weigh the same: they are added up once for a row of the
+    # image. The window is then folded and added up column by column, for a few pixels at once;
+    # those of one level that lie side by side are done together. The order of the sums is fixed.
     height, width = levels.shape
-    stride, radius = rows.shape[1], kernels.shape[1] // 2
+    stride, radius = rows.shape[1], quadrants.shape[1] - 1
+    middle = radius * channels
     out = np.empty((height, width * channels + LANES), np.float64)
+    folded = np.empty((radius + 1, stride), np.float64)
     for y in range(height):
+        centre = (y + radius) * stride
+        for i in range(0, stride - LANES, LANES):
+            store(folded, i, load(rows, centre + i))
+            for j in range(1, radius + 1):
+                above = load(rows, centre - j * stride + i)
+                store(folded, j * stride + i, plus(above, load(rows, centre + j * stride + i)))
         begin = 0
         while begin < width:
             end = begin + 1
             while end < width and levels[y, end] == levels[y, begin]:
                 end += 1
-            kernel, near = kernels[levels[y, begin]], reach[levels[y, begin]]
+            weights, near = quadrants[levels[y, begin]], reach[levels[y, begin]]
             for i in range(begin * channels, end * channels, LANES):
                 total = all_of(0.0)
-                for column in range(radius - near, radius + near + 1):
-                    place, sums = i + column * channels, all_of(0.0)
-                    for j in range(radius - near, radius + near + 1):
-                        pixels = load(rows, (y + j) * stride + place)
-                        sums = plus(sums, times(all_of(kernel[j, column]), pixels))
+                for j in range(near + 1):
+                    pixels = load(folded, j * stride + middle + i)
+                    total = plus(total, times(all_of(weights[j, 0]), pixels))
+                for column in range(1, near + 1):
+                    place, sums = middle + i, all_of(0.0)
+                    for j in range(near + 1):
+                        before = load(folded, place - column * channels)
+                        both = plus(before, load(folded, place + column * channels))
+                        sums = plus(sums, times(all_of(weights[j, column]), both))
+                        place += stride
                     total = plus(total, sums)
                 store(out, y * out.shape[1] + i, total)
             begin = end
