@@ -97,6 +97,19 @@ def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 @compiled()
+def _add_opposite(rows: NDArray[np.float64], y: int, folded: NDArray[np.float64]) -> None:
+    """Write sums of the rows that lie as far above a row of the image as below, nearest first."""
+    # They weigh the same for all pixels of the row, whatever their level.
+    stride, radius = rows.shape[1], len(folded) - 1
+    centre = (y + radius) * stride
+    for i in range(0, stride - LANES, LANES):
+        store(folded, i, load(rows, centre + i))
+        for j in range(1, radius + 1):
+            above = load(rows, centre - j * stride + i)
+            store(folded, j * stride + i, plus(above, load(rows, centre + j * stride + i)))
+
+
+@compiled()
 def _gather(
     rows: NDArray[np.float64],
     levels: NDArray[np.int64],
@@ -104,21 +117,15 @@ def _gather(
     reach: NDArray[np.int64],
     channels: int,
 ) -> NDArray[np.float64]:
-    # Rows as far above a pixel as below weigh the same: they are added up once for a row of the
-    # image. The window is then folded and added up column by column, for a few pixels at once;
-    # those of one level that lie side by side are done together. The order of the sums is fixed.
+    # The folded window is added up column by column, for a few pixels at once; those of one level
+    # that lie side by side are done together. The order of the sums is fixed.
     height, width = levels.shape
     stride, radius = rows.shape[1], quadrants.shape[1] - 1
     middle = radius * channels
     out = np.empty((height, width * channels + LANES), np.float64)
     folded = np.empty((radius + 1, stride), np.float64)
     for y in range(height):
-        centre = (y + radius) * stride
-        for i in range(0, stride - LANES, LANES):
-            store(folded, i, load(rows, centre + i))
-            for j in range(1, radius + 1):
-                above = load(rows, centre - j * stride + i)
-                store(folded, j * stride + i, plus(above, load(rows, centre + j * stride + i)))
+        _add_opposite(rows, y, folded)
         begin = 0
         while begin < width:
             end = begin + 1
@@ -229,15 +236,17 @@ def _blur_pixels(
     half_kernels: NDArray[np.float64],
     channels: int,
 ) -> NDArray[np.float64]:
-    # The window is folded vertically first (all its columns at once), then horizontally; pixels of
-    # one level that lie side by side share their columns. The order of the sums is fixed, so the
-    # bytes do not depend on the machine or on who else is running.
+    # The folded window is weighted vertically first (all its columns at once), then horizontally;
+    # pixels of one level that lie side by side share their columns. The order of the sums is fixed,
+    # so the bytes do not depend on the machine or on who else is running.
     height, width = levels.shape
     stride, radius = rows.shape[1], half_kernels.shape[1] - 1
     middle = radius * channels
     out = np.empty((height, width * channels + LANES), np.float64)
-    folded = np.zeros(stride + LANES, np.float64)
+    folded = np.empty((radius + 1, stride), np.float64)
+    column = np.zeros(stride + LANES, np.float64)
     for y in range(height):
+        _add_opposite(rows, y, folded)
         begin = 0
         while begin < width:
             end = begin + 1
@@ -245,18 +254,16 @@ def _blur_pixels(
                 end += 1
             kernel = half_kernels[levels[y, begin]]
             for i in range(begin * channels, (end + 2 * radius) * channels, LANES):
-                centre = (y + radius) * stride + i
-                total = times(all_of(kernel[0]), load(rows, centre))
+                total = times(all_of(kernel[0]), load(folded, i))
                 for offset in range(1, radius + 1):
-                    above = load(rows, centre - offset * stride)
-                    both = plus(above, load(rows, centre + offset * stride))
+                    both = load(folded, offset * stride + i)
                     total = plus(total, times(all_of(kernel[offset]), both))
-                store(folded, i, total)
+                store(column, i, total)
             for i in range(begin * channels, end * channels, LANES):
-                total = times(all_of(kernel[0]), load(folded, middle + i))
+                total = times(all_of(kernel[0]), load(column, middle + i))
                 for offset in range(1, radius + 1):
-                    before = load(folded, middle - offset * channels + i)
-                    both = plus(before, load(folded, middle + offset * channels + i))
+                    before = load(column, middle - offset * channels + i)
+                    both = plus(before, load(column, middle + offset * channels + i))
                     total = plus(total, times(all_of(kernel[offset]), both))
                 store(out, y * out.shape[1] + i, total)
             begin = end
