@@ -245,7 +245,7 @@ def by_pinhole(scene: str) -> tuple[Floats, NDArray[np.intp]]:
 
 def disks() -> Floats:
     """Return round kernels, their rims by the share of each pixel that lies inside."""
-    fine = np.linspace(-7.5, 7.5, 15 * 15 + 1)[:-1] + 1 / 30
+    fine = np.arange(-112, 113) / 15
     distance = np.hypot(fine[:, np.newaxis], fine)
     kernels = np.empty((256, 15, 15))
     for level in range(256):
