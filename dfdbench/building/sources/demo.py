@@ -169,7 +169,10 @@ class DemoScenes(Made):
         axes = self._manifest.axes
         surfaces = SCENES[scene]
         photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
-        views = {view: _look(surfaces, photographs, offset) for view, offset in _VIEWS.items()}
+        views = {
+            view: look(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
+            for view, offset in _VIEWS.items()
+        }
         extent = tuple(len(values) for values in axes.values())
         infocus = np.zeros((*extent, *_SHAPE, 3), np.uint8)
         depth = np.zeros((extent[0], *_SHAPE), np.uint8)
@@ -221,13 +224,6 @@ def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
     steps = np.rint((electrons + noise) / _FULL_WELL * _CONVERTER_STEPS)
     signal = np.clip(steps, 0, _CONVERTER_STEPS) / _CONVERTER_STEPS
     return np.rint(255 * signal ** (1 / GAMMA)).astype(np.uint8)
-
-
-def _look(surfaces: tuple[Surface, ...], photographs: Mapping[str, Floats], offset: float) -> View:
-    view = look(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
-    if not np.isfinite(view.distance).all():
-        raise SourceError("a ray meets no surface", where="demo scene")
-    return view
 
 
 def _lit(view: View, illumination: int) -> Floats:

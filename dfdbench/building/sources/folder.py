@@ -48,8 +48,7 @@ class FolderScenes:
     def __init__(
         self, manifest: Manifest, folder: Path, checksums: Mapping[str, str] | None = None
     ) -> None:
-        if manifest.files is None:
-            raise SourceError("section is missing", where=f"{manifest.stem}: files")
+        assert manifest.files is not None  # reading the manifest checked that
         self._manifest = manifest
         self._files: CapturedFiles = manifest.files
         inside = folder / (manifest.files.inside or "")
