@@ -46,12 +46,10 @@ BASELINE = "original"
 
 @dataclass(frozen=True)
 class Reduction:
-    """The counts of a network's layers, and the narrower networks that follow from them.
+    """The narrower networks that follow from the counts of a network's layers.
 
     Parameters
     ----------
-    counts : Counts
-        By layer.
     rows : mapping of str to tuple of int
         Widths by the row's name, input to output, `BASELINE` first.
     tables : tuple of Table
@@ -60,7 +58,6 @@ class Reduction:
         A configuration for each row, by file name.
     """
 
-    counts: counting.Counts
     rows: Mapping[str, Widths]
     tables: tuple[Table, Table]
     files: Mapping[str, str]
@@ -150,7 +147,7 @@ def reduce_weights(
         counting.counts_table(counts, f"Clusters of each layer's outputs: {what}; {counted}"),
         rows_table(rows, parameters, f"Filters of the reduced networks: {what}"),
     )
-    return Reduction(counts, rows, tables, files)
+    return Reduction(rows, tables, files)
 
 
 def _parameters(architecture: Mapping[str, object], widths: Widths) -> int:
