@@ -17,7 +17,7 @@ from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.differences import change_tables
-from dfdbench.results.frame import scores_of, severities_table, track_means
+from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, first_protocol, shown_protocol
 from dfdbench.results.run_tables import all_tables, run_score_table
@@ -98,7 +98,7 @@ class Run:
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
         """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
-        return self._first.to_frame(protocol)
+        return frame_of(self.result, protocol)
 
     @property
     def regions(self) -> pd.DataFrame:

@@ -159,7 +159,7 @@ def defined(value: float) -> float | None:
 
 
 def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
-    """Return a result's pairs as a table; this is `Result.to_frame`.
+    """Return a result's pairs as a table; this is `Run.to_frame`.
 
     Parameters
     ----------

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,6 @@ from dfdbench.results import output_place, run_folder, run_tables, summary, word
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.system.thumbnails import depth_map, gallery
 from dfdbench.tables.table import as_html, counted, listed
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 #: A notebook shows so many of the worst pairs.
 _WORST = 3
@@ -94,12 +89,6 @@ class SavedRun:
         if prediction is None:
             return None
         return self.store.read(pair.pair), prediction
-
-    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores as a pandas table; see `dfdbench.results.frame.frame_of`."""
-        from dfdbench.results.frame import frame_of  # it imports pandas
-
-        return frame_of(self.result, protocol)
 
     def _repr_html_(self) -> str:
         protocol = shown_protocol(self.result)
