@@ -30,11 +30,11 @@ from dfdbench.board.row_file import (
 from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.catalog import of_seed
 from dfdbench.datasets.rendered import FAMILIES, seeded
-from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
+from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.results.frame import scores_of
 from dfdbench.results.record import Line
 from dfdbench.results.wording import method_label
-from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table, as_html, counted
@@ -334,10 +334,7 @@ def _left_out(board: Board) -> Iterator[Problem]:
 
 
 def _text(path: Path) -> str:
-    try:
-        return read_text(path) if path.exists() else ""
-    except (OSError, UnicodeDecodeError) as error:
-        raise ResultError(f"cannot read the text: {reason_of(error)}", where=str(path)) from error
+    return read_text_as(ResultError, path, "the text") if path.exists() else ""
 
 
 def read_draws(folder: Path) -> list[Draw]:

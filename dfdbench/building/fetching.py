@@ -21,7 +21,7 @@ from urllib3.util import Retry
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
 from dfdbench.system.array_files import UNREADABLE
-from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.tables.table import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
@@ -433,11 +433,7 @@ def read_checksums(path: Path) -> dict[str, str]:
     """
     if not path.exists():
         return {}
-    try:
-        text = read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        what = f"cannot read the lock file: {reason_of(error)}"
-        raise SourceError(what, where=str(path), fix="delete it") from error
+    text = read_text_as(SourceError, path, "the lock file", "delete it")
     return parse_checksums(text, str(path))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
-from dfdbench.errors import ResultError, reason_of
+from dfdbench.errors import ResultError
 from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
 from dfdbench.metrics.protocol import (
     SURE,
@@ -21,7 +21,7 @@ from dfdbench.metrics.protocol import (
     require_scored,
 )
 from dfdbench.metrics.scores import LARGEST_NUMBER
-from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_json
 
@@ -364,12 +364,8 @@ def read_json(path: Path) -> Any:
     ResultError
         Where it cannot be read.
     """
-    try:
-        text = read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        what = f"cannot read the result: {reason_of(error)}"
-        fix = "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD"
-        raise ResultError(what, where=str(path), fix=fix) from error
+    fix = "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD"
+    text = read_text_as(ResultError, path, "the result", fix)
     try:
         return parse_json(text)
     except ValueError as error:

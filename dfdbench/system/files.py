@@ -107,6 +107,14 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def read_text_as(kind: type[DfdbenchError], path: Path, what: str, fix: str = "") -> str:
+    """Return what a file of text says; raise an error as `read_as` does."""
+    try:
+        return read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise kind(f"cannot read {what}: {reason_of(error)}", where=str(path), fix=fix) from error
+
+
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
