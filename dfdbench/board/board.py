@@ -4,7 +4,7 @@ import datetime
 import functools
 import json
 import secrets
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -29,7 +29,7 @@ from dfdbench.board.row_file import (
 )
 from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.catalog import of_seed
-from dfdbench.datasets.rendered import FAMILIES, seeded
+from dfdbench.datasets.rendered import seeded
 from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.results.frame import scores_of
 from dfdbench.results.record import Line
@@ -108,23 +108,23 @@ class Board:
                 own = tuple(r for r in runs if r.dataset.degradation in labels)
                 tracked[suite].append(Entry(own, path, path.stem))
         return (
-            *boards(self._clean(scored=False)),
+            *boards(_clean(self.rows, scored=False)),
             *(board for suite, runs in tracked.items() for board in boards(runs, suite)),
-            *boards(self._clean(scored=True), ranked=False),
+            *boards(_clean(self.rows, scored=True), ranked=False),
         )
 
     @functools.cached_property
-    def headlines(self) -> tuple[ScoreBoard, ...]:
-        """The rankings to be looked at first: of single runs, a data set and a split each."""
-        return tuple(boards(self._clean(scored=False), headlines=True))
+    def newest(self) -> Draw | None:
+        """The newest seed that any method was run on."""
+        seeds = {_seed_of(row) for row in self.rows.values()}
+        return next((draw for draw in self.draws if draw.seed in seeds), None)
 
-    def _clean(self, scored: bool) -> list[Entry]:
-        return [
-            Entry((result,), path, path.stem)
-            for path, row in self.rows.items()
-            if CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
-            for result in row.clean_results()
-        ]
+    @functools.cached_property
+    def headlines(self) -> tuple[ScoreBoard, ...]:
+        """The rankings to be looked at first: of the newest seed, and of data that stay."""
+        shown = {None, self.newest.seed if self.newest else None}
+        rows = {path: row for path, row in self.rows.items() if _seed_of(row) in shown}
+        return tuple(boards(_clean(rows, scored=False), headlines=True))
 
     def table(
         self,
@@ -207,17 +207,15 @@ class Board:
         environment = jinja2.Environment(
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
-        drawn = ((draw, _of_seed(draw, self.headlines)) for draw in self.draws)
-        draw, newest = next(((draw, found) for draw, found in drawn if found), (None, []))
+        drawn: list[ScoreBoard] = []
+        stay: list[ScoreBoard] = []
+        for board in self.headlines:
+            (drawn if seeded(board.result.dataset.name) else stay).append(board)
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
-            draw=draw,
-            newest=[self._context(board) for board in newest],
+            draw=self.newest,
+            newest=list(map(self._context, drawn)),
             cards=as_markdown(cards_table(self.cards, in_repository=True)),
-            boards=[
-                self._context(board)
-                for board in self.headlines
-                if seeded(board.result.dataset.name) is None
-            ],
+            boards=list(map(self._context, stay)),
         )
         return text.rstrip("\n") + "\n"
 
@@ -230,9 +228,19 @@ class Board:
         }
 
 
-def _of_seed(draw: Draw, shown: Sequence[ScoreBoard]) -> list[ScoreBoard]:
-    names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
-    return [board for board in shown if board.result.dataset.name in names]
+def _seed_of(row: Row) -> int | None:
+    """Return the seed of a row's data; None if they are not drawn."""
+    found = seeded(row.dataset)
+    return found[1] if found else None
+
+
+def _clean(rows: Mapping[Path, Row], scored: bool) -> list[Entry]:
+    return [
+        Entry((result,), path, path.stem)
+        for path, row in rows.items()
+        if CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
+        for result in row.clean_results()
+    ]
 
 
 def leaderboard(path: Path | str | None = None) -> Board:
