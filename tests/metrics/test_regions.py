@@ -51,6 +51,15 @@ def test_flat_is_where_the_image_shows_little() -> None:
     assert not found[:, 30:].any()
 
 
+def test_flat_is_a_standard_deviation_below_three() -> None:
+    squares = np.indices((40, 60)).sum(axis=0)[..., np.newaxis] % 2 * np.ones(3)
+    for step, flat in ((5, True), (7, False)):
+        # Half of the pixels are so much brighter: a deviation of half of it.
+        image = (100 + step * squares).astype(np.uint8)
+        found = regions_of(np.full((40, 60), 9.0), KNOWN, image, LEVELS)["flat"]
+        assert found.all() == found.any() == flat
+
+
 @pytest.mark.parametrize("ends", [(255.0, 0.0), (0.0, 255.0), (0.5, 6.5)])
 def test_thirds_go_by_the_range_whichever_way_depth_goes(ends: tuple[float, float]) -> None:
     near, far = ends
