@@ -58,7 +58,7 @@ def composite_layers(
     Raises
     ------
     InputError
-        Where shapes do not fit one another, or a depth has no kernel.
+        Where shapes do not fit one another, a depth has no kernel, or a kernel is not symmetric.
 
     Notes
     -----

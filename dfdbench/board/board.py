@@ -116,7 +116,7 @@ class Board:
     @functools.cached_property
     def newest(self) -> Draw | None:
         """The newest seed that any method was run on."""
-        seeds = {_seed_of(row) for row in self.rows.values()}
+        seeds = {_seed_of(row) for row in self.rows.values() if _is_clean(row, scored=False)}
         return next((draw for draw in self.draws if draw.seed in seeds), None)
 
     @functools.cached_property
@@ -234,11 +234,15 @@ def _seed_of(row: Row) -> int | None:
     return found[1] if found else None
 
 
+def _is_clean(row: Row, scored: bool) -> bool:
+    return CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
+
+
 def _clean(rows: Mapping[Path, Row], scored: bool) -> list[Entry]:
     return [
         Entry((result,), path, path.stem)
         for path, row in rows.items()
-        if CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
+        if _is_clean(row, scored)
         for result in row.clean_results()
     ]
 

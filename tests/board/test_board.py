@@ -74,6 +74,7 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
         )
         submit(result, tmp_path)
     draws = [
+        {"seed": 31, "drawn": True, "date": "2026-11-25", "commit": "abd"},
         {"seed": 12, "drawn": True, "date": "2026-11-24", "commit": "abc"},
         {"seed": 7, "drawn": False, "date": "2026-11-23", "commit": "abb"},
     ]
