@@ -140,7 +140,7 @@ Array = NDArray[Any]
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
 # Levels whose squares are worked out, and held, at once.
-_AT_ONCE = 32
+_AT_ONCE = 16
 # Every so many levels, and the side of the corner, that tell how well a law explains a pair.
 _COARSE, _CORNER = 8, 256
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
