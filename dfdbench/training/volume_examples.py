@@ -40,7 +40,9 @@ COUNT = 32
 #: In so many steps of a nat it is kept how much can be told.
 TOLD_STEPS = 20
 #: Cameras by how their images come about, and rooms that each sees.
-LENSES, MADE, STACKS = (20, 12), (22, 8), (4, 6)
+LENSES, MADE, STACKS = (32, 12), (28, 8), (4, 6)
+#: Cameras that only test, and see rooms that no other does.
+HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
 # Rays a pixel: the law is fitted to what noise they leave.
 _RAYS = 32
 # Every so manieth lens focuses far inside, so that two depths have one blur: metres.
@@ -152,8 +154,7 @@ def _through_lens(number: int) -> list[Capture]:
         distance = round(float(np.random.default_rng(number).uniform(*_FOCUS)), 3)
         camera = replace(camera, lens=replace(camera.lens, focus_distance=distance))
     captures = []
-    for place in range(LENSES[1]):
-        room = FIRST_TRAIN + (number * LENSES[1] + place) % PUBLIC_TRAIN
+    for room in rooms_of("lens", number, LENSES[1]):
         pair = render_pair(0, room, camera, _RAYS)
         captures.append(_capture([pair.infocus, pair.defocus], _SCALE.to_levels(pair.depth)))
     return captures
@@ -163,11 +164,35 @@ def _stacks(number: int) -> list[Capture]:
     from dfdbench.simulation.unseen import render_stack
 
     captures = []
-    for room in range(FIRST_TRAIN, FIRST_TRAIN + STACKS[1]):
+    for room in rooms_of("stack", number, STACKS[1]):
         stack = render_stack(number + 1, room, _PLANES[number], rays=_RAYS)
         images, focus = [stack.infocus, *stack.images], [np.nan, *stack.focus_distances]
         captures.append(_capture(images, _SCALE.to_levels(stack.depth), focus))
     return captures
+
+
+def rooms_of(kind: str, number: int, count: int) -> list[int]:
+    """Return which rooms a camera sees, by the name of its images' kind and its number.
+
+    Examples
+    --------
+    >>> rooms_of("lens", 2, 3), rooms_of("lens", 3, 3)
+    ([1006, 1007, 1008], [1209, 1210, 1211])
+    """
+    first = FIRST_TRAIN + (PUBLIC_TRAIN if _only_tests(kind, number) else 0)
+    return [first + (number * count + place) % PUBLIC_TRAIN for place in range(count)]
+
+
+def sources_of(law: int) -> list[tuple[int, int]]:
+    """Return what a law blurs: numbers of lenses, and places of their rooms."""
+    tests = _only_tests("law", law)
+    lenses = [lens for lens in range(LENSES[0]) if _only_tests("lens", lens) == tests]
+    places = (law * MADE[1] * 3 + place * 11 + law for place in range(MADE[1]))
+    return [(lenses[at // LENSES[1] % len(lenses)], at % LENSES[1]) for at in places]
+
+
+def _only_tests(kind: str, number: int) -> bool:
+    return f"{kind}-{number:02}" in HELD_OUT
 
 
 def _by_law(folder: Path, number: int) -> list[Capture]:
@@ -175,9 +200,7 @@ def _by_law(folder: Path, number: int) -> list[Capture]:
     random = np.random.default_rng(_FIRST_LAW + number)
     how = Degradation(Track("random", 1, "", ("",), (_drawn(random),)), 1)
     captures = []
-    for place in range(MADE[1]):
-        source = (number * MADE[1] * 3 + place * 11 + number) % (LENSES[0] * LENSES[1])
-        camera, room = divmod(source, LENSES[1])
+    for place, (camera, room) in enumerate(sources_of(number)):
         with np.load(folder / f"lens-{camera:02}.npz") as lens:
             infocus, levels = lens["infocus"][room], lens["depth"][room].astype(float)
         low = random.uniform(1, 90)

@@ -16,6 +16,7 @@ from dfdbench.methods.volume_net import levels_of
 from dfdbench.training.cameras import Course, cut, loss_of, side_of, turned
 from dfdbench.training.volume_examples import (
     COUNT,
+    HELD_OUT,
     ROOMS,
     TOLD_STEPS,
     Example,
@@ -24,10 +25,8 @@ from dfdbench.training.volume_examples import (
     room_examples,
 )
 
-#: Cameras of rendered rooms that only test, by name.
-HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
 #: How many crops a step has, and their rows and columns.
-CROPS, CROP = 8, 192
+CROPS, CROP = 3, 320
 #: What the network's levels stand for.
 DEPTHS = torch.from_numpy(levels_of(COUNT) - 0.5).float()
 # Rows and columns that the network's scales divide.

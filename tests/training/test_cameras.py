@@ -10,7 +10,7 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
 from dfdbench.training.cameras import loss_of, steps_of, train_on_cameras
 from dfdbench.training.volume_examples import COUNT, Example
-from dfdbench.training.volumes import DEPTHS, HELD_OUT, VOLUME_NET
+from dfdbench.training.volumes import DEPTHS, VOLUME_NET
 from tests.training.test_volumes import example
 
 train_volume_net = partial(train_on_cameras, VOLUME_NET)

@@ -5,9 +5,20 @@ import pytest
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.rendered import FIRST_TRAIN
 from dfdbench.methods.volume_net import levels_of
 from dfdbench.training import volume_examples
-from dfdbench.training.volume_examples import COUNT, examples_of, room_examples
+from dfdbench.training.volume_examples import (
+    COUNT,
+    HELD_OUT,
+    LENSES,
+    MADE,
+    STACKS,
+    examples_of,
+    room_examples,
+    rooms_of,
+    sources_of,
+)
 from tests.methods.made_planes import slope
 
 
@@ -33,6 +44,21 @@ def test_examples_tell_the_depth_and_know_the_others_prior() -> None:
     assert np.median(off) <= 8
     assert second.prior.max() == 0
     assert first.prior.shape == (COUNT,)
+
+
+def test_cameras_that_only_test_see_rooms_that_no_other_sees() -> None:
+    seen: dict[bool, set[int]] = {True: set(), False: set()}
+    for kind, (cameras, count) in {"lens": LENSES, "stack": STACKS}.items():
+        for number in range(cameras):
+            seen[f"{kind}-{number:02}" in HELD_OUT].update(rooms_of(kind, number, count))
+    for number in range(MADE[0]):
+        tests = f"law-{number:02}" in HELD_OUT
+        assert len(set(sources_of(number))) == MADE[1]
+        for lens, place in sources_of(number):
+            seen[tests].add(rooms_of("lens", lens, LENSES[1])[place])
+    assert not seen[True] & seen[False]
+    # The board's test rooms of the public seed are none of them.
+    assert min(seen[True] | seen[False]) == FIRST_TRAIN
 
 
 @pytest.mark.slow

@@ -18,6 +18,9 @@ from torch.nn import functional
 MOST = 25.0
 #: The guide's channels once two by two pixels are one.
 _GUIDE = 4
+# So often again the coarsest block looks: where there is no texture, depth comes from afar, and
+# each turn reaches 64 pixels further at no cost in parameters.
+_TURNS = 2
 # Three by three neighbours, for each of two by two pixels.
 NEIGHBOURS, _PIXELS = 9, 4
 
@@ -99,6 +102,8 @@ class VolumeNet(nn.Module):
             x = block(x)
             scales.append(x)
         x = scales.pop()
+        for _ in range(_TURNS):
+            x = self.blocks[-1](x)
         for up, joined in zip(reversed(self.up), reversed(self.joined), strict=True):
             finer = functional.interpolate(up(x), scale_factor=2, mode="bilinear")
             x = functional.relu(joined(torch.cat([scales.pop(), finer], 1)))
