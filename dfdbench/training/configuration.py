@@ -27,14 +27,7 @@ _Beta = Annotated[float, Field(ge=0, lt=1)]
 #: Rows and columns of a filter, or one number for both.
 _Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
-_OF_DFD_NET = (
-    "sampling_size",
-    "first_activation",
-    "kernels",
-    "activations",
-    "normalized",
-    "normalization",
-)
+_OF_DFD_NET = ("sampling_size", "first_activation", "kernels", "activations")
 #: Processors without one of these compute bf16 in steps: training takes twenty times as long.
 _BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
@@ -57,7 +50,8 @@ class TrainingConfiguration(Record):
         ``sigmoid`` as the particle swarm chose (6.1); DfD-Net only.
     kernels, activations, normalized : list, optional
         What else a particle describes, as of `DfDNet`: 14 filter sizes, 9 activations in place of
-        `first_activation` and PReLU, at which of 9 sites there is batch normalization.
+        `first_activation` and PReLU, at which of 9 sites there is batch normalization. For U-Net
+        true or false: batch normalization after each convolution, or none, as it was published.
     crop : int
         Rows and columns of the image patches.
     crops_per_step : int
@@ -81,7 +75,7 @@ class TrainingConfiguration(Record):
     initial_filters : {"random", "differences"}
         ``differences``: the first convolution starts from differences of the two images.
     normalization : {"batch", "fixed"}
-        Of DfD-Net: by the means of each batch, or by those that the weights it begins with hold,
+        By the means of each batch, or by those that the weights it begins with hold,
         as in inference. Batches of few patches have means that say more about their textures
         than about blur.
     label_width : float
@@ -117,7 +111,7 @@ class TrainingConfiguration(Record):
     first_activation: Literal["prelu", "sigmoid"] = "prelu"
     kernels: Annotated[list[_Size], _ONE_A_FILTER] | None = None
     activations: Annotated[list[_Activation], _ONE_A_SITE] | None = None
-    normalized: Annotated[list[bool], _ONE_A_SITE] | None = None
+    normalized: bool | Annotated[list[bool], _ONE_A_SITE] | None = None
     crop: Annotated[int, Field(ge=12)] = 32
     crops_per_step: Annotated[int, Field(ge=1, le=65_536)] = 28
     expansion: Expansion = "eight"
@@ -149,7 +143,8 @@ class TrainingConfiguration(Record):
     def _no_switch(cls, value: Any, info: ValidationInfo) -> Any:
         # Python takes true for 1.
         default = cls.model_fields[str(info.field_name)].default
-        if isinstance(value, bool) and not isinstance(default, bool):
+        switch = isinstance(default, bool) or info.field_name == "normalized"
+        if isinstance(value, bool) and not switch:
             raise ValueError("a number or a name, not true or false")
         return value
 
@@ -195,20 +190,27 @@ class TrainingConfiguration(Record):
         if method == "u-net":
             self._refuse_choices_of_dfd_net()
             widths = self.filters or UNET_FILTERS
-            return {"filters": [max(2, int(number) // self.narrow) for number in widths]}
+            found: dict[str, Any] = {
+                "filters": [max(2, int(number) // self.narrow) for number in widths]
+            }
+            return found | ({"normalized": True} if self.normalized else {})
         chosen = self.filters if self.filters is not None else "original"
         filters = FILTERS[chosen] if isinstance(chosen, str) else tuple(chosen)
+        given = self.normalized
+        sites = [given] * len(SITES) if isinstance(given, bool) else given
         return {
             "filters": list(narrowed(filters, self.narrow)),
             "sampling_size": self.sampling_size,
             "first_activation": self.first_activation,
-            **plain_choices(self.kernels, self.activations, self.normalized),
+            **plain_choices(self.kernels, self.activations, sites),
         }
 
     def _refuse_choices_of_dfd_net(self) -> None:
         fields = type(self).model_fields
         refused = [name for name in _OF_DFD_NET if getattr(self, name) != fields[name].default]
         refused += ["filters"] * isinstance(self.filters, str)
+        refused += ["normalized"] * isinstance(self.normalized, list)
+        refused += ["normalization"] * (self.normalization == "fixed" and not self.normalized)
         InputError.raise_if(
             Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
             for name in refused

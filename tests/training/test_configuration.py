@@ -38,6 +38,14 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
 
 
+def test_u_net_may_be_normalized() -> None:
+    narrow = {"narrow": 8, "normalized": True, "normalization": "fixed"}
+    found = read_configuration("published", narrow).architecture("u-net")
+    assert found == {"filters": [8, 16, 32, 64, 128], "normalized": True}
+    with pytest.raises(InputError, match=r"no such choice(.|\n)*normalization"):
+        read_configuration("published", {"normalization": "fixed"}).architecture("u-net")
+
+
 def test_the_captures_are_trained_with_more_patience_and_nothing_else() -> None:
     changed = read_configuration("published", {"patience": 3000})
     assert read_configuration("published-realworld") == changed
@@ -69,6 +77,8 @@ def test_what_a_particle_describes_is_a_choice() -> None:
     assert read_configuration("published", usual).architecture("dfd-net") == published
     with pytest.raises(InputError, match="both say what comes first"):
         read_configuration("published", {"first_activation": "sigmoid", "activations": kinds})
+    none = read_configuration("published", {"normalized": False}).architecture("dfd-net")
+    assert none["normalized"] == [False] * 9
     for name, value in (("kernels", [3] * 13), ("activations", ["swish"] * 9), ("crop", 11)):
         with pytest.raises(InputError, match=name):
             read_configuration("published", {name: value})

@@ -164,14 +164,13 @@ def start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
     nn.init.zeros_(convolution.bias)
 
 
-def two_convolutions(before: int, after: int) -> nn.Sequential:
+def two_convolutions(before: int, after: int, normalized: bool) -> nn.Sequential:
     """Return what U-Net has on each level: two convolutions with ReLU."""
-    return nn.Sequential(
-        nn.Conv2d(before, after, 3, padding=1),
-        nn.ReLU(),
-        nn.Conv2d(after, after, 3, padding=1),
-        nn.ReLU(),
-    )
+    layers: list[nn.Module] = []
+    for channels in (before, after):
+        layers.append(nn.Conv2d(channels, after, 3, padding=1))
+        layers += [nn.BatchNorm2d(after)] * normalized + [nn.ReLU()]
+    return nn.Sequential(*layers)
 
 
 @torch.no_grad()
@@ -343,6 +342,8 @@ class UNet(nn.Module):
         Channels of the levels, all but the first even.
     channel_means : sequence of 6 float
         Taken from the pixels, before they are divided by 256.
+    normalized : bool
+        Batch normalization after each convolution of 3 x 3, which the original does not have.
 
     Raises
     ------
@@ -364,6 +365,7 @@ class UNet(nn.Module):
         self,
         filters: Sequence[int] = UNET_FILTERS,
         channel_means: Sequence[float] = PUBLISHED_MEANS,
+        normalized: bool = False,
     ) -> None:
         super().__init__()
         f = [int(number) for number in filters]
@@ -372,13 +374,14 @@ class UNet(nn.Module):
             raise InputError(what, where="filters")
         self.pixels = Normalize(channel_means)
         self.encoders = nn.ModuleList(
-            two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)
+            two_convolutions(before, after, normalized)
+            for before, after in zip([6, *f[:-1]], f, strict=True)
         )
         self.ups = nn.ModuleList(
             nn.ConvTranspose2d(number, number // 2, 2, stride=2) for number in f[:0:-1]
         )
         self.decoders = nn.ModuleList(
-            two_convolutions(below // 2 + here, here)
+            two_convolutions(below // 2 + here, here, normalized)
             for below, here in zip(f[:0:-1], f[-2::-1], strict=True)
         )
         self.classify = nn.Conv2d(f[0], LEVELS, 1)

@@ -129,6 +129,8 @@ def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
     assert (found[0].in_channels, found[-1].out_channels) == (6, 256)
     assert len(found) == 5 * 2 + 4 + 4 * 2 + 1
     assert parameters(UNet()) == 31_050_048
+    # Two numbers for each of the 2 x 2,944 channels that are normalized.
+    assert parameters(UNet(normalized=True)) == 31_050_048 + 2 * 2 * (1984 + 960)
     with pytest.raises(InputError, match="the last four even"):
         UNet(filters=(4, 8, 16, 32, 63))
 
