@@ -64,7 +64,8 @@ class TrainingConfiguration(Record):
     redraw_depth : bool
         Move each patch's depth map to another level within those of the training pairs, tilt
         it, and blur the in-focus patch anew: few scenes then show every level on every texture.
-        For data sets with a blur recipe.
+    recipe : {"published", "text"}, optional
+        Of `redraw_depth`: the blur recipe; by default the data set's, if it has one.
     tilt : float
         Of `redraw_depth`: the steepest slope added along rows and columns, in levels a pixel.
     tracks : list of str
@@ -117,6 +118,7 @@ class TrainingConfiguration(Record):
     expansion: Expansion = "eight"
     noise: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
     redraw_depth: bool = False
+    recipe: Literal["published", "text"] | None = None
     tilt: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 1.0
     tracks: tuple[str, ...] = ()
     unknown: Literal["level", "ignore"] = "level"
@@ -152,6 +154,8 @@ class TrainingConfiguration(Record):
     def _fits(self) -> Self:
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
+        if self.recipe and not self.redraw_depth:
+            raise ValueError("recipe is of patches whose depth is redrawn: redraw_depth = true")
         for name in self.tracks:
             if name not in OF_PATCHES:
                 raise ValueError(f"tracks: any of {', '.join(OF_PATCHES)}, got {name}")

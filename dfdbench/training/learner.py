@@ -410,7 +410,7 @@ def _cropper(task: Task, images: TrainingImages) -> Cropper:
 def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
     if not task.configuration.redraw_depth:
         return None
-    recipe = task.store.recipe
+    recipe = task.recipe
     assert recipe is not None, "require_trainable refuses this"
     unknown = task.store.manifest.depth.unknown
     there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair, require_fold, training_of
@@ -59,6 +60,12 @@ class Task:
     configuration: TrainingConfiguration
     seed: int
     start: Path | None = None
+
+    @property
+    def recipe(self) -> BlurRecipe | None:
+        """How patches are blurred; None where nobody knows."""
+        named = self.configuration.recipe
+        return RECIPES[named] if named else self.store.recipe
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -122,7 +129,7 @@ def task_of(
 
 def training_tracks(task: Task) -> RandomTracks | None:
     """Return what forms patches by random tracks, or None if the configuration names no tracks."""
-    names, recipe = task.configuration.tracks, task.store.recipe
+    names, recipe = task.configuration.tracks, task.recipe
     return RandomTracks(recipe, names) if names and recipe else None
 
 
@@ -139,7 +146,7 @@ def require_trainable(task: Task) -> dict[str, Any]:
     InputError
         With what does not fit.
     """
-    choices, recipe = task.configuration, task.store.recipe
+    choices, recipe = task.configuration, task.recipe
     architecture = choices.architecture(task.method)
     with torch.device("meta"):
         multiple = int(build_network(task.method, architecture).multiple)  # type: ignore[arg-type]
@@ -158,7 +165,8 @@ def require_trainable(task: Task) -> dict[str, Any]:
             manifest = task.store.manifest
             why = "of this track is unknown" if manifest.on_track else "captured defocus has not"
             what = f"redraw_depth needs a blur recipe, which {why}"
-            raise InputError(what, where=f"{manifest.short}, redraw_depth")
+            fix = "name one with --set recipe=published, or leave redraw_depth out"
+            raise InputError(what, where=f"{manifest.short}, redraw_depth", fix=fix)
         tracks = training_tracks(task)
         margin = max(margin_of(recipe), tracks.margin if tracks else 0)
     scenes = dict.fromkeys(pair.scene for pair in task.train)

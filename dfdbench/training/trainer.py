@@ -106,7 +106,7 @@ def train(
             trained_on=task.trained_on,
             dataset=task.store.manifest.stem,
             fingerprint=task.store.fingerprint,
-            recipe=task.store.recipe_name,
+            recipe=choices.recipe or task.store.recipe_name,
             configuration=choices.model_dump(mode="json"),
             seed=task.seed,
             scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",

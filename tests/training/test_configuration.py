@@ -38,6 +38,11 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
 
 
+def test_a_recipe_is_of_redrawn_patches() -> None:
+    with pytest.raises(InputError, match="whose depth is redrawn"):
+        read_configuration("published", {"recipe": "text"})
+
+
 def test_u_net_may_be_normalized() -> None:
     narrow = {"narrow": 8, "normalized": True, "normalization": "fixed"}
     found = read_configuration("published", narrow).architecture("u-net")

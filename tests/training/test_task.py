@@ -9,6 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
@@ -78,6 +79,14 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
 def test_unfit_choices_are_told(tiny_store: Dataset, changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         tasks.require_trainable(task(tiny_store, **changes))
+
+
+def test_a_set_without_a_recipe_is_blurred_by_one_that_is_named(tiny_store: Dataset) -> None:
+    tiny_store.attributes["recipe"] = {"name": "", "parameters": None}
+    with pytest.raises(InputError, match=r"captured defocus has not(.|\n)*recipe=published"):
+        tasks.require_trainable(task(tiny_store, crop=12, redraw_depth=True))
+    named = task(tiny_store, redraw_depth=True, recipe="text")
+    assert named.recipe == RECIPES["text"]
 
 
 def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
