@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest
@@ -10,7 +10,9 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+from dfdbench.system.strict import Record
 
+Made = TypeVar("Made", bound=Record)
 # Asking every package and git for each of a hundred results takes half a minute.
 _environment = cache(describe_environment)
 
@@ -87,42 +89,42 @@ def make_demo_result(
     """A complete result on a set's split; NMAE is half the NRMSE."""
     manifest = find_manifest(dataset)
     pairs = [_scored(pair, nrmse(pair), protocols) for pair in manifest.pairs(split)]
-    blank = make_result({("a", 1, 1, 0): 0.1}, name)
-    return blank.model_copy(
-        update={
-            "dataset": blank.dataset.model_copy(
-                update={
-                    "name": manifest.stem,
-                    "short": manifest.short,
-                    "axes": list(manifest.axes),
-                    "blocks": manifest.table.blocks,
-                    "rows": manifest.table.rows,
-                    "simulated": manifest.simulated,
-                    "groups": manifest.groups,
-                    "split": split,
-                    "manifest_sha256": manifest.sha256,
-                    "fingerprint": fingerprint,
-                    "expected": len(pairs),
-                    "evaluated": len(pairs),
-                }
-            ),
-            "method": blank.method.model_copy(update={"parameters": parameters or {}}),
-            "protocols": [RELEASED[label].as_dict() for label in protocols],
-            "pairs": pairs,
-            "averages": average(pairs, list(protocols)),
-        }
+    return edited(
+        make_result({("a", 1, 1, 0): 0.1}, name),
+        dataset={
+            "name": manifest.stem,
+            "short": manifest.short,
+            "axes": list(manifest.axes),
+            "blocks": manifest.table.blocks,
+            "rows": manifest.table.rows,
+            "simulated": manifest.simulated,
+            "groups": manifest.groups,
+            "split": split,
+            "manifest_sha256": manifest.sha256,
+            "fingerprint": fingerprint,
+            "expected": len(pairs),
+            "evaluated": len(pairs),
+        },
+        method={"parameters": parameters or {}},
+        protocols=[RELEASED[label].as_dict() for label in protocols],
+        pairs=pairs,
+        averages=average(pairs, list(protocols)),
     )
 
 
 def limited(result: Result, count: int) -> Result:
     """The same run, stopped after some pairs."""
-    pairs = [
-        pair
-        if number < count
-        else pair.model_copy(
-            update={"status": "not-run", "scores": {}, "seconds": None, "prediction_sha256": None}
-        )
-        for number, pair in enumerate(result.pairs)
-    ]
-    dataset = result.dataset.model_copy(update={"evaluated": count})
-    return result.model_copy(update={"pairs": pairs, "dataset": dataset, "averages": None})
+    blank = {"status": "not-run", "scores": {}, "seconds": None, "prediction_sha256": None}
+    pairs = [*result.pairs[:count], *(edited(pair, **blank) for pair in result.pairs[count:])]
+    return edited(result, pairs=pairs, dataset={"evaluated": count}, averages=None)
+
+
+def edited(record: Made, **fields: Any) -> Made:
+    """The record with other fields; a mapping edits the record there, or every one of `pairs`."""
+    for name, change in fields.items():
+        there = getattr(record, name)
+        if isinstance(change, dict) and isinstance(there, Record):
+            fields[name] = edited(there, **change)
+        elif isinstance(change, dict) and name == "pairs":
+            fields[name] = [edited(pair, **change) for pair in there]
+    return record.model_copy(update=fields)

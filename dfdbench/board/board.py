@@ -22,6 +22,7 @@ from dfdbench.board.row_file import (
     CLEAN_SUITE,
     RESULTS,
     Row,
+    RowRun,
     leaderboard_folder,
     read_list,
     read_row,
@@ -207,21 +208,17 @@ class Board:
         environment = jinja2.Environment(
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
-        drawn: list[ScoreBoard] = []
-        stay: list[ScoreBoard] = []
-        for board in self.headlines:
-            (drawn if seeded(board.result.dataset.name) else stay).append(board)
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
             draw=self.newest,
-            newest=list(map(self._context, drawn)),
             cards=as_markdown(cards_table(self.cards, in_repository=True)),
-            boards=list(map(self._context, stay)),
+            boards=list(map(self._context, self.headlines)),
         )
         return text.rstrip("\n") + "\n"
 
     def _context(self, board: ScoreBoard) -> dict[str, Any]:
         ranking = ranking_table(board, self.folder)
         return {
+            "drawn": seeded(board.result.dataset.name),
             "heading": escape_markdown(ranking.title),
             "fingerprint": board.result.dataset.fingerprint,
             "table": as_markdown(replace(ranking, title="ranking")),
@@ -325,21 +322,21 @@ def _left_out(board: Board) -> Iterator[Problem]:
     which pairs are averaged.
     """
     # By their lists, which are long: a table of all scores takes longer than all other checks.
-    defined: dict[tuple[str, ...], list[bool]] = {}
-    lacking: list[tuple[tuple[str, ...], list[int], str, Row]] = []
+    undefined: dict[tuple[str, ...], set[int]] = {}
+    lacking: list[tuple[tuple[str, ...], set[int], str, Row, RowRun]] = []
     for path, row in board.rows.items():
         for run in row.runs:
             for protocol, columns in run.scores.items():
                 for metric, column in columns.items():
                     place = (row.dataset, row.split, run.label, protocol, metric)
-                    there = [value is not None for value in column]
-                    before = defined.setdefault(place, there)
-                    defined[place] = [a or b for a, b in zip(before, there, strict=True)]
-                    empty = [n for n, t in enumerate(there) if not t and run.status[n] == "ok"]
-                    lacking += [(place, empty, path.stem, row)] if empty else []
-    for found, empty, method, row in lacking:
-        dataset, split, _, protocol, metric = found
-        for number in (number for number in empty if defined[found][number]):
+                    gaps = {n for n, value in enumerate(column) if value is None}
+                    undefined[place] = undefined.get(place, gaps) & gaps
+                    lacking.append((place, gaps, path.stem, row, run))
+    for place, gaps, method, row, run in lacking:
+        dataset, split, _, protocol, metric = place
+        for number in sorted(gaps - undefined[place]):
+            if run.status[number] != "ok":
+                continue
             where = f"{dataset}, split {split}: {row.pairs[number]}"
             what = f"{method} has no {metric} under {protocol}, which other rows have"
             yield Problem(what, where=where, fix="run it again")

@@ -152,9 +152,7 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
         "method",
         *(metric.heading for metric in METRICS.values()),
         *(f"{METRICS[RANKED_BY].title}, exposure {level}" for level in _EXPOSURES),
-        "seconds an image",
-        "where",
-        "status",
+        *("seconds an image", "where", "status"),
     )
     rows = tuple(cells for _, cells in sorted(lines))
     notes = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
@@ -25,7 +26,7 @@ from dfdbench.results.frame import (
 )
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
-from dfdbench.results.wording import NOTHING, knew_blur, labelled, method_label, score_text
+from dfdbench.results.wording import NOTHING, knew_blur, score_text
 
 #: The protocol that suites of tracks are ranked by.
 TRACKS_PROTOCOL = "valid"
@@ -48,11 +49,6 @@ class Entry:
     runs: tuple[Result, ...]
     path: Path
     label: str
-
-    @classmethod
-    def of(cls, result: Result, path: Path, place: str = "") -> Entry:
-        """Return the entry of a single run, with the place of the run in its label if given."""
-        return cls((result,), path, labelled(method_label(result.method), place))
 
     @property
     def result(self) -> Result:
@@ -136,7 +132,7 @@ class ScoreBoard:
         """The metric that ranks."""
         return ranked_by(self.protocol)[0]
 
-    @property
+    @functools.cached_property
     def groups(self) -> int:
         """How many independent groups of scenes the split has."""
         return int(self.scores["group"].nunique())
@@ -230,7 +226,7 @@ def _board(
     part = scores[scores["entry"].isin(members) & (scores["protocol"] == protocol)]
     first, ties = ranked_by(protocol)
     by_run = group_means(part, "entry", "metric", "track", "severity")
-    means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric")
+    means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric").to_dict()
 
     def score(number: int, metric: str) -> float | None:
         return defined(means[metric].get(number, np.nan))

@@ -161,23 +161,20 @@ class Row(Record):
         taken: set[tuple[str, str]] = set()
         for run in self.runs:
             self._require_records(run)
-            done = [status == "ok" for status in run.status]
-            whole = (
+            whole: list[tuple[str, Sequence[object]]] = [
                 ("status", run.status),
                 ("machine", run.machine or run.status),
                 ("answered", run.answered or run.status),
-            )
+            ]
             for name, column in (*whole, *run.columns()):
                 if len(column) != len(self.pairs):
-                    raise ValueError(
-                        f"{run.label}: {name} has {len(column)} places for {len(self.pairs)} pairs"
-                    )
-                there = [value is not None for value in column]
-                if (name, column) not in whole and any(
-                    t > d for t, d in zip(there, done, strict=True)
-                ):
+                    count = f"{len(column)} places for {len(self.pairs)} pairs"
+                    raise ValueError(f"{run.label}: {name} has {count}")
+            left_out = [at for at, status in enumerate(run.status) if status != "ok"]
+            for name, column in run.columns():
+                if any(column[at] is not None for at in left_out):
                     raise ValueError(f"{run.label}: {name} of a pair that was not evaluated")
-                if name in needed and there != done:
+                if name in needed and column.count(None) > len(left_out):
                     raise ValueError(f"{run.label}: an evaluated pair has no {name}")
             for key in ((run.label, protocol) for protocol in run.scores):
                 if key in taken:
@@ -275,6 +272,7 @@ def _with(shared: _R, own: dict[str, Any]) -> _R:
     return type(shared).model_validate(shared.model_dump() | own) if own else shared
 
 
+@functools.lru_cache(maxsize=64)
 def _manifest_of(dataset: str) -> Manifest:
     if drawn := seeded(dataset):
         return unseen_manifest(*drawn)

@@ -121,25 +121,24 @@ def _facts(result: Result) -> dict[str, Any]:
     return facts
 
 
+def _differing(one: Result, other: Result) -> list[tuple[str, Any, Any]]:
+    found, own = _facts(one), _facts(other)
+    return [(name, found.get(name), own[name]) for name in own if found.get(name) != own[name]]
+
+
 def _require_one_method(runs: Sequence[Result]) -> None:
-    first = _facts(runs[0])
+    what = "the runs are not of one method on one split"
     ResultError.raise_if(
-        Problem(
-            f"the runs are not of one method on one split: {value}, not {first[name]}",
-            where=f"{run.dataset.degradation}: {name}",
-        )
+        Problem(f"{what}: {value}, not {first}", where=f"{run.dataset.degradation}: {name}")
         for run in runs
-        for name, value in _facts(run).items()
-        if value != first[name]
+        for name, first, value in _differing(runs[0], run)
     )
 
 
 def _require_same_method(there: Result, new: Result, path: Path) -> None:
-    found, own = _facts(there), _facts(new)
-    others = [name for name in own if found.get(name) != own[name]]
-    if others:
-        name = others[0]
-        what = f"another method is there: its {name} is {found.get(name)}, not {own[name]}"
+    if differing := _differing(there, new):
+        name, found, own = differing[0]
+        what = f"another method is there: its {name} is {found}, not {own}"
         fix = "give your method a card of another name; if the row is yours, remove its file"
         raise ResultError(what, where=str(path), fix=fix)
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.ranking import Entry, ScoreBoard, over_tracks
-from dfdbench.datasets.catalog import part_name, released_manifests
+from dfdbench.datasets.catalog import part_name, released_headings, released_manifests
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
@@ -49,14 +49,9 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     # Rows that nobody could run have no second table to link their files.
     scored = f": {record.SCORED}" if board.result.method.scored else ""
     columns = (
-        "",
-        "method",
-        "given",
-        find_metric(board.metric).heading,
-        interval_name(board.groups),
+        *("", "method", "given", find_metric(board.metric).heading, interval_name(board.groups)),
         *(metric.heading for metric in metrics),
-        "difference from the row above",
-        "seconds per pair",
+        *("difference from the row above", "seconds per pair"),
     )
     rows = tuple(
         (
@@ -300,7 +295,7 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
     notes = [*_interval_notes(board), wording.GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
-    notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]
+    notes += [f"{h.stem}: {h.title}." for h in released_headings() if h.stem in others]
     for standing in board.standings:
         entry = standing.entry
         dataset = entry.result.dataset
@@ -370,7 +365,7 @@ def _in_short(text: str, dataset: str) -> str:
     if name == dataset:
         return "this track"
     base, track = part_name(name)
-    synthetic = {m.stem for m in released_manifests() if m.recipe is not None}
+    synthetic = {h.stem for h in released_headings() if h.recipe is not None}
     # Words after the split say that training was not on clean images.
     if base not in synthetic or track or ", " in rest:
         return text

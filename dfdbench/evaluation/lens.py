@@ -125,23 +125,15 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     >>> law.levels, round(law.sigmas[255], 3), law.kernel_size
     (256, 2.598, 17)
     """
+    known = (*_LENS, _SCALE, *_OF_LAW)
     problems = [
-        Problem(
-            "unknown field of a lens",
-            where=where,
-            expected=", ".join((*_LENS, _SCALE, *_OF_LAW)),
-            got=name,
-        )
+        Problem("unknown field of a lens", where=where, expected=", ".join(known), got=name)
         for name in given
-        if name not in (*_LENS, _SCALE, *_OF_LAW)
+        if name not in known
     ]
-    lacking = [name for name in (*_NEEDED, _SCALE) if name not in given]
-    if lacking:
-        problems.append(
-            Problem(
-                f"the lens is not known well enough: no {', '.join(lacking)}", where=where, fix=_SAY
-            )
-        )
+    if lacking := [name for name in (*_NEEDED, _SCALE) if name not in given]:
+        what = f"the lens is not known well enough: no {', '.join(lacking)}"
+        problems.append(Problem(what, where=where, fix=_SAY))
     MethodError.raise_if(problems)
     rig, scale = _checked(given, where)
     try:

@@ -173,12 +173,9 @@ class DepthPredictor:
         if self.unit == "metres":
             return depth
         if self._scale is None:
-            raise MethodError(
-                "the method answers in levels, and how far those are is not known",
-                where=self.method.name,
-                fix="take a method that answers in metres, or a run on a set with a scale "
-                "(--fitted RUN)",
-            )
+            what = "the method answers in levels, and how far those are is not known"
+            fix = "a method that answers in metres, or a run on a set with a scale (--fitted RUN)"
+            raise MethodError(what, where=self.method.name, fix=f"take {fix}")
         return self._scale.to_metres(depth).astype(np.float32)
 
     def of_stack(self, stack: xarray.DataArray) -> Estimate:
@@ -361,11 +358,9 @@ def write_submission(path: Path, depths: Iterable[tuple[str, NDArray[np.float32]
                 raise InputError(what, where=name)
             file = f"zedd_output_{number[0]}.npy"
             if file in written:
-                raise InputError(
-                    f"{written[file]} would be {file}, too",
-                    where=name,
-                    fix="leave one capture a scene in the folder",
-                )
+                what = f"{written[file]} would be {file}, too"
+                fix = "leave one capture a scene in the folder"
+                raise InputError(what, where=name, fix=fix)
             written[file] = name
             with archive.open(file, "w") as entry:
                 np.save(entry, depth)

@@ -58,9 +58,7 @@ class PredictionFiles:
         self, pair: Pair, shape: tuple[int, int]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x)."""
-        depth, sigma, _, wrong = _answer(self.files[pair], shape, self.unit, self.about)
-        assert depth is not None, wrong  # it was read before
-        return depth, sigma
+        return _answer(self.files[pair], shape, self.unit, self.about)[:2]
 
 
 def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
@@ -97,13 +95,14 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     wrong: list[Problem] = []
     for pair in (pair for pair in wanted if pair in files):
         shape = store.shape_of(pair.scene)
-        depth, _, outside, text = _answer(files[pair], shape, unit, about)
-        pixels, beyond = pixels + shape[0] * shape[1], beyond + outside
-        if depth is not None:
-            highest = max(highest, float(np.nanmax(depth)))
-        else:
+        try:
+            depth, _, outside = _answer(files[pair], shape, unit, about)
+        except ValueError as error:
             expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
-            wrong.append(Problem(text, where=str(files[pair]), expected=expected))
+            wrong.append(Problem(str(error), where=str(files[pair]), expected=expected))
+        else:
+            pixels, beyond = pixels + depth.size, beyond + outside
+            highest = max(highest, float(np.nanmax(depth)))
     problems += wrong[:_MOST]
     if wrong[_MOST:]:
         problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
@@ -120,13 +119,9 @@ def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem
     if not store.pairs(split):
         problems.append(Problem(f"the store holds no pair of split {split}", where=str(store.path)))
     if unit == "metres" and store.manifest.depth.scale is None:
-        problems.append(
-            Problem(
-                "no depth.scale in the manifest makes metres of levels",
-                where=store.manifest.stem,
-                fix="hand in depth levels: --unit levels",
-            )
-        )
+        what = "no depth.scale in the manifest makes metres of levels"
+        fix = "hand in depth levels: --unit levels"
+        problems.append(Problem(what, where=store.manifest.stem, fix=fix))
     return problems
 
 
@@ -151,23 +146,19 @@ def _sorted_out(
             files[found] = path
     missing = [pair.id for pair in wanted if pair not in files]
     each = f"a file for each of the {len(wanted)} pairs, as {wanted[0].id}.npy"
+    ends = f"names of pairs that end in {', '.join(SUFFIXES)}"
     lists = (
         ("pairs without a depth map", missing, each),
         ("pairs with two depth maps", twice, "one file per pair"),
-        (
-            "files that are no pair's depth map",
-            surplus,
-            f"names of pairs that end in {', '.join(SUFFIXES)}",
-        ),
+        ("files that are no pair's depth map", surplus, ends),
     )
-    fix = f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs"
+    where, fix = (
+        str(folder),
+        f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs",
+    )
     problems = [
         Problem(
-            f"{what}: {len(names)}",
-            where=str(folder),
-            expected=wish,
-            got=listed(names, _NAMED),
-            fix=fix,
+            f"{what}: {len(names)}", where=where, expected=wish, got=listed(names, _NAMED), fix=fix
         )
         for what, names, wish in lists
         if names
@@ -180,28 +171,28 @@ Depths = NDArray[np.float32]
 
 def _answer(
     path: Path, shape: tuple[int, int], unit: Unit, about: Depth
-) -> tuple[Depths | None, Depths | None, int, str]:
-    """Return a file's depth and sigma in the set's unit, how many pixels are beyond, what is wrong.
+) -> tuple[Depths, Depths | None, int]:
+    """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
 
-    Beyond the set's ends, which metres of a set in metres have not.
+    Beyond is nothing in metres of a set in metres. A ValueError says what is wrong with the file.
     """
     try:
         values, spread = _read(path, unit)
     except UNREADABLE_IMAGE as error:
         # What is no array NumPy takes for a pickle, and says how it would run it.
         reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
-        return None, None, 0, f"cannot be read: {reason}"
+        raise ValueError(f"cannot be read: {reason}") from error
     if unit == "metres" and values.shape == shape and values.dtype.kind in "uif":
         bad = np.count_nonzero(np.isinf(values) | (values <= 0))
         if bad:
-            return None, None, 0, f"holds no distance in {bad} of {values.size} pixels"
+            raise ValueError(f"holds no distance in {bad} of {values.size} pixels")
     depth, sigma, wrong = check_answer(values if spread is None else (values, spread), shape, unit)
-    beyond, scale = 0, about.scale
     if depth is None:
-        return None, None, 0, wrong.replace("returned", "holds", 1)
+        raise ValueError(wrong.replace("returned", "holds", 1))
+    beyond, scale = 0, about.scale
     if unit == "metres" and about.kind == "levels" and scale is not None:
         beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
-    return *about.answer_of_unit(depth, sigma, unit), beyond, ""
+    return *about.answer_of_unit(depth, sigma, unit), beyond
 
 
 def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:

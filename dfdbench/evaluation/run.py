@@ -338,9 +338,11 @@ def compose(
         Where the pairs were run, as their `machine` counts them; by default here.
     """
     first, *others = environments or [describe_environment()]
-    pairs, told = _with_sureness(pairs)
+    protocols = list(protocols_on(store))
+    if any(SURE in pair.scores for pair in pairs):
+        pairs = list(map(_with_sureness, pairs))
+        protocols.append(RELEASED[SURE])
     evaluated = [pair for pair in pairs if pair.status == "ok"]
-    protocols = [*protocols_on(store), *([RELEASED[SURE]] if told else [])]
     labels = [protocol.label for protocol in protocols]
     return Result(
         schema_version=1,
@@ -360,23 +362,17 @@ def compose(
     )
 
 
-def _with_sureness(pairs: list[PairResult]) -> tuple[list[PairResult], bool]:
-    """Score all pairs for how sure the method is, where one is; say whether one is.
+def _with_sureness(pair: PairResult) -> PairResult:
+    """Score a pair for how sure the method is.
 
-    A pair that is answered everywhere without a sigma has its own error at any density.
+    One that is answered everywhere without a sigma has its own error at any density.
     """
-    if not any(SURE in pair.scores for pair in pairs):
-        return pairs, False
-
-    def filled(pair: PairResult) -> PairResult:
-        if pair.status != "ok" or SURE in pair.scores:
-            return pair
-        error = pair.score("valid", "nrmse")
-        scores = dict.fromkeys(metrics_of(SURE)) | {"density": 1.0}
-        scores |= {"nrmse_50": error, "nrmse_90": error}
-        return pair.model_copy(update={"scores": pair.scores | {SURE: scores}})
-
-    return [filled(pair) for pair in pairs], True
+    if pair.status != "ok" or SURE in pair.scores:
+        return pair
+    error = pair.score("valid", "nrmse")
+    scores = dict.fromkeys(metrics_of(SURE)) | {"density": 1.0}
+    scores |= {"nrmse_50": error, "nrmse_90": error}
+    return pair.model_copy(update={"scores": pair.scores | {SURE: scores}})
 
 
 def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -> DatasetRecord:

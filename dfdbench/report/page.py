@@ -94,7 +94,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
-    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
+    found = boards([Entry((run.result,), run.path, run.label) for run in runs])
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:

@@ -42,7 +42,7 @@ def paper_tables(
         if name not in there:
             raise unknown_name("metric", name, there)
     shown = tuple(dict.fromkeys(columns or there))
-    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
+    found = boards([Entry((run.result,), run.path, run.label) for run in runs])
     tables = [_table(board, shown) for board in found if board.protocol == protocol]
     # LaTeX refuses a label twice: another build of a set has the same name and other data.
     labels = [table.label for table in tables]

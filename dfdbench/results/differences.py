@@ -104,14 +104,12 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         Where one of them was not scored under that protocol.
     """
     one, other = (result.dataset.model_dump() for result in (first, second))
+    what = "runs on different data are not comparable"
+    fix = "run both methods on the same built data set and split"
     ResultError.raise_if(
-        Problem(
-            f"runs on different data are not comparable: {one[what]} and {other[what]}",
-            where=f"dataset.{what}",
-            fix="run both methods on the same built data set and split",
-        )
-        for what in ("name", "manifest_sha256", "fingerprint", "split")
-        if one[what] != other[what]
+        Problem(f"{what}: {one[fact]} and {other[fact]}", where=f"dataset.{fact}", fix=fix)
+        for fact in ("name", "manifest_sha256", "fingerprint", "split")
+        if one[fact] != other[fact]
     )
     definitions = []
     for result in (first, second):
@@ -206,10 +204,9 @@ def change_tables(
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
         raise ResultError("no pair was scored in both runs", fix="`dfdbench run` goes on")
-    tables = [difference_table(first, second, protocol, names)]
-    if most_changed(first, second, protocol, most):
-        tables.append(pair_table(first, second, protocol, most))
-    return tables
+    differences = difference_table(first, second, protocol, names)
+    pairs = pair_table(first, second, protocol, most)
+    return [differences, *[pairs] * bool(pairs.rows)]
 
 
 def difference_table(
@@ -274,20 +271,15 @@ def _notes(first: Result, second: Result, protocol: str, groups: int) -> Iterato
 def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
     """Return the pairs whose NRMSE, in metres AbsRel, changed most, largest change first."""
     metric = ranked_by(protocol)[0]
-    found = [
-        (change, change.first.score(protocol, metric), change.second.score(protocol, metric))
-        for change in most_changed(first, second, protocol, most)
-    ]
-    rows = tuple(
-        (change.first.id, score_text(a), score_text(b), f"{change.difference:+.4f}")
-        for change, a, b in found
-    )
-    records = tuple(
-        {"pair": change.first.id, "a": a, "b": b, "difference": change.difference}
-        for change, a, b in found
-    )
+    rows, records = [], []
+    for change in most_changed(first, second, protocol, most):
+        pair, by = change.first.id, change.difference
+        a, b = (each.score(protocol, metric) for each in (change.first, change.second))
+        rows.append((pair, score_text(a), score_text(b), f"{by:+.4f}"))
+        records.append({"pair": pair, "a": a, "b": b, "difference": by})
     title = f"pairs that changed most in {find_metric(metric).title}"
-    return Table(title, ("pair", "A", "B", "B less A"), rows, "lrrr", records=records)
+    columns = ("pair", "A", "B", "B less A")
+    return Table(title, columns, tuple(rows), "lrrr", records=tuple(records))
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
@@ -320,8 +312,5 @@ def changes_to_show(
 
 def _same_depth_maps(first: Result, second: Result) -> bool:
     others = {pair.id: pair.prediction_sha256 for pair in second.evaluated}
-    return all(
-        pair.prediction_sha256 is not None and pair.prediction_sha256 == others[pair.id]
-        for pair in first.evaluated
-        if pair.id in others
-    )
+    both = [pair for pair in first.evaluated if pair.id in others]
+    return all(p.prediction_sha256 and p.prediction_sha256 == others[p.id] for p in both)

@@ -315,16 +315,14 @@ def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str
 
     There is none where a pair lacks answers: means of the others would gain by what is left out.
     """
-
-    def mean(protocol: str, metric: str) -> float | None:
-        if any(pair.lacks_answers(protocol) for pair in pairs):
-            return None
-        return mean_of(pair.score(protocol, metric) for pair in pairs)
-
-    return {
-        protocol: {metric: mean(protocol, metric) for metric in metrics_of(protocol)}
-        for protocol in protocols
-    }
+    means = {}
+    for protocol in protocols:
+        whole = [] if any(pair.lacks_answers(protocol) for pair in pairs) else pairs
+        means[protocol] = {
+            metric: mean_of(pair.score(protocol, metric) for pair in whole)
+            for metric in metrics_of(protocol)
+        }
+    return means
 
 
 def save_result(result: Result, path: Path) -> None:

@@ -9,10 +9,11 @@ from dfdbench.metrics.protocol import SURE, metrics_of, title_of
 from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.record import Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
-from dfdbench.results.wording import NOTHING, score_text
+from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table, counted, listed
 
 EXTREMES = 5
+_SPREAD = {"minimum": "minimum", "mean": "mean", "maximum": "maximum", "std deviation": "std"}
 
 
 def run_tables(summary: RunSummary, scenes: Sequence[Scene] = ()) -> list[Table]:
@@ -161,15 +162,11 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             what = f"range of the means of {count} groups of scenes, too few for an interval"
         notes.append(f"{what}: {'; '.join(intervals)}")
     if whole.undefined:
-        notes.append(
-            "without a defined score (flat ground truth), in no mean: "
-            + counted(whole.undefined, "pair")
-        )
+        pairs = counted(whole.undefined, "pair")
+        notes.append(f"without a defined score (flat ground truth), in no mean: {pairs}")
     if whole.unanswered:
-        notes.append(
-            f"{counted(whole.unanswered, 'pair')} without an answer for every pixel: no mean and "
-            "no rank but under protocol sure"
-        )
+        pairs = f"{counted(whole.unanswered, 'pair')} without an answer for every pixel"
+        notes.append(f"{pairs}: no mean and no rank but under protocol {SURE}")
     notes += _notes_of_method(result)
     by_error: dict[str, list[str]] = {}
     for pair in result.pairs:
@@ -281,12 +278,7 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
         if group.evaluated < group.expected:
             lacking.append(part)
             continue
-        for name, statistic in (
-            ("minimum", "minimum"),
-            ("mean", "mean"),
-            ("maximum", "maximum"),
-            ("std deviation", "std"),
-        ):
+        for name, statistic in _SPREAD.items():
             first = (part, str(group.expected)) if name == "minimum" else ("", "")
             found = (getattr(group.metrics[metric], statistic) for metric in metrics)
             rows.append((*first, name, *map(score_text, found)))
@@ -317,18 +309,15 @@ def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]
 def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table:
     result, protocol = summary.result, summary.protocol
     metrics = metrics_of(protocol)
-    members: dict[str, list[str]] = {}
-    for pair in result.pairs:
-        names = members.setdefault(label_of.get(pair.scene, NOTHING), [])
-        if pair.scene not in names:
-            names.append(pair.scene)
+    scenes = dict.fromkeys(pair.scene for pair in result.pairs)
     rows, idle = [], []
     for label, group in summarise_scenes(result, protocol, label_of).items():
         if not group.evaluated and not group.failed:
             idle.append(label)
             continue
         done = f"{group.evaluated}/{group.expected}"
-        rows.append((label, _listed(members[label]), *_cells(group), done))
+        members = [scene for scene in scenes if label_of.get(scene) == label]
+        rows.append((label, _listed(members), *_cells(group), done))
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
     heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset

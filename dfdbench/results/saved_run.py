@@ -59,7 +59,8 @@ class SavedRun:
     @property
     def label(self) -> str:
         """The method with its parameters, and the place where that is needed."""
-        return wording.labelled(wording.method_label(self.result.method), self.place)
+        label = wording.method_label(self.result.method)
+        return f"{label} ({self.place})" if self.place else label
 
     def images(self, pair: PairResult | str) -> tuple[Capture, NDArray[np.float32]] | None:
         """Return a pair's images and the depth predicted for it, shape (y, x); None without.

@@ -28,8 +28,8 @@ class Statistic:
         How many pairs that is.
     low, high : float or None
         From `group_interval`; None for a single group of scenes.
-    groups : int
-        How many groups of scenes the pairs are of.
+    interval_is : str or None
+        What `low` and `high` are, by `interval_name`; None where there is neither.
     minimum, maximum : float or None
         Of the pairs that `mean` is of, as in the thesis's Tables 7.3 and 7.6.
     of_what_ran : float or None
@@ -41,15 +41,10 @@ class Statistic:
     defined: int
     low: float | None = None
     high: float | None = None
-    groups: int = 0
+    interval_is: str | None = None
     minimum: float | None = None
     maximum: float | None = None
     of_what_ran: float | None = None
-
-    @property
-    def interval_is(self) -> str | None:
-        """What `low` and `high` are, by `interval_name`; None where there is neither."""
-        return None if self.low is None else interval_name(self.groups)
 
 
 @dataclass(frozen=True)
@@ -237,5 +232,6 @@ def _statistic(defined: Sequence[tuple[str, float]], overall: bool) -> Statistic
     interval = group_interval(numbers, groups) if overall else None
     std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
     low, high = interval or (None, None)
+    named = interval_name(len({*groups})) if interval else None
     ends = min(numbers), max(numbers)
-    return Statistic(mean_of(numbers), std, len(numbers), low, high, len({*groups}), *ends)
+    return Statistic(mean_of(numbers), std, len(numbers), low, high, named, *ends)

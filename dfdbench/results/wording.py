@@ -35,17 +35,6 @@ def method_label(method: MethodRecord) -> str:
     return f"{method.title} ({settings})" if settings else method.title
 
 
-def labelled(label: str, place: str) -> str:
-    """Return a method's label with the place of its run, where one is to be said.
-
-    Examples
-    --------
-    >>> labelled("mine:predict", "v1"), labelled("mine:predict", "")
-    ('mine:predict (v1)', 'mine:predict')
-    """
-    return f"{label} ({place})" if place else label
-
-
 def training_text(method: MethodRecord) -> str:
     """Return what a method was trained on and what it was fitted on, in a few words.
 

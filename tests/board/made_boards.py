@@ -10,8 +10,8 @@ from dfdbench.board import cards, ranking, submission
 from dfdbench.board.board import leaderboard
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
-from dfdbench.results.wording import knew_blur
-from tests.made_results import make_demo_result
+from dfdbench.results.wording import knew_blur, method_label
+from tests.made_results import edited, make_demo_result
 
 
 def add_card(folder: Path, name: str, entry: str | None = None, **fields: Any) -> Path:
@@ -68,6 +68,10 @@ def add(folder: Path, name: str, value: float, **changes: Any) -> Path:
     return submit(make_demo_result(score, name, **changes), folder)
 
 
+def entry_of(result: Result, path: Path) -> ranking.Entry:
+    return ranking.Entry((result,), path, method_label(result.method))
+
+
 def only_board(folder: Path) -> ranking.ScoreBoard:
     (board,) = leaderboard(folder).boards
     return board
@@ -76,6 +80,5 @@ def only_board(folder: Path) -> ranking.ScoreBoard:
 def scored(name: str, value: float) -> Result:
     """Depth maps that were made elsewhere."""
     made = make_demo_result(lambda pair: value, name)
-    pairs = [pair.model_copy(update={"seconds": None}) for pair in made.pairs]
-    method = made.method.model_copy(update={"scored": "levels", "entry": "scored, not run"})
-    return made.model_copy(update={"pairs": pairs, "method": method})
+    method = {"scored": "levels", "entry": "scored, not run"}
+    return edited(made, pairs={"seconds": None}, method=method)

@@ -7,7 +7,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
-from tests.made_results import make_demo_result
+from tests.made_results import edited, make_demo_result
 
 ALL = list(SUITES["tracks-1"])
 
@@ -32,10 +32,5 @@ def make_tracks(
         elif own.get("fitted_on"):
             own["fitted_on"] = None
         texts = {k: v.format(label=label) for k, v in own.items() if isinstance(v, str)}
-        found[label] = result.model_copy(
-            update={
-                "dataset": result.dataset.model_copy(update=dataset),
-                "method": result.method.model_copy(update=own | texts),
-            }
-        )
+        found[label] = edited(result, dataset=dataset, method=own | texts)
     return found

@@ -8,24 +8,16 @@ import pytest
 
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
-from dfdbench.board.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.board.ranking import ScoreBoard, boards, mean_of_all, over_tracks
 from dfdbench.datasets.manifest import Pair
-from dfdbench.results.record import Result, average
-from tests.board.made_boards import add, only_board, scored, submit
+from dfdbench.results.record import Result
+from tests.board.made_boards import add, entry_of, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
-from tests.made_results import limited, make_demo_result
+from tests.made_results import edited, limited, make_demo_result
 
 
 def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
     return [(standing.rank, standing.entry.label) for standing in board.standings]
-
-
-def with_seconds(result: Result, seconds: list[float], alone: bool = True) -> Result:
-    pairs = [
-        pair.model_copy(update={"seconds": seconds[at % len(seconds)], "timed_alone": alone})
-        for at, pair in enumerate(result.pairs)
-    ]
-    return result.model_copy(update={"pairs": pairs})
 
 
 def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Path) -> None:
@@ -34,6 +26,7 @@ def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Pa
     first, second = only_board(tmp_path).standings
     assert [(s.rank, s.entry.label) for s in (first, second)] == [(1, "better"), (2, "worse")]
     assert first.above is None
+    assert first.entry.seconds == 0.25
     assert second.above is not None
     assert second.above.mean == pytest.approx(0.1)
     assert (second.above.losses, second.above.verdict) == (54, "too few scenes to tell")
@@ -48,11 +41,9 @@ def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
         add(tmp_path, name, 0.1)
     add(tmp_path, "last", 0.3)
     made = make_demo_result(lambda p: 0.3 + 0.0001 * len(p.scene) + 0.001 * p.at["exposure"], "z")
-    pairs = [
-        pair.model_copy(update={"scores": {"valid": pair.scores["valid"] | {"nmae": 0.0}}})
-        for pair in made.pairs
-    ]
-    submit(made.model_copy(update={"pairs": pairs}), tmp_path)
+    scores = [pair.scores["valid"] | {"nmae": 0.0} for pair in made.pairs]
+    pairs = [edited(p, scores={"valid": s}) for p, s in zip(made.pairs, scores, strict=True)]
+    submit(edited(made, pairs=pairs), tmp_path)
     found = ranks(only_board(tmp_path))
     assert found == [(1, "a"), (1, "b"), (1, "c"), (4, "z"), (5, "last")]
 
@@ -64,15 +55,10 @@ def test_each_protocol_ranks_by_its_own_scores(tmp_path: Path) -> None:
     for name, thesis, valid in (("a", 0.1, 0.4), ("b", 0.2, 0.2)):
         made, other = under("thesis", name, thesis), under("valid", name, valid)
         pairs = [
-            pair.model_copy(update={"scores": pair.scores | also.scores})
+            edited(pair, scores=pair.scores | also.scores)
             for pair, also in zip(made.pairs, other.pairs, strict=True)
         ]
-        update = {
-            "pairs": pairs,
-            "protocols": made.protocols + other.protocols,
-            "averages": average(pairs, ["thesis", "valid"]),
-        }
-        submit(made.model_copy(update=update), tmp_path)
+        submit(edited(made, pairs=pairs, protocols=made.protocols + other.protocols), tmp_path)
     found = {board.protocol: board for board in leaderboard(tmp_path).boards}
     assert ranks(found["thesis"]) == [(1, "a"), (2, "b")]
     assert ranks(found["valid"]) == [(1, "b"), (2, "a")]
@@ -83,9 +69,8 @@ def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
     one = make_demo_result(lambda pair: 0.1, "one", protocols=("thesis", "valid"))
     others = make_demo_result(lambda pair: 0.1, "others", fingerprint="5" * 64)
     # A set of one's own whose crop was changed has the same images and other scores.
-    dataset = one.dataset.model_copy(update={"manifest_sha256": "7" * 64})
-    changed = one.model_copy(update={"dataset": dataset, "protocols": one.protocols[:1]})
-    found = boards([Entry.of(run, tmp_path) for run in (one, others, changed)])
+    changed = edited(one, dataset={"manifest_sha256": "7" * 64}, protocols=one.protocols[:1])
+    found = boards([entry_of(run, tmp_path) for run in (one, others, changed)])
     assert [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found] == [
         ("valid", "2", 1),
         ("valid", "5", 1),
@@ -127,16 +112,12 @@ def test_a_suite_has_intervals_over_scenes_of_each_capture_s_mean(tmp_path: Path
     for name, change in changes.items():
         runs = make_tracks(name)
         for at, (label, run) in enumerate(runs.items()):
-            pairs = [
-                pair.model_copy(
-                    update={"scores": {"valid": dict.fromkeys(("nrmse", "nmae", "ssim"), value)}}
-                )
-                for pair in run.pairs
-                for value in [change + 0.01 * len(pair.scene) + 0.001 * at * (label != "clean")]
-            ]
-            runs[label] = run.model_copy(
-                update={"pairs": pairs, "averages": average(pairs, ["valid"])}
-            )
+            pairs = []
+            for pair in run.pairs:
+                value = change + 0.01 * len(pair.scene) + 0.001 * at * (label != "clean")
+                scores = {"valid": dict.fromkeys(("nrmse", "nmae", "ssim"), value)}
+                pairs.append(edited(pair, scores=scores))
+            runs[label] = edited(run, pairs=pairs)
         submit(list(runs.values()), tmp_path)
     best, other = only_board(tmp_path).standings
     scenes = {len(pair.scene) for pair in best.entry.result.pairs}
@@ -156,7 +137,7 @@ def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:
         return make_demo_result(score, name, dataset="middlebury-default", split="all")
 
     runs = [run("a", 0.1), run("b", 0.101), run("c", 0.18)]
-    (found,) = boards([Entry.of(each, tmp_path) for each in runs])
+    (found,) = boards([entry_of(each, tmp_path) for each in runs])
     assert found.groups == 17
     # A rank counts only rows whose whole interval is lower.
     assert ranks(found) == [(1, "a"), (1, "b"), (3, "c")]
@@ -189,13 +170,3 @@ def test_a_new_track_takes_no_rank_away(tmp_path: Path, monkeypatch: pytest.Monk
     submit(list(make_tracks("new", 0.1).values()), tmp_path)
     found = {board.suite: ranks(board) for board in leaderboard(tmp_path).boards}
     assert found == {"tracks-1": [(1, "new"), (2, "old")], "tracks-2": [(1, "new")]}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "alone", "median"), [([1.0, 1.0, 9.0], True, 1.0), ([1.0], False, None)]
-)
-def test_seconds_are_the_median_of_pairs_that_ran_alone(
-    tmp_path: Path, seconds: list[float], alone: bool, median: float | None
-) -> None:
-    result = with_seconds(make_demo_result(lambda pair: 0.1), seconds, alone)
-    assert Entry.of(result, tmp_path).seconds == median

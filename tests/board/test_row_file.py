@@ -11,7 +11,7 @@ from dfdbench.board.row_file import read_row, row_of, row_problems, row_text, tr
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
-from tests.made_results import limited, make_demo_result
+from tests.made_results import edited, limited, make_demo_result
 
 WEIGHTS = "5" * 64
 
@@ -25,12 +25,11 @@ def saved(folder: Path, results: list[Result]) -> Path:
 def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
     runs = make_tracks("mine", 1 / 3, ["noise-1", "camera-2"], fitted_on="demo-1@{label}, train")
     clean = make_demo_result(lambda pair: 1 / 7, protocols=("thesis", "valid"))
-    pairs = [pair.model_copy(update={"numbers": {"energy": 1.5}}) for pair in clean.pairs]
-    clean = clean.model_copy(update={"pairs": pairs})
-    stopped = limited(runs["noise-1"], 5)
-    elsewhere = clean.environment.model_copy(update={"cpu": "another"})
-    moved = [pair.model_copy(update={"machine": 1}) for pair in stopped.pairs]
-    stopped = stopped.model_copy(update={"other_environments": [elsewhere], "pairs": moved})
+    clean = edited(clean, pairs={"numbers": {"energy": 1.5}})
+    elsewhere = edited(clean.environment, cpu="another")
+    stopped = edited(
+        limited(runs["noise-1"], 5), other_environments=[elsewhere], pairs={"machine": 1}
+    )
     results = [clean, stopped, runs["camera-2"]]
     assert list(read_row(saved(tmp_path, results)).results) == results
 
@@ -93,12 +92,12 @@ def test_a_file_that_contradicts_itself_is_refused(
 
 def problems(folder: Path, **changes: Any) -> str:
     row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
-    return "\n".join(map(str, row_problems(row.model_copy(update=changes), folder, "here")))
+    return "\n".join(map(str, row_problems(edited(row, **changes), folder, "here")))
 
 
 def test_a_set_drawn_from_a_seed_has_rows_too() -> None:
     row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
-    drawn = row.model_copy(update={"dataset": "unseen-7-1"})
+    drawn = edited(row, dataset="unseen-7-1")
     assert drawn.manifest.stem == "unseen-7-1"
     assert len(drawn.manifest.pairs("test")) == 24
 

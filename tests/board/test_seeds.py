@@ -6,11 +6,11 @@ import pytest
 
 from dfdbench.board.board import draw_seed, read_draws
 from dfdbench.errors import InputError, ResultError
-from tests.made_results import make_demo_result
+from tests.made_results import edited, make_demo_result
 
 
 def at_commit(monkeypatch: pytest.MonkeyPatch, commit: str | None) -> None:
-    environment = make_demo_result(lambda pair: 0.1).environment.model_copy(update={"git": commit})
+    environment = edited(make_demo_result(lambda pair: 0.1).environment, git=commit)
     monkeypatch.setattr("dfdbench.results.environment.describe_environment", lambda: environment)
 
 

@@ -10,14 +10,9 @@ from dfdbench.board.row_file import read_row
 from dfdbench.board.submission import submit as submit_only
 from dfdbench.errors import ResultError
 from dfdbench.methods.registry import built_in_methods
-from dfdbench.results.record import Result
 from tests.board.made_boards import add_card, submit
 from tests.board.made_tracks import make_tracks
-from tests.made_results import limited, make_demo_result, make_result
-
-
-def changed(result: Result, **method: Any) -> Result:
-    return result.model_copy(update={"method": result.method.model_copy(update=method)})
+from tests.made_results import edited, limited, make_demo_result, make_result
 
 
 def labels(path: Path) -> list[str]:
@@ -53,10 +48,11 @@ def test_runs_on_tracks_join_the_row_and_leave_its_other_runs(tmp_path: Path) ->
     [{"source_sha256": "6" * 64}, {"entry": "theirs:predict"}, {"weights_sha256": "7" * 64}],
 )
 def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> None:
-    mine = changed(make_demo_result(lambda pair: 0.1), source_sha256="5" * 64)
+    mine = edited(make_demo_result(lambda pair: 0.1), method={"source_sha256": "5" * 64})
     path = submit(mine, tmp_path)
     before = path.read_bytes()
-    theirs = changed(make_demo_result(lambda pair: 0.2), **{"source_sha256": "5" * 64, **other})
+    method = {"source_sha256": "5" * 64, **other}
+    theirs = edited(make_demo_result(lambda pair: 0.2), method=method)
     with pytest.raises(ResultError, match=f"another method is there.*{next(iter(other))}"):
         submit(theirs, tmp_path)
     assert path.read_bytes() == before
@@ -80,8 +76,8 @@ def test_a_row_is_named_by_its_methods_card(tmp_path: Path) -> None:
 
 def test_a_method_of_ours_may_have_changed_its_source(tmp_path: Path) -> None:
     entry = built_in_methods()["local"]
-    local = changed(make_demo_result(lambda p: 0.1, "local"), entry=entry, source_sha256="5" * 64)
-    submit(local, tmp_path)
+    method = {"entry": entry, "source_sha256": "5" * 64}
+    submit(edited(make_demo_result(lambda p: 0.1, "local"), method=method), tmp_path)
     runs = make_tracks("local", labels=["gain-1"], entry=entry, source_sha256="6" * 64)
     path = submit(runs["gain-1"], tmp_path)
     sources = [result.method.source_sha256 for result in read_row(path).results]
@@ -101,7 +97,7 @@ def test_a_partial_run_does_not_replace_a_complete_one(tmp_path: Path) -> None:
 
 def test_runs_of_several_methods_are_refused(tmp_path: Path) -> None:
     runs = make_tracks(labels=["gain-1"])
-    runs["gain-1"] = changed(runs["gain-1"], parameters={"window": 9})
+    runs["gain-1"] = edited(runs["gain-1"], method={"parameters": {"window": 9}})
     with pytest.raises(ResultError, match=r"not of one method.*gain-1: parameters"):
         submit(list(runs.values()), tmp_path)
     assert not (tmp_path / "results").exists()

@@ -8,10 +8,10 @@ import pytest
 from dfdbench.board import ranking, tables
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
-from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, only_board, scored, submit
+from dfdbench.results.record import Result
+from tests.board.made_boards import add, entry_of, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
-from tests.made_results import limited, make_demo_result, make_result
+from tests.made_results import edited, limited, make_demo_result, make_result
 
 HERE = Path(__file__)
 
@@ -21,32 +21,8 @@ def by_name(pair: Pair) -> float:
 
 
 def board_of(*results: Result) -> ranking.ScoreBoard:
-    (board,) = ranking.boards([ranking.Entry.of(result, HERE) for result in results])
+    (board,) = ranking.boards([entry_of(result, HERE) for result in results])
     return board
-
-
-def default_lighting(split: str) -> Result:
-    manifest = find_manifest("middlebury-default")
-    pairs = []
-    for pair in manifest.pairs(split):
-        value = by_name(pair) + pair.at["view"]
-        scores: dict[str, dict[str, float | None]] = {
-            "valid": {"nrmse": value, "nmae": value, "ssim": 0.5}
-        }
-        pairs.append(
-            PairResult(
-                id=pair.id, scene=pair.scene, coordinates=pair.at, status="ok", seconds=1.0,
-                prediction_sha256="0" * 64, scores=scores,
-            )
-        )  # fmt: skip
-    made = make_demo_result(by_name)
-    dataset = made.dataset.model_copy(
-        update={
-            "name": manifest.stem, "short": manifest.short, "split": split, "axes": ["view"],
-            "blocks": "view", "rows": None, "expected": len(pairs), "evaluated": len(pairs),
-        }
-    )  # fmt: skip
-    return made.model_copy(update={"dataset": dataset, "pairs": pairs})
 
 
 @pytest.mark.parametrize("scenes", ["abc", "abcdefg", "abcdefgh"])
@@ -77,8 +53,7 @@ def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path)
 def test_notes_say_what_a_constant_reaches_and_what_other_data_sets_trained() -> None:
     constant = make_demo_result(lambda pair: 0.2, "constant")
     net = make_demo_result(lambda pair: 0.1, "net")
-    trained = {"trained_on": "middlebury-default-1, split train"}
-    net = net.model_copy(update={"method": net.method.model_copy(update=trained)})
+    net = edited(net, method={"trained_on": "middlebury-default-1, split train"})
     table = tables.standings_table(board_of(constant, net), HERE.parent)
     assert any(note.startswith("Compare SSIM with 0.80, which a constant") for note in table.notes)
     assert any(note.startswith("middlebury-default-1: ") for note in table.notes)
@@ -122,16 +97,20 @@ def test_a_row_is_the_mean_of_a_scene_and_a_column_a_method() -> None:
 
 
 def test_folds_are_those_that_the_split_holds_whole() -> None:
+    def score(pair: Pair) -> float:
+        return by_name(pair) + 0.1 * pair.at["view"]
+
     manifest = find_manifest("middlebury-default")
-    table = tables.scenes_table(board_of(default_lighting("all")), folds=True)
+    whole = make_demo_result(score, dataset="middlebury-default", split="all")
+    table = tables.scenes_table(board_of(whole), folds=True)
     assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
     for fold, record in zip(manifest.folds, table.records, strict=True):
         expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
-        assert record["mine"] == pytest.approx(expected + 3)
+        assert record["mine"] == pytest.approx(expected + 0.3)
 
 
 def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
-    (board,) = ranking.boards([ranking.Entry.of(scored("theirs", 0.01), HERE)], ranked=False)
+    (board,) = ranking.boards([entry_of(scored("theirs", 0.01), HERE)], ranked=False)
     table = tables.ranking_table(board, HERE.parent)
     assert table.title.endswith("protocol valid: scored, not run")
     assert table.rows[0][:4] == ("–", "theirs (scored, not run)", "not known", "0.0100")

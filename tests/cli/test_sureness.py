@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import dfdbench as dfd
-from dfdbench.board.ranking import Entry, boards
+from dfdbench.board.ranking import boards
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import load_result
 from dfdbench.results.run_folder import read_prediction
+from tests.board.made_boards import entry_of
 from tests.cli.command import Command
 
 METHODS = """
@@ -107,9 +108,9 @@ def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
         assert (frame["status"] == "unanswered").sum() == lacking
         assert frame["nrmse"].isna().sum() == lacking
         assert (run.to_frame("sure")["status"] == "ok").all()
-        entries.append(Entry.of(run.result, Path(name, "result.json")))
+        entries.append(entry_of(run.result, Path(name, "result.json")))
     dfdbench.fine("run --method mymodule:predict --out whole --dataset", store)
-    entries.append(Entry.of(load_result("whole"), Path("whole/result.json")))
+    entries.append(entry_of(load_result("whole"), Path("whole/result.json")))
     ranks = {
         board.protocol: {each.entry.result.method.name: each.rank for each in board.standings}
         for board in boards(entries)

@@ -15,7 +15,7 @@ from dfdbench.results.differences import (
     paired_difference,
 )
 from dfdbench.results.record import Result
-from tests.made_results import limited, make_result
+from tests.made_results import edited, limited, make_result
 
 SCENES = "abcdefghij"
 PLACES = [(scene, 1, i, e) for scene in SCENES for i in (1, 2) for e in (0, 1)]
@@ -67,8 +67,8 @@ def test_scenes_of_one_room_do_not_count_as_several() -> None:
     whole = change_tables(first, second, "thesis")[0]
     assert whole.rows[0][2].endswith(", real")
     assert "over 10 groups of scenes" in whole.notes[0]
-    rooms = first.dataset.model_copy(update={"groups": {"a": "hall", "b": "hall"}})
-    one, other = (run.model_copy(update={"dataset": rooms}) for run in (first, second))
+    rooms = {"groups": {"a": "hall", "b": "hall"}}
+    one, other = (edited(run, dataset=rooms) for run in (first, second))
     parted = change_tables(one, other, "thesis")[0]
     assert parted.rows[0][2].endswith(", too few scenes to tell")
     assert "over 9 groups of scenes" in parted.notes[0]
@@ -98,18 +98,17 @@ def test_only_pairs_scored_in_both_count() -> None:
 
 def test_other_data_and_other_protocols_are_not_compared() -> None:
     first, second = result(0.2), result(0.1)
-    other = second.dataset.model_copy(update={"fingerprint": "7" * 64, "split": "train"})
+    other = edited(second, dataset={"fingerprint": "7" * 64, "split": "train"})
     with pytest.raises(ResultError, match="fingerprint") as raised:
-        check_comparable(first, second.model_copy(update={"dataset": other}), "thesis")
+        check_comparable(first, other, "thesis")
     assert len(raised.value.problems) == 2
-    edited = second.dataset.model_copy(update={"manifest_sha256": "7" * 64})
     with pytest.raises(ResultError, match="manifest_sha256"):
-        check_comparable(first, second.model_copy(update={"dataset": edited}), "thesis")
+        check_comparable(first, edited(second, dataset={"manifest_sha256": "7" * 64}), "thesis")
     with pytest.raises(UnknownNameError, match="valid"):
         check_comparable(first, second, "valid")
     redefined = [{**second.protocols[0], "pixels": "known"}]
     with pytest.raises(ResultError, match="defined differently"):
-        check_comparable(first, second.model_copy(update={"protocols": redefined}), "thesis")
+        check_comparable(first, edited(second, protocols=redefined), "thesis")
 
 
 LIT = [(scene, 1, i, e) for scene in "ab" for i in (1, 2) for e in (0, 1)]
@@ -150,8 +149,7 @@ def test_nothing_in_common_is_refused_and_a_part_is_said() -> None:
 def test_runs_with_the_same_depth_maps_list_no_pair() -> None:
     (differences,) = change_tables(made("a", 0.1), made("b", 0.1), "thesis")
     assert "The depth maps are the same in both runs, to the last digit." in differences.notes
-    others = [p.model_copy(update={"prediction_sha256": "1" * 64}) for p in made("b", 0).pairs]
-    other = made("b", 0.1).model_copy(update={"pairs": others})
+    other = edited(made("b", 0.1), pairs={"prediction_sha256": "1" * 64})
     assert "depth maps" not in " ".join(change_tables(made("a", 0.1), other, "thesis")[0].notes)
 
 

@@ -7,7 +7,7 @@ from dfdbench.metrics.metric import METRICS
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
-from tests.made_results import limited, make_demo_result, make_result
+from tests.made_results import edited, limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
 
@@ -44,12 +44,9 @@ def test_a_mean_leaves_out_what_is_undefined_and_needs_every_pair() -> None:
 def run_of(label: str, value: float) -> Result:
     result = make_demo_result(lambda pair: value)
     if label == "clean":
-        uses = result.method.model_copy(update={"uses": ["recipe"]})
-        return result.model_copy(update={"method": uses})
+        return edited(result, method={"uses": ["recipe"]})
     on_track = {"name": f"demo-1@{label}", "short": f"demo@{label}", "degradation": label}
-    fitted = result.method.model_copy(update={"fitted_on": f"demo-1@{label}, split train"})
-    dataset = result.dataset.model_copy(update=on_track)
-    return result.model_copy(update={"dataset": dataset, "method": fitted})
+    return edited(result, dataset=on_track, method={"fitted_on": f"demo-1@{label}, split train"})
 
 
 RUNS = {

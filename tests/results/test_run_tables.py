@@ -3,7 +3,7 @@ import pytest
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.results.run_tables import region_table, run_tables, scene_tables, spread_table
 from dfdbench.results.summary import summarise
-from tests.made_results import make_result
+from tests.made_results import edited, make_result
 
 VALUES = {
     (scene, view, illumination, exposure): 0.01 * (1 + number)
@@ -34,13 +34,12 @@ def test_a_run_has_scores_extremes_and_times() -> None:
 def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -> None:
     values = {"edges": 0.2, "flat": None, "far": 0.1, "near": 0.05}
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
-    pairs = [
-        pair.model_copy(update={"regions": values if number else values | {"far": 0.3}})
-        for number, pair in enumerate(result.pairs)
-    ]
-    whole = result.model_copy(update={"pairs": pairs})
-    gaps = [pairs[0], pairs[1].model_copy(update={"answered": 0.5})]
-    runs = {"all": whole, "most": result.model_copy(update={"pairs": gaps}), "older": result}
+    first = edited(result.pairs[0], regions=values | {"far": 0.3})
+    whole, gaps = (
+        edited(result, pairs=[first, edited(result.pairs[1], regions=values, answered=share)])
+        for share in (1, 0.5)
+    )
+    runs = {"all": whole, "most": gaps, "older": result}
     table = region_table(runs)
     assert table.columns == ("method", "edges", "flat", "far", "near")
     assert table.rows[0] == ("all", "0.2000", "–", "0.2000", "0.0500")
@@ -56,12 +55,8 @@ def test_an_undefined_score_is_shown_as_such() -> None:
 
 def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     result = make_result(VALUES)
-    pairs = [
-        pair.model_copy(update={"status": "failed", "scores": {}, "error": "raised X: y"})
-        for pair in result.pairs
-    ]
-    dataset = result.dataset.model_copy(update={"evaluated": 0})
-    failed = result.model_copy(update={"pairs": pairs, "dataset": dataset, "averages": None})
+    pairs = {"status": "failed", "scores": {}, "error": "raised X: y"}
+    failed = edited(result, pairs=pairs, dataset={"evaluated": 0}, averages=None)
     (scores,) = run_tables(summarise(failed, "thesis"))
     assert "PARTIAL" in scores.title
     assert all("–" in row for row in scores.rows)
@@ -82,8 +77,7 @@ def test_the_numbers_come_as_data_in_full() -> None:
 
 def test_tables_of_simulated_captures_say_so() -> None:
     captured = make_result(VALUES)
-    dataset = captured.dataset.model_copy(update={"simulated": True})
-    simulated = captured.model_copy(update={"dataset": dataset})
+    simulated = edited(captured, dataset={"simulated": True})
     assert "on tiny-1 (SIMULATED), split" in run_tables(summarise(simulated, "thesis"))[0].title
     assert "on tiny-1, split" in run_tables(summarise(captured, "thesis"))[0].title
 
@@ -129,11 +123,8 @@ def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
         Split(name="test-pruned", partition="pruned", pairs=1, scenes=["k01"]),
         Split(name="else", partition="other", pairs=1, scenes=["k99"]),
     ]
-    result = make_result(LEVELS)
-    dataset = result.dataset.model_copy(update={"split": "all"})
-    table = spread_table(
-        summarise(result.model_copy(update={"dataset": dataset}), "thesis"), splits
-    )
+    result = edited(make_result(LEVELS), dataset={"split": "all"})
+    table = spread_table(summarise(result, "thesis"), splits)
     assert [" ".join(row[:2]) for row in table.rows if row[0]] == [
         *("split all 5", "split train 3", "split test 2", "split train-pruned 1"),
         *("partition pruned 2", "split test-pruned 1"),

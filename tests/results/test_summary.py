@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record import Result
 from dfdbench.results.summary import median_seconds, ranked, summarise
-from tests.made_results import make_result
+from tests.made_results import edited, make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
 CELLS = {1: (0.0582, 0.0126), 2: (0.0522, 0.0068), 3: (0.0603, 0.0152)}
@@ -35,11 +35,9 @@ def test_the_overall_row_of_table_5_3_follows_from_its_cells() -> None:
 
 def test_rank_is_by_nrmse_and_ties_by_nmae() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("c", 1, 1, 0): 0.1})
-    pairs = list(result.pairs)
-    pairs[1] = pairs[1].model_copy(
-        update={"scores": {"thesis": {"nrmse": 0.1, "nmae": 0.09, "ssim": 1.0}}}
-    )
-    order = ranked(result.model_copy(update={"pairs": pairs}), "thesis")
+    first, second, third = result.pairs
+    second = edited(second, scores={"thesis": {"nrmse": 0.1, "nmae": 0.09, "ssim": 1.0}})
+    order = ranked(edited(result, pairs=[first, second, third]), "thesis")
     assert [pair.scene for pair in order] == ["c", "b", "a"]
 
 
@@ -51,10 +49,10 @@ def test_an_undefined_score_is_counted_and_in_no_mean() -> None:
     assert [pair.scene for pair in ranked(result, "thesis")] == ["a"]
 
 
-def broken(result_pairs: list[PairResult], number: int, status: str) -> list[PairResult]:
-    pairs = list(result_pairs)
-    pairs[number] = pairs[number].model_copy(update={"status": status, "scores": {}})
-    return pairs
+def broken(result: Result, status: str) -> Result:
+    """The result, as if there were no scores of its first pair."""
+    first = edited(result.pairs[0], status=status, scores={})
+    return edited(result, pairs=[first, *result.pairs[1:]])
 
 
 def means_of(result: Result) -> dict[object, float | None]:
@@ -64,25 +62,23 @@ def means_of(result: Result) -> dict[object, float | None]:
 
 def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
-    failed = result.model_copy(update={"pairs": broken(result.pairs, 0, "failed")})
     cells = {(0, 1): None, (0, None): None, (1, 1): 0.3, (1, None): 0.3, (None, None): None}
-    assert means_of(failed) == cells
+    assert means_of(broken(result, "failed")) == cells
 
 
 def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
-    partial = result.model_copy(update={"pairs": broken(result.pairs, 0, "missing")})
-    assert means_of(partial) == {(0, 1): 0.1, (0, None): None, (None, None): None}
+    cells = {(0, 1): 0.1, (0, None): None, (None, None): None}
+    assert means_of(broken(result, "missing")) == cells
 
 
 def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Result:
     result = make_result({("a", 1, 1, number): 0.1 for number in range(len(seconds))})
     pairs = [
-        pair.model_copy(update={"seconds": value, "timed_alone": alone})
+        edited(pair, seconds=value, timed_alone=alone)
         for pair, value in zip(result.pairs, seconds, strict=True)
     ]
-    environment = result.environment.model_copy(update={"cpu": cpu})
-    return result.model_copy(update={"pairs": pairs, "environment": environment})
+    return edited(result, pairs=pairs, environment={"cpu": cpu})
 
 
 def test_one_slow_pair_does_not_move_the_seconds() -> None:

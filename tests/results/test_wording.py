@@ -2,13 +2,8 @@ from typing import Any
 
 import pytest
 
-from dfdbench.results.wording import given_to, method_label
-from tests.made_results import make_demo_result
-
-
-def test_a_label_has_the_name_and_the_parameters() -> None:
-    result = make_demo_result(lambda pair: 0, parameters={"a": 1, "b": "x"})
-    assert method_label(result.method) == "mine (a=1, b=x)"
+from dfdbench.results.wording import given_to
+from tests.made_results import edited, make_demo_result
 
 
 @pytest.mark.parametrize(
@@ -29,5 +24,4 @@ def test_a_label_has_the_name_and_the_parameters() -> None:
 )
 def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
     result = make_demo_result(lambda pair: 0.1)
-    changed = result.method.model_copy(update=method)
-    assert given_to(result.model_copy(update={"method": changed})) == said
+    assert given_to(edited(result, method=method)) == said
