@@ -144,6 +144,8 @@ TESTED_ELSEWHERE = {
     "dfdbench.cli": "cli/test_command_line.py",
     # Of whole captures, by the verb.
     "dfdbench.building.registering": "cli/test_rig.py",
+    # The half of SSIM that is compiled.
+    "dfdbench.metrics.similarity": "metrics/test_scores.py",
     "dfdbench.results.environment": "cli/test_datasets.py",
     "dfdbench.system.array_files": "evaluation/test_prediction_files.py",
     # A protocol: what fulfils it is tested against it.

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from math import fsum
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,7 +88,7 @@ def share_within(
 
     Examples
     --------
-    >>> share_within([[1.0, 1.0, 1.0, 1.0]], [[1.0, 1.25, 0.9, 0.5]])
+    >>> share_within([[1.0, 1.0, 1.0, 1.0]], [[1.0, 1.25, 0.9, 0.8]])
     0.5
     """
     true, test = _distances(truth, estimate, mask)
@@ -120,14 +119,7 @@ def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None
     """
     true, test, counts = checked(truth, estimate, mask)
     _distances(true, test, counts)
-    found = [
-        (_log_steps(true, axis), _log_steps(test, axis), _log_steps(counts, axis, np.logical_and))
-        for axis in (0, 1)
-    ]
-    ours, theirs = (
-        np.concatenate([part[k][part[2]] for part in found] + [-part[k][part[2]] for part in found])
-        for k in (0, 1)
-    )
+    ours, theirs = (_log_steps(depth, counts) for depth in (true, test))
     scores, weights = [], np.linspace(*EDGES)
     for least in np.log(weights):
         edges, answered = ours > least, theirs > least
@@ -135,19 +127,18 @@ def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None
         all_of_both = np.count_nonzero(edges) + np.count_nonzero(answered)
         scores.append(hits / all_of_both if edges.any() else math.nan)
     told = np.isfinite(scores)
-    return (
-        float(np.average(np.array(scores)[told], weights=weights[told])) if told.any() else math.nan
-    )
+    if not told.any():
+        return math.nan
+    return float(np.average(np.array(scores)[told], weights=weights[told]))
 
 
-def _log_steps(
-    values: NDArray[Any], axis: int, join: Callable[[Any, Any], Any] | None = None
-) -> NDArray[Any]:
-    first, second = np.swapaxes(values, 0, axis)[:-1], np.swapaxes(values, 0, axis)[1:]
-    if join is not None:
-        return np.asarray(join(first, second))
+def _log_steps(depth: Floats, counts: NDArray[np.bool_]) -> Floats:
+    """Return the steps of log depth between neighbours that count, in all four directions."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.log(second) - np.log(first))
+        log = np.log(depth)
+        down = np.diff(log, axis=0)[counts[1:] & counts[:-1]]
+        right = np.diff(log, axis=1)[counts[:, 1:] & counts[:, :-1]]
+    return np.concatenate([down, right, -down, -right])
 
 
 def aligned(
@@ -234,7 +225,7 @@ class Metric:
         Called with ground truth and estimate in depth levels, shape (y, x), with `data_range`
         and with `mask`, true where a pixel counts, or None; gives the score, NaN where it is
         undefined. One of metres is called with distances, and without `data_range`; one of
-        sureness with sigma after the estimate, which may be NaN.
+        sureness with `dfdbench.metrics.sureness.squared_errors`, and without `mask`.
     lowest, highest : float
         What it may be; a result that says otherwise is refused.
     data_range : float, optional
@@ -294,38 +285,33 @@ class Metric:
         return score if self.best is None else abs(score - self.best)
 
 
+def _by_name(*metrics: Metric) -> dict[str, Metric]:
+    return {metric.name: metric for metric in metrics}
+
+
 # Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
-_METRICS = {
-    metric.name: metric
-    for metric in (
-        Metric("nrmse", False, nrmse, 0, 255),
-        Metric("nmae", False, nmae, 0, 255),
-        Metric("ssim", True, ssim, -1, 1, data_range=255.0),
-    )
-}
+_METRICS = _by_name(
+    Metric("nrmse", False, nrmse, 0, 255),
+    Metric("nmae", False, nmae, 0, 255),
+    Metric("ssim", True, ssim, -1, 1, data_range=255.0),
+)
 # Far above any distance that a camera sees; sums of such numbers stay finite.
 _FAR = 1e9
-_IN_METRES = {
-    metric.name: metric
-    for metric in (
-        Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
-        Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
-        Metric("delta_105", True, partial(share_within, factor=1.05), 0, 1, shown="δ < 1.05"),
-        Metric("delta_115", True, partial(share_within, factor=1.15), 0, 1, shown="δ < 1.15"),
-        Metric("delta_125", True, share_within, 0, 1, shown="δ < 1.25"),
-        Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
-    )
-}
-_SURENESS = {
-    metric.name: metric
-    for metric in (
-        Metric("density", True, density, 0, 1, shown="density"),
-        Metric("nrmse_50", False, partial(surest_nrmse, share=0.5), 0, 255, shown="surest 50 %"),
-        Metric("nrmse_90", False, partial(surest_nrmse, share=0.9), 0, 255, shown="surest 90 %"),
-        Metric("ause", False, ause, 0, 255),
-        Metric("within_90", False, within_interval, 0, 1, shown="in 90 % intervals", best=0.9),
-    )
-}
+_IN_METRES = _by_name(
+    Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
+    Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
+    Metric("delta_105", True, partial(share_within, factor=1.05), 0, 1, shown="δ < 1.05"),
+    Metric("delta_115", True, partial(share_within, factor=1.15), 0, 1, shown="δ < 1.15"),
+    Metric("delta_125", True, share_within, 0, 1, shown="δ < 1.25"),
+    Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
+)
+_SURENESS = _by_name(
+    Metric("density", True, density, 0, 1, shown="density"),
+    Metric("nrmse_50", False, partial(surest_nrmse, share=0.5), 0, 255, shown="surest 50 %"),
+    Metric("nrmse_90", False, partial(surest_nrmse, share=0.9), 0, 255, shown="surest 90 %"),
+    Metric("ause", False, ause, 0, 255),
+    Metric("within_90", False, within_interval, 0, 1, shown="in 90 % intervals", best=0.9),
+)
 #: Every metric of depth levels by name, in the order in which they are shown.
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
 #: Every metric of distances, scored where a manifest says how levels become metres.

@@ -23,6 +23,7 @@ from dfdbench.metrics.metric import (
     aligned,
     find_metric,
 )
+from dfdbench.metrics.sureness import squared_errors
 
 Crop = Literal["whole", "network-of-16"]
 Unit = Literal["levels", "metres"]
@@ -197,58 +198,31 @@ class Protocol:
         return {name: value for name, value in fields.items() if value not in ([], "")}
 
 
-_ALL = (
-    Protocol(
-        "thesis",
-        1,
-        "all",
-        "own-range",
-        "whole",
-        "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0",
-    ),
-    Protocol(
-        "thesis-networks",
-        2,
-        "all",
-        "255",
-        "network-of-16",
-        "the scoring code published with the thesis's networks, which cuts images to multiples "
-        "of 16 before it takes their centre",
-    ),
-    Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
-    Protocol(
-        "metric",
-        1,
-        "known",
-        "none",
-        "whole",
-        "Eigen et al. 2014 and Bochkovskii et al. 2024, in metres, known pixels only",
-        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"),
-    ),
-    Protocol(
-        "aligned",
-        1,
-        "known",
-        "none",
-        "whole",
-        "Ranftl et al. 2020: least-squares scale and shift in inverse depth, at most the farthest "
-        "distance; then Eigen et al. 2014, known pixels only",
-        ("abs_rel", "delta_105", "delta_115", "delta_125", "boundary_f1"),
-        "scale and shift in inverse depth",
-    ),
-    Protocol(
-        SURE,
-        1,
-        "known",
-        "255",
-        "whole",
-        "dfdbench, after Ilg et al. 2018: known pixels that are answered, by the order and the "
-        "90 % intervals that the method's own standard deviations give",
-        tuple(SURENESS),
-    ),
+_EMERSON = "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0"
+_NETWORKS = (
+    "the scoring code published with the thesis's networks, which cuts images to multiples of 16 "
+    "before it takes their centre"
 )
-
-
+_EIGEN = "Eigen et al. 2014 and Bochkovskii et al. 2024, in metres, known pixels only"
+_RANFTL = (
+    "Ranftl et al. 2020: least-squares scale and shift in inverse depth, at most the farthest "
+    "distance; then Eigen et al. 2014, known pixels only"
+)
+_ILG = (
+    "dfdbench, after Ilg et al. 2018: known pixels that are answered, by the order and the 90 % "
+    "intervals that the method's own standard deviations give"
+)
+_DISTANCES = ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1")
+_RATIOS = ("abs_rel", "delta_105", "delta_115", "delta_125", "boundary_f1")
+_FITTED: Literal["scale and shift in inverse depth"] = "scale and shift in inverse depth"
+_ALL = (
+    Protocol("thesis", 1, "all", "own-range", "whole", _EMERSON),
+    Protocol("thesis-networks", 2, "all", "255", "network-of-16", _NETWORKS),
+    Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
+    Protocol("metric", 1, "known", "none", "whole", _EIGEN, _DISTANCES),
+    Protocol("aligned", 1, "known", "none", "whole", _RANFTL, _RATIOS, _FITTED),
+    Protocol(SURE, 1, "known", "255", "whole", _ILG, tuple(SURENESS)),
+)
 #: Every protocol, by label.
 RELEASED: Mapping[str, Protocol] = MappingProxyType({protocol.label: protocol for protocol in _ALL})
 #: The protocols that every run scores under, by label.
@@ -304,11 +278,11 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     asked = RELEASED.get(label)
     if label == SURE:
         what = "the method neither says how sure it is nor leaves pixels without an answer"
-        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
-    if asked and asked.in_metres:
+    elif asked and asked.in_metres:
         what = f"not scored in metres, which {label} takes"
-        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
-    raise unknown_name(f"protocol of {whose}", label, there)
+    else:
+        raise unknown_name(f"protocol of {whose}", label, there)
+    raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
 
 
 def score(
@@ -364,7 +338,8 @@ def score(
     {'nrmse': 0.0, 'nmae': 0.0, 'ssim': 1.0}
     """
     window = window_of(protocol.crop, depth.shape, network_crop)
-    truth, test = depth[window], prediction[window]
+    truth: NDArray[Any] = depth[window]
+    test: NDArray[Any] = prediction[window]
     left_out = protocol.label != SURE and np.isnan(prediction).any()
     if not truth.size or left_out:
         return dict.fromkeys(protocol.metrics or METRICS, math.nan)
@@ -374,24 +349,19 @@ def score(
     if scale is not None and unit == "metres":
         truth = np.where(valid[window], truth, scale.far)
     if scale is not None and protocol.in_metres:
-        true, found = (
-            (truth, test) if unit == "metres" else (scale.to_metres(truth), scale.to_metres(test))
-        )
+        if unit == "levels":
+            truth, test = scale.to_metres(truth), scale.to_metres(test)
         if protocol.alignment:
-            found = aligned(true, found, scale.far, mask)
-        return {name: IN_METRES[name].function(true, found, mask=mask) for name in protocol.metrics}
+            test = aligned(truth, test, scale.far, mask)
+        return {name: IN_METRES[name].function(truth, test, mask=mask) for name in protocol.metrics}
     whole = 255.0 if scale is None or unit == "levels" else scale.far - scale.near
     if protocol.label == SURE:
-        return {
-            name: metric.function(truth, test, sigma, data_range=whole, mask=mask)
-            for name, metric in SURENESS.items()
-        }
+        errors = squared_errors(truth, test, sigma, mask)
+        return {name: each.function(errors, data_range=whole) for name, each in SURENESS.items()}
     divisor = whole if protocol.divisor == "255" else None
-    ranges = {
-        name: divisor if own is None else (own if unit == "levels" else whole)
-        for name, own in ((name, metric.data_range) for name, metric in METRICS.items())
-    }
-    return {
-        name: metric.function(truth, test, data_range=ranges[name], mask=mask)
-        for name, metric in METRICS.items()
-    }
+    found = {}
+    for name, metric in METRICS.items():
+        own = metric.data_range if unit == "levels" else whole
+        data_range = divisor if metric.data_range is None else own
+        found[name] = metric.function(truth, test, data_range=data_range, mask=mask)
+    return found

@@ -1,6 +1,7 @@
 """The scores of a depth map, NRMSE, NMAE and SSIM, and whether it goes the wrong way."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -193,34 +194,26 @@ def checked(
     InputError
         For shapes that differ, complex or non-finite values, or a mask that is none.
     """
-    problems: list[Problem] = []
-    arrays = []
-    for name, image in (("image_true", image_true), ("image_test", image_test)):
-        array = np.asarray(image)
-        if array.dtype.kind not in "uif":
-            problems.append(
-                Problem("wrong type", where=name, expected="real numbers", got=str(array.dtype))
-            )
-        elif array.ndim != 2 or array.size == 0:
-            problems.append(
-                Problem("wrong shape", where=name, expected="(y, x)", got=str(array.shape))
-            )
-        elif array.dtype.kind == "f" and not np.isfinite(array).all():
-            problems.append(
-                Problem("not finite", where=name, expected="finite levels", got="NaN or infinity")
-            )
-        arrays.append(array)
-    truth, test = arrays
+    truth, test = np.asarray(image_true), np.asarray(image_test)
+    problems = [*_wrong("image_true", truth), *_wrong("image_test", test)]
     if not problems and truth.shape != test.shape:
-        problems.append(
-            Problem(f"sizes differ, {truth.shape} and {test.shape}", where="image_test")
-        )
+        what = f"sizes differ, {truth.shape} and {test.shape}"
+        problems.append(Problem(what, where="image_test"))
     InputError.raise_if(problems)
     counts = np.ones(truth.shape, bool) if mask is None else np.asarray(mask)
     if counts.shape != truth.shape or counts.dtype != np.bool_:
         got = f"{counts.dtype} {counts.shape}"
         raise InputError("wrong mask", where="mask", expected=f"bool {truth.shape}", got=got)
     return truth.astype(np.float64), test.astype(np.float64), counts
+
+
+def _wrong(name: str, image: NDArray[Any]) -> Iterator[Problem]:
+    if image.dtype.kind not in "uif":
+        yield Problem("wrong type", where=name, expected="real numbers", got=str(image.dtype))
+    elif image.ndim != 2 or image.size == 0:
+        yield Problem("wrong shape", where=name, expected="(y, x)", got=str(image.shape))
+    elif not np.isfinite(image).all():
+        yield Problem("not finite", where=name, expected="finite levels", got="NaN or infinity")
 
 
 def _divisor(truth: NDArray[np.float64], data_range: Any) -> float:

@@ -1,7 +1,7 @@
 """How sure a method is, and whether it is right to be: scores of an answer with gaps or a sigma.
 
 An estimate may be NaN where the method gives no answer, and may come with sigma, the standard
-deviation that it gives each pixel. All functions here take both.
+deviation that it gives each pixel. `squared_errors` takes both, and the scores take what it finds.
 """
 
 import math
@@ -45,7 +45,10 @@ class Errors(NamedTuple):
 
 
 def squared_errors(
-    truth: ArrayLike, estimate: ArrayLike, sigma: ArrayLike | None, mask: ArrayLike | None = None
+    truth: ArrayLike,
+    estimate: ArrayLike,
+    sigma: ArrayLike | None = None,
+    mask: ArrayLike | None = None,
 ) -> Errors:
     """Return the squared errors of an answer.
 
@@ -53,7 +56,7 @@ def squared_errors(
     ----------
     truth, estimate : array_like of real numbers, shape (y, x)
         In one unit; the estimate is NaN where there is no answer.
-    sigma : array_like of real numbers, shape (y, x), or None
+    sigma : array_like of real numbers, shape (y, x), optional
         Standard deviations in the same unit, above 0 where there is an answer.
     mask : array_like of bool, shape (y, x), optional
         True where the truth is known. By default it is everywhere.
@@ -65,7 +68,7 @@ def squared_errors(
 
     Examples
     --------
-    >>> squared_errors([[1, 2, 3]], [[1, np.nan, 5]], None)
+    >>> squared_errors([[1, 2, 3]], [[1, np.nan, 5]])
     Errors(squares=array([0., 4.]), sigma=None, known=3)
     """
     values = np.asarray(estimate)
@@ -113,41 +116,26 @@ def error_curve(squares: Floats, order: Floats, shares: ArrayLike) -> Floats:
     return np.asarray(np.sqrt(np.interp(wanted, reached, total) / wanted))
 
 
-def density(
-    truth: ArrayLike,
-    estimate: ArrayLike,
-    sigma: ArrayLike | None = None,
-    *,
-    data_range: float = 255.0,
-    mask: ArrayLike | None = None,
-) -> float:
-    """Return the share of known pixels that are answered; larger is better.
+def density(found: Errors, *, data_range: float = 255.0) -> float:
+    """Return the share of known pixels that are answered, of any range; larger is better.
 
-    Parameters and errors are those of `squared_errors`; NaN where no pixel is known.
+    NaN where no pixel is known.
 
     Examples
     --------
-    >>> density([[1, 2]], [[1, np.nan]])
+    >>> density(squared_errors([[1, 2]], [[1, np.nan]]))
     0.5
     """
-    return squared_errors(truth, estimate, sigma, mask).density
+    return found.density
 
 
-def surest_nrmse(
-    truth: ArrayLike,
-    estimate: ArrayLike,
-    sigma: ArrayLike | None = None,
-    *,
-    share: float,
-    data_range: float = 255.0,
-    mask: ArrayLike | None = None,
-) -> float:
+def surest_nrmse(found: Errors, *, share: float, data_range: float = 255.0) -> float:
     """Return the NRMSE of the known pixels that a method is surest of; smaller is better.
-
-    Parameters and errors are those of `squared_errors`.
 
     Parameters
     ----------
+    found : Errors
+        From `squared_errors`.
     share : float
         Of all known pixels, above 0, at most 1.
     data_range : float
@@ -161,12 +149,11 @@ def surest_nrmse(
 
     Examples
     --------
-    >>> surest_nrmse([[1, 2]], [[1, 4]], [[1, 9]], share=0.5)
+    >>> surest_nrmse(squared_errors([[1, 2]], [[1, 4]], [[1, 9]]), share=0.5)
     0.0
-    >>> surest_nrmse([[1, 2]], [[1, np.nan]], share=0.9)
+    >>> surest_nrmse(squared_errors([[1, 2]], [[1, np.nan]]), share=0.9)
     nan
     """
-    found = squared_errors(truth, estimate, sigma, mask)
     wanted = share * found.known
     if not 0 < wanted <= found.squares.size:
         return math.nan
@@ -175,17 +162,10 @@ def surest_nrmse(
     return float(curve[0] / data_range)
 
 
-def ause(
-    truth: ArrayLike,
-    estimate: ArrayLike,
-    sigma: ArrayLike | None = None,
-    *,
-    data_range: float = 255.0,
-    mask: ArrayLike | None = None,
-) -> float:
+def ause(found: Errors, *, data_range: float = 255.0) -> float:
     """Return the area under the sparsification error, 0 or more; smaller is better.
 
-    Parameters and errors are those of `surest_nrmse`.
+    Parameters are those of `surest_nrmse`.
 
     Returns
     -------
@@ -202,10 +182,11 @@ def ause(
 
     Examples
     --------
-    >>> ause([[0, 0]], [[1, 3]], [[0.1, 0.2]]), ause([[0, 0]], [[1, 3]], [[2, 1]]) > 0
-    (0.0, True)
+    >>> ause(squared_errors([[0, 0]], [[1, 3]], [[0.1, 0.2]]))
+    0.0
+    >>> ause(squared_errors([[0, 0]], [[1, 3]], [[2, 1]])) > 0
+    True
     """
-    found = squared_errors(truth, estimate, sigma, mask)
     if found.sigma is None or not found.squares.size:
         return math.nan
     ours, best = (
@@ -215,26 +196,16 @@ def ause(
     return max(float(np.mean(ours - best) / data_range), 0.0)
 
 
-def within_interval(
-    truth: ArrayLike,
-    estimate: ArrayLike,
-    sigma: ArrayLike | None = None,
-    *,
-    data_range: float = 255.0,
-    mask: ArrayLike | None = None,
-    reach: float = REACH_90,
-) -> float:
+def within_interval(found: Errors, *, data_range: float = 255.0) -> float:
     """Return the share of truths within the 90 % interval, depth ± 1.645 sigma; best at 0.9.
 
-    Parameters and errors are those of `squared_errors`; `reach` is half the interval in sigmas.
-    NaN without a sigma, and where no pixel is known and answered.
+    It is of any range. NaN without a sigma, and where no pixel is known and answered.
 
     Examples
     --------
-    >>> within_interval([[1, 2]], [[2, 4]], [[1, 1]])
+    >>> within_interval(squared_errors([[1, 2]], [[2, 4]], [[1, 1]]))
     0.5
     """
-    found = squared_errors(truth, estimate, sigma, mask)
     if found.sigma is None or not found.squares.size:
         return math.nan
-    return float(np.mean(found.squares <= np.square(reach * found.sigma)))
+    return float(np.mean(found.squares <= np.square(REACH_90 * found.sigma)))

@@ -15,6 +15,7 @@ from scipy import special, stats
 from dfdbench.errors import InputError
 from dfdbench.metrics import sureness
 from dfdbench.metrics.scores import nrmse
+from dfdbench.metrics.sureness import squared_errors as errors
 
 half = partial(sureness.surest_nrmse, share=0.5)
 most = partial(sureness.surest_nrmse, share=0.9)
@@ -35,10 +36,9 @@ def test_the_order_of_pixels_is_nothing_to_them(
 ) -> None:
     estimate = np.where(unanswered, np.nan, estimate)
     moved = [shuffled(array, seed) for array in (truth, estimate, sigma, ~unknown)]
+    one, other = errors(truth, estimate, sigma, ~unknown), errors(*moved)
     for score in ALL:
-        one = score(truth, estimate, sigma, mask=~unknown)
-        other = score(*moved[:3], mask=moved[3])
-        assert one == pytest.approx(other, nan_ok=True, abs=1e-12)
+        assert score(one) == pytest.approx(score(other), nan_ok=True, abs=1e-12)
 
 
 @given(numbers, numbers, st.floats(0.01, 9))
@@ -47,17 +47,18 @@ def test_a_sigma_in_the_order_of_the_errors_has_no_area(
 ) -> None:
     error = np.abs(truth - estimate)
     sigma = (1e-3 + error) if power > 1 else np.sqrt(1e-3 + error)
-    assert sureness.ause(truth, estimate, sigma) == pytest.approx(0, abs=1e-9)
+    assert sureness.ause(errors(truth, estimate, sigma)) == pytest.approx(0, abs=1e-9)
 
 
 @given(numbers, numbers, spreads)
 def test_the_area_is_least_in_the_order_of_the_errors_and_scale_is_nothing_to_it(
     truth: Any, estimate: Any, sigma: Any
 ) -> None:
-    found = sureness.ause(truth, estimate, sigma)
+    made = errors(truth, estimate, sigma)
+    found = sureness.ause(made)
     assert found >= 0
-    assert sureness.ause(truth, estimate, 4 * sigma) == found
-    assert sureness.ause(truth, estimate, sigma, data_range=510) == pytest.approx(found / 2)
+    assert sureness.ause(errors(truth, estimate, 4 * sigma)) == found
+    assert sureness.ause(made, data_range=510) == pytest.approx(found / 2)
 
 
 @given(numbers, numbers, spreads)
@@ -65,9 +66,10 @@ def test_at_full_density_and_without_a_sigma_it_is_the_error_of_all(
     truth: Any, estimate: Any, sigma: Any
 ) -> None:
     whole = nrmse(truth, estimate, data_range=255)
-    assert sureness.surest_nrmse(truth, estimate, sigma, share=1) == pytest.approx(whole)
-    assert half(truth, estimate) == pytest.approx(whole)
-    assert half(truth, estimate, np.full(truth.shape, 3)) == pytest.approx(whole)
+    made = errors(truth, estimate, sigma)
+    assert sureness.surest_nrmse(made, share=1) == pytest.approx(whole)
+    assert half(errors(truth, estimate)) == pytest.approx(whole)
+    assert half(errors(truth, estimate, np.full(truth.shape, 3))) == pytest.approx(whole)
 
 
 def drawn(shape: tuple[int, int] = (400, 500)) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -80,18 +82,17 @@ def drawn(shape: tuple[int, int] = (400, 500)) -> tuple[NDArray[Any], NDArray[An
 
 def test_normal_errors_are_as_probability_theory_has_them() -> None:
     truth, estimate, sigma = drawn()
-    held = sureness.within_interval(truth, estimate, sigma)
-    assert held == pytest.approx(0.9, abs=0.003)
+    made = errors(truth, estimate, sigma)
+    assert sureness.within_interval(made) == pytest.approx(0.9, abs=0.003)
     # The same by another book: two-sided, of a sigma that is too small by half.
     expected = 2 * stats.norm.cdf(special.ndtri(0.95) / 2) - 1
-    assert sureness.within_interval(truth, estimate, sigma / 2) == pytest.approx(
-        expected, abs=0.005
-    )
+    halved = errors(truth, estimate, sigma / 2)
+    assert sureness.within_interval(halved) == pytest.approx(expected, abs=0.005)
     # Sigma is even on 1 to 10, so the surest half has it even on 1 to 5.5: mean square of that.
     for share in (0.5, 0.9):
         end = 1 + 9 * share
         mean_square = (end**3 - 1) / 3 / (end - 1)
-        found = sureness.surest_nrmse(truth, estimate, sigma, share=share, data_range=1)
+        found = sureness.surest_nrmse(made, share=share, data_range=1)
         assert found == pytest.approx(math.sqrt(mean_square), rel=0.01)
 
 
@@ -103,7 +104,7 @@ def test_a_coin_for_a_sigma_has_the_area_of_the_oracle_below_the_whole_error() -
     kept = np.arange(1, 101) / 100
     bound = special.ndtri(np.minimum((1 + kept) / 2, 1 - 1e-12))
     oracle = np.sqrt(1 - 2 * bound * stats.norm.pdf(bound) / kept)
-    found = sureness.ause(truth, estimate, sigma, data_range=1)
+    found = sureness.ause(errors(truth, estimate, sigma), data_range=1)
     assert found == pytest.approx(float(np.mean(1 - oracle)), abs=0.005)
 
 
@@ -117,14 +118,14 @@ def test_density_counts_known_pixels_and_the_rest_is_undefined_beyond_it() -> No
     truth = np.arange(8.0).reshape(2, 4)
     estimate, known = truth + 1, np.array([[True] * 4, [True, True, False, False]])
     estimate[0, :3] = np.nan
-    assert sureness.density(truth, estimate, mask=known) == 0.5
-    assert half(truth, estimate, mask=known, data_range=1) == 1
-    assert math.isnan(most(truth, estimate, mask=known))
+    found = errors(truth, estimate, mask=known)
+    assert sureness.density(found) == 0.5
+    assert half(found, data_range=1) == 1
     # Without a sigma nothing is said of order and intervals.
-    assert math.isnan(sureness.ause(truth, estimate, mask=known))
-    assert math.isnan(sureness.within_interval(truth, estimate, mask=known))
+    for score in (most, sureness.ause, sureness.within_interval):
+        assert math.isnan(score(found))
     for score in ALL:
-        assert math.isnan(score(truth, estimate, truth + 1, mask=known & False))
+        assert math.isnan(score(errors(truth, estimate, truth + 1, known & False)))
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.inf, math.nan])
@@ -132,9 +133,9 @@ def test_a_sigma_that_is_none_is_refused_where_there_is_an_answer(bad: float) ->
     truth, sigma = np.ones((2, 3)), np.ones((2, 3))
     sigma[0, 1] = bad
     with pytest.raises(InputError, match="finite and above 0 where there is an answer"):
-        sureness.squared_errors(truth, truth, sigma)
+        errors(truth, truth, sigma)
     estimate = truth.copy()
     estimate[0, 1] = np.nan
-    assert sureness.squared_errors(truth, estimate, sigma).density == 5 / 6
+    assert errors(truth, estimate, sigma).density == 5 / 6
     with pytest.raises(InputError, match="no standard deviations"):
-        sureness.squared_errors(truth, truth, np.ones((3, 2)))
+        errors(truth, truth, np.ones((3, 2)))
