@@ -75,8 +75,10 @@ def least_width(table: Table) -> int:
 
     Examples
     --------
-    >>> least_width(Table("T", ("scenes", "n"), (("Art and Books", "1 000"),), "lr"))
-    18
+    >>> least_width(Table("T", ("where", "n"), (("a very long name", "1 000 000"),), "lr"))
+    21
+
+    That is the longest word, the whole number, and three characters a column for its lines.
     """
     cells = list(zip(table.columns, *table.rows, strict=True))
     whole = [max(map(len, column)) for column in cells]
@@ -160,6 +162,8 @@ def listed(things: Iterable[object], most: int | None = None) -> str:
     --------
     >>> listed(["Art", "Books", "Dolls"]), listed(["Art", "Books", "Dolls"], most=2)
     ('Art, Books, Dolls', 'Art, Books and 1 more')
+    >>> listed([], most=2), listed(["Art", "Books"], most=2)
+    ('', 'Art, Books')
     """
     texts = [str(thing) for thing in things]
     left = 0 if most is None else len(texts) - most

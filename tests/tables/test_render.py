@@ -33,10 +33,8 @@ def test_every_form_comes_from_one_place() -> None:
     rows = list(csv.DictReader(io.StringIO(render.render([TABLE], Format.csv))))
     assert rows[0] == {"method": "a_b", "nrmse": "0.123456789"}
     assert rows[1]["nrmse"] == ""
-    assert (
-        json.loads(render.render([TABLE], Format.json))["tables"][0]["rows"][0]["nrmse"]
-        == 0.123456789
-    )
+    (table,) = json.loads(render.render([TABLE], Format.json))["tables"]
+    assert table["rows"][0]["nrmse"] == 0.123456789
 
 
 def test_tables_with_other_columns_share_one_csv_heading() -> None:

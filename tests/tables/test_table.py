@@ -1,20 +1,13 @@
 import io
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
 from dfdbench.tables.render import as_rich
-from dfdbench.tables.table import Table, as_html, least_width, listed, without
+from dfdbench.tables.table import Table, as_html, least_width, without
 
 WORDS = st.text("abc ", max_size=12)
-
-
-def test_words_wrap_and_numbers_do_not() -> None:
-    table = Table("T", ("where", "n"), (("a very long name", "1 000 000"),), "lr")
-    # The longest word, the whole number, and three characters a column for its lines.
-    assert least_width(table) == len("where") + len("1 000 000") + 7
 
 
 @settings(max_examples=20)
@@ -35,14 +28,6 @@ def test_cells_stand_under_their_headings_on_their_side_with_notes_below() -> No
     assert text.count("<tr>") == 3
     assert '<td style="text-align:right">2</td>' in text
     assert text.index("</table>") < text.index("a note")
-
-
-@pytest.mark.parametrize(
-    ("count", "most", "text"),
-    [(0, 2, ""), (2, 2, "0, 1"), (3, 2, "0, 1 and 1 more"), (3, None, "0, 1, 2")],
-)
-def test_a_list_is_whole_or_says_how_much_is_left(count: int, most: int | None, text: str) -> None:
-    assert listed(range(count), most) == text
 
 
 def test_without_a_column_all_else_stays_in_its_place() -> None:
