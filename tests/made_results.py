@@ -114,8 +114,9 @@ def make_demo_result(
 
 def limited(result: Result, count: int) -> Result:
     """The same run, stopped after some pairs."""
-    blank = {"status": "not-run", "scores": {}, "seconds": None, "prediction_sha256": None}
-    pairs = [*result.pairs[:count], *(edited(pair, **blank) for pair in result.pairs[count:])]
+    blank: dict[str, Any] = {"scores": {}, "seconds": None, "prediction_sha256": None}
+    stopped = [edited(pair, status="not-run", **blank) for pair in result.pairs[count:]]
+    pairs = result.pairs[:count] + stopped
     return edited(result, pairs=pairs, dataset={"evaluated": count}, averages=None)
 
 

@@ -332,9 +332,9 @@ def _left_out(board: Board) -> Iterator[Problem]:
                     gaps = {n for n, value in enumerate(column) if value is None}
                     undefined[place] = undefined.get(place, gaps) & gaps
                     lacking.append((place, gaps, path.stem, row, run))
-    for place, gaps, method, row, run in lacking:
-        dataset, split, _, protocol, metric = place
-        for number in sorted(gaps - undefined[place]):
+    for found, gaps, method, row, run in lacking:
+        dataset, split, _, protocol, metric = found
+        for number in sorted(gaps - undefined[found]):
             if run.status[number] != "ok":
                 continue
             where = f"{dataset}, split {split}: {row.pairs[number]}"
