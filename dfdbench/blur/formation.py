@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.light import Floats, decode, encode
+from dfdbench.blur.light import LINEAR, Floats, Image, decode, encode
 from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
@@ -23,7 +23,7 @@ _HALVES = 2
 _STEPS = 2.0**32
 
 
-def uniform_numbers(count: int, *key: str | int) -> NDArray[np.float64]:
+def uniform_numbers(count: int, *key: str | int) -> Floats:
     """Return numbers between 0 and 1, both left out, the same for the same key.
 
     Parameters
@@ -51,7 +51,7 @@ def uniform_numbers(count: int, *key: str | int) -> NDArray[np.float64]:
     return np.asarray((halves + 0.5) / _STEPS, dtype=np.float64)
 
 
-def normal_numbers(shape: tuple[int, ...], *key: str | int) -> NDArray[np.float64]:
+def normal_numbers(shape: tuple[int, ...], *key: str | int) -> Floats:
     """Return numbers of the standard normal distribution, the same for the same key.
 
     Parameters
@@ -129,20 +129,19 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     )
 
 
-def _noise(formation: Formation) -> NDArray[np.float64]:
+def _noise(formation: Formation) -> Floats:
     """Return the standard deviation at each grey level, in the unit of a law's noise: (256,)."""
     if not formation.linear:
         return np.full(LEVELS, math.sqrt(formation.noise**2 + ROUNDING_VARIANCE))
-    light = decode(np.arange(LAST_LEVEL + 1.0))
     variance = np.full(LEVELS, formation.read_noise**2)
     if formation.full_well:
-        variance += light / formation.full_well
+        variance += LINEAR / formation.full_well
     # A grey level is as wide in light as the curve of the camera makes it.
-    variance += ROUNDING_VARIANCE * np.square(np.gradient(light))
+    variance += ROUNDING_VARIANCE * np.square(np.gradient(LINEAR))
     return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)
 
 
-Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+Images = tuple[Image, Image]
 
 # A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
 _REACH = 4
@@ -156,11 +155,7 @@ _GAUSSIAN = 2
 
 
 def form_pair(
-    infocus: NDArray[np.uint8],
-    depth: NDArray[np.uint8],
-    recipe: BlurRecipe,
-    degradation: Degradation,
-    pair: str,
+    infocus: Image, depth: Image, recipe: BlurRecipe, degradation: Degradation, pair: str
 ) -> Images:
     """Return the in-focus and the defocus image of a pair on a track.
 
@@ -207,7 +202,7 @@ def form_pair(
     require_images(infocus, depth, recipe)
     formation = degradation.formation
     key = (degradation.track.name, degradation.track.version, pair)
-    light = _LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
+    light = LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
     blurred = blur(light, depth, recipe, formation)
     larger, lateral = formation.magnification, formation.lateral * np.array([1, 0, -1])
     if larger or formation.lateral:
@@ -237,9 +232,7 @@ def focus_levels(planes: int) -> tuple[int, ...]:
     return tuple(round(LAST_LEVEL * plane / (planes - 1)) for plane in range(planes))
 
 
-def form_stack(
-    infocus: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe, planes: int
-) -> NDArray[np.uint8]:
+def form_stack(infocus: Image, depth: Image, recipe: BlurRecipe, planes: int) -> Image:
     """Return the images of a focal stack, shape (image, y, x, channel).
 
     Parameters
@@ -274,12 +267,8 @@ def form_stack(
     """
     require_images(infocus, depth, recipe)
     light = infocus.astype(np.float64)
-    return np.stack(
-        [
-            rounded(composite_layers(light, depth, _kernels_at(recipe, focus)))
-            for focus in focus_levels(planes)
-        ]
-    )
+    kernels = (_kernels_at(recipe, focus) for focus in focus_levels(planes))
+    return np.stack([rounded(composite_layers(light, depth, each)) for each in kernels])
 
 
 @lru_cache(maxsize=16)
@@ -289,9 +278,7 @@ def _kernels_at(recipe: BlurRecipe, focus: int) -> Floats:
     return without_tails(point_spread_functions(recipe.sigmas[away], size, _GAUSSIAN))
 
 
-def blur(
-    light: Floats, depth: NDArray[np.uint8], recipe: BlurRecipe, formation: Formation
-) -> Floats:
+def blur(light: Floats, depth: Image, recipe: BlurRecipe, formation: Formation) -> Floats:
     """Return an image blurred by its depth map as a formation says, in its own unit, not rounded.
 
     Parameters
@@ -307,12 +294,11 @@ def blur(
     """
     if formation.longitudinal:
         each = dataclasses.replace(formation, longitudinal=0.0)
-        channels = [
-            blur(
-                light[..., c : c + 1], depth, _farther(recipe, share * formation.longitudinal), each
-            )
-            for c, share in enumerate(_FARTHER)
-        ]
+        channels = []
+        for channel, share in zip(np.split(light, len(_FARTHER), axis=-1), _FARTHER, strict=True):
+            least = recipe.sigma_min + share * formation.longitudinal * recipe.sigma_step
+            farther = dataclasses.replace(recipe, sigma_min=least)
+            channels.append(blur(channel, depth, farther, each))
         return np.concatenate(channels, axis=-1)
     own = law_of(recipe, formation)
     if formation.layers:
@@ -321,12 +307,6 @@ def blur(
         return blur_by_recipe(light, depth, own)
     levels = np.asarray(own.level_of_depth(depth.astype(np.int64)))
     return blur_by_level(light, levels, _kernels_by_level(own, formation.exponent))
-
-
-def _farther(recipe: BlurRecipe, levels: float) -> BlurRecipe:
-    """Return the blur of a channel that is so many depth levels farther off focus."""
-    more = recipe.sigma_min + levels * recipe.sigma_step
-    return dataclasses.replace(recipe, sigma_min=more)
 
 
 def _darkened(image: Floats, formation: Formation) -> Floats:
@@ -388,13 +368,12 @@ def move(image: Floats, down: float, right: float) -> Floats:
     for axis, distance in enumerate((down, right)):
         extent = LOBES + int(np.ceil(abs(distance)))
         offsets = np.arange(-extent, extent + 1) + distance
-        window = np.where(np.abs(offsets) < LOBES, np.sinc(offsets / LOBES), 0)
-        taps = np.sinc(offsets) * window
+        taps = _lanczos(offsets)
         image = correlate1d(image, taps / taps.sum(), axis=axis, mode="nearest")
     return image
 
 
-def magnify(image: Floats, larger: Sequence[float] | NDArray[np.float64]) -> Floats:
+def magnify(image: Floats, larger: Sequence[float] | Floats) -> Floats:
     """Return an image whose channels are larger about the middle, interpolated as by `move`.
 
     Parameters
@@ -419,6 +398,11 @@ def magnify(image: Floats, larger: Sequence[float] | NDArray[np.float64]) -> Flo
     return out
 
 
+def _lanczos(offsets: NDArray[np.floating]) -> Floats:
+    within = np.abs(offsets) < LOBES
+    return np.where(within, np.sinc(offsets) * np.sinc(offsets / LOBES), 0)
+
+
 @lru_cache(maxsize=16)
 def _magnifying(size: int, larger: float) -> Floats:
     middle = (size - 1) / 2
@@ -426,7 +410,7 @@ def _magnifying(size: int, larger: float) -> Floats:
     nearest = np.rint(places).astype(int)
     steps = np.arange(-LOBES, LOBES + 1)
     offsets = (nearest - places)[:, np.newaxis] + steps
-    taps = np.where(np.abs(offsets) < LOBES, np.sinc(offsets) * np.sinc(offsets / LOBES), 0)
+    taps = _lanczos(offsets)
     taps /= taps.sum(axis=1, keepdims=True)
     weights = np.zeros((size, size))
     columns = np.clip(nearest[:, np.newaxis] + steps, 0, size - 1)
@@ -434,12 +418,7 @@ def _magnifying(size: int, larger: float) -> Floats:
     return weights
 
 
-_LINEAR = decode(np.arange(256.0))
-
-
-def _photograph(
-    light: Floats, formation: Formation, key: tuple[str | int, ...]
-) -> NDArray[np.uint8]:
+def _photograph(light: Floats, formation: Formation, key: tuple[str | int, ...]) -> Image:
     variance = np.array(formation.noise**2 + formation.read_noise**2)
     if formation.full_well:
         # Many electrons' Poisson noise is Gaussian; its variance is their number.

@@ -8,7 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
+from pydantic_core import to_jsonable_python
 
+from dfdbench.blur.light import Floats
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, KernelSize
 from dfdbench.errors import InputError
@@ -103,12 +105,12 @@ class BlurLaw:
         """Return the depth level of a blur level: a law counts by depth, so it is the same."""
         return level
 
-    def kernels(self) -> NDArray[np.float64]:
+    def kernels(self) -> Floats:
         """Return the 2-D kernel of each depth level, (levels, kernel_size, kernel_size)."""
         return self._kernels
 
     @cached_property
-    def _kernels(self) -> NDArray[np.float64]:
+    def _kernels(self) -> Floats:
         sigmas = np.array(self.sigmas, np.float64)
         kernels = point_spread_functions(sigmas, self.kernel_size, self.exponent)
         kernels.flags.writeable = False
@@ -116,7 +118,8 @@ class BlurLaw:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, fit for JSON and TOML."""
-        return {name: _listed(value) for name, value in asdict(self).items()}
+        listed: dict[str, Any] = to_jsonable_python(asdict(self))
+        return listed
 
     def as_toml(self) -> str:
         """Return the law as a TOML file says it, for ``--param recipe=FILE.toml``.
@@ -145,15 +148,11 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
     return made_of(BlurLaw, {name: _tupled(v) for name, v in given.items()}, "blur law")
 
 
-def _listed(value: Any) -> Any:
-    return list(map(_listed, value)) if isinstance(value, tuple) else value
-
-
 def _tupled(value: Any) -> Any:
     return tuple(map(_tupled, value)) if isinstance(value, list) else value
 
 
-def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
+def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> Floats:
     """Return a law's noise at some grey levels.
 
     Examples

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 
 def decode(grey: NDArray[np.floating]) -> Floats:
@@ -17,6 +18,10 @@ def decode(grey: NDArray[np.floating]) -> Floats:
     signal = np.asarray(grey, dtype=np.float64) / 255
     curve = ((np.maximum(signal, 0) + 0.055) / 1.055) ** 2.4
     return np.asarray(np.where(signal <= 0.04045, signal / 12.92, curve))
+
+
+#: Linear light of each grey level.
+LINEAR = decode(np.arange(256.0))
 
 
 def encode(light: Floats) -> Floats:

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import reaches, require_kernels
+from dfdbench.blur.light import Floats
+from dfdbench.blur.synthesis import Ints, reaches, require_kernels
 from dfdbench.system.compiled import compiled
 from dfdbench.system.vectors import LANES, all_of, load, plus, store, times, where_below
 
@@ -22,7 +23,7 @@ _TOGETHER, _APART = 4, LANES
 _COLOURS = 3
 
 
-def without_tails(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_tails(kernels: Floats) -> Floats:
     """Return kernels without the weights below `TAIL` of their peak, again of sum 1.
 
     Examples
@@ -36,9 +37,7 @@ def without_tails(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(cut / cut.sum(axis=(1, 2), keepdims=True), dtype=np.float64)
 
 
-def composite_layers(
-    image: NDArray[np.float64], depth: NDArray[np.integer], kernels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats) -> Floats:
     """Blur a layer a depth level, and lay surfaces over one another, the nearest last.
 
     Parameters
@@ -116,12 +115,12 @@ def composite_layers(
 
 @compiled()
 def _composite(
-    light: NDArray[np.float64],
+    light: Floats,
     depth: NDArray[np.int16],
-    present: NDArray[np.int64],
-    quadrants: NDArray[np.float64],
+    present: Ints,
+    quadrants: Floats,
     shape: tuple[int, int],
-) -> NDArray[np.float64]:
+) -> Floats:
     height, width = shape
     planes, radius = light.shape[2], quadrants.shape[1] - 1
     starts, places, lights = _groups(depth, light, len(quadrants), radius)
@@ -170,8 +169,8 @@ def _composite(
 
 @compiled()
 def _groups(
-    depth: NDArray[np.int16], light: NDArray[np.float64], levels: int, radius: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    depth: NDArray[np.int16], light: Floats, levels: int, radius: int
+) -> tuple[Ints, Ints, Floats]:
     """Gather pixels of one level that lie close together in a row, by level and then by row.
 
     Returns which groups each level and row has, from one number to the next; the columns of a
@@ -212,9 +211,7 @@ def _groups(
 
 
 @compiled()
-def _rows_of(
-    quadrants: NDArray[np.float64], present: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _rows_of(quadrants: Floats, present: Ints) -> tuple[Ints, Floats]:
     """Return half of each row's width, and the rows from the middle one on, zeros around them."""
     size = quadrants.shape[1]
     centre = size - 1 + _APART + LANES
@@ -232,15 +229,15 @@ def _rows_of(
 
 @compiled()
 def _spread(
-    places: NDArray[np.int64],
-    lights: NDArray[np.float64],
+    places: Ints,
+    lights: Floats,
     groups: tuple[int, int],
     y: int,
     level: int,
-    halves: NDArray[np.int64],
-    weights: NDArray[np.float64],
+    halves: Ints,
+    weights: Floats,
     width: int,
-    layer: NDArray[np.float64],
+    layer: Floats,
 ) -> tuple[int, int]:
     """Add groups' light, and the pixels themselves, to a row; return which columns they reach."""
     # Whole arrays and places in them: of every slice, compiled code counts references.
@@ -271,13 +268,13 @@ def _spread(
 
 
 @compiled()
-def _four(lights: NDArray[np.float64], group: int, plane: int) -> Any:
+def _four(lights: Floats, group: int, plane: int) -> Any:
     first, second = all_of(lights[group, plane, 0]), all_of(lights[group, plane, 1])
     return first, second, all_of(lights[group, plane, 2]), all_of(lights[group, plane, 3])
 
 
 @compiled()
-def _add(layer: NDArray[np.float64], at: int, row: Any, light: Any) -> None:
+def _add(layer: Floats, at: int, row: Any, light: Any) -> None:
     sums = load(layer, at)
     for one in range(_TOGETHER):
         sums = plus(sums, times(row[one], light[one]))
@@ -285,9 +282,7 @@ def _add(layer: NDArray[np.float64], at: int, row: Any, light: Any) -> None:
 
 
 @compiled()
-def _lay_over(
-    surface: NDArray[np.float64], total: NDArray[np.float64], x: int, behind: float
-) -> None:
+def _lay_over(surface: Floats, total: Floats, x: int, behind: float) -> None:
     """Put a pixel's surface over what lies behind it, and empty it for the next."""
     own = surface[0, x]
     share = own / (own + behind)
@@ -302,9 +297,9 @@ def _behind(
     centre: int,
     far: int,
     near: int,
-    halves: NDArray[np.int64],
-    weights: NDArray[np.float64],
-    seen: NDArray[np.float64],
+    halves: Ints,
+    weights: Floats,
+    seen: Floats,
 ) -> float:
     """Return how much of a level's kernel around a pixel falls on what is farther than another."""
     size, stride = weights.shape[1:]

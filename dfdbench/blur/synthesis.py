@@ -5,15 +5,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.light import Floats, Image
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.compiled import compiled
 from dfdbench.system.vectors import LANES, all_of, load, plus, store, times
 
+Ints = NDArray[np.int64]
 
-def blur_by_level(
-    image: NDArray[np.float64], levels: NDArray[np.integer], kernels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+
+def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -> Floats:
     """Return an image of which each pixel is the mean of its window under its level's kernel.
 
     Parameters
@@ -62,7 +63,7 @@ def blur_by_level(
     return np.asarray(blurred[:, : image.shape[1] * channels.shape[2]]).reshape(image.shape)
 
 
-def _padded_rows(channels: NDArray[Any], radius: int) -> NDArray[np.float64]:
+def _padded_rows(channels: NDArray[Any], radius: int) -> Floats:
     """Return rows with their edge pixels repeated, and room for a vector that begins in them."""
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
     height, width, count = padded.shape
@@ -71,9 +72,7 @@ def _padded_rows(channels: NDArray[Any], radius: int) -> NDArray[np.float64]:
     return rows
 
 
-def require_kernels(
-    image: NDArray[np.float64], levels: NDArray[np.integer], kernels: NDArray[np.float64]
-) -> None:
+def require_kernels(image: Floats, levels: NDArray[np.integer], kernels: Floats) -> None:
     """Raise an InputError if an image cannot be blurred by these levels and kernels."""
     wrong: dict[str, str] = {}
     if image.ndim not in (2, 3) or image.shape[:2] != levels.shape or levels.size == 0:
@@ -84,11 +83,10 @@ def require_kernels(
         wrong["kernels"] = "a kernel is not symmetric"
     elif levels.size and not 0 <= levels.min() <= levels.max() < len(kernels):
         wrong["levels"] = f"a level of {levels.min()}..{levels.max()} has no kernel"
-    if wrong:
-        raise InputError.of(Problem(what, where=where) for where, what in wrong.items())
+    InputError.raise_if(Problem(what, where=where) for where, what in wrong.items())
 
 
-def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
+def reaches(kernels: Floats) -> Ints:
     """Return how many pixels from its centre each kernel's last weight that is not 0 lies."""
     size = kernels.shape[1]
     offsets = np.abs(np.arange(size) - size // 2)
@@ -97,7 +95,7 @@ def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 @compiled()
-def _add_opposite(rows: NDArray[np.float64], y: int, folded: NDArray[np.float64]) -> None:
+def _add_opposite(rows: Floats, y: int, folded: Floats) -> None:
     """Write sums of the rows that lie as far above a row of the image as below, nearest first."""
     # They weigh the same for all pixels of the row, whatever their level.
     stride, radius = rows.shape[1], len(folded) - 1
@@ -110,13 +108,7 @@ def _add_opposite(rows: NDArray[np.float64], y: int, folded: NDArray[np.float64]
 
 
 @compiled()
-def _gather(
-    rows: NDArray[np.float64],
-    levels: NDArray[np.int64],
-    quadrants: NDArray[np.float64],
-    reach: NDArray[np.int64],
-    channels: int,
-) -> NDArray[np.float64]:
+def _gather(rows: Floats, levels: Ints, quadrants: Floats, reach: Ints, channels: int) -> Floats:
     # The folded window is added up column by column, for a few pixels at once; those of one level
     # that lie side by side are done together. The order of the sums is fixed.
     height, width = levels.shape
@@ -150,9 +142,7 @@ def _gather(
     return out
 
 
-def synthesize(
-    image: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe
-) -> NDArray[np.uint8]:
+def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     """Blur each pixel of an in-focus image by its own depth.
 
     Parameters
@@ -194,9 +184,7 @@ def synthesize(
     return rounded(blur_by_recipe(image, depth, recipe))
 
 
-def blur_by_recipe(
-    image: NDArray[Any], depth: NDArray[np.uint8], recipe: BlurRecipe
-) -> NDArray[np.float64]:
+def blur_by_recipe(image: NDArray[Any], depth: Image, recipe: BlurRecipe) -> Floats:
     """Blur as `synthesize` does, in any unit and not rounded; the arguments are not checked."""
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = recipe.kernel_size // 2
@@ -206,7 +194,7 @@ def blur_by_recipe(
     return np.asarray(blurred[:, : image.shape[1] * channels.shape[2]]).reshape(image.shape)
 
 
-def rounded(image: NDArray[np.float64]) -> NDArray[np.uint8]:
+def rounded(image: Floats) -> Image:
     """Return grey levels as bytes: to float32, then half to even, then cut to 0 and 255."""
     return np.asarray(np.clip(np.rint(image.astype(np.float32)), 0, 255), dtype=np.uint8)
 
@@ -225,17 +213,11 @@ def require_images(image: Any, depth: Any, recipe: BlurRecipe) -> None:
         wrong["depth"] = f"sizes differ, {image.shape[:2]} of the image and {depth.shape}"
     elif not wrong and int(depth.max()) >= recipe.levels:
         wrong["depth"] = f"depth {depth.max()} is beyond the levels, 0 to {recipe.levels - 1}"
-    if wrong:
-        raise InputError.of(Problem(what, where=where) for where, what in wrong.items())
+    InputError.raise_if(Problem(what, where=where) for where, what in wrong.items())
 
 
 @compiled()
-def _blur_pixels(
-    rows: NDArray[np.float64],
-    levels: NDArray[np.int64],
-    half_kernels: NDArray[np.float64],
-    channels: int,
-) -> NDArray[np.float64]:
+def _blur_pixels(rows: Floats, levels: Ints, half_kernels: Floats, channels: int) -> Floats:
     # The folded window is weighted vertically first (all its columns at once), then horizontally;
     # pixels of one level that lie side by side share their columns. The order of the sums is fixed,
     # so the bytes do not depend on the machine or on who else is running.

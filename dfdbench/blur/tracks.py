@@ -1,7 +1,7 @@
 """Tracks: the same scenes made harder, in a way that a method does not know."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -146,8 +146,9 @@ class Degradation:
         return f"{self.track.title}: {self.track.steps[self.severity - 1]}"
 
 
-def _steps(form: str, *values: float) -> tuple[str, ...]:
-    return tuple(form.format(value) for value in values)
+def _track(name: str, title: str, steps: Iterable[str], severities: Iterable[Formation]) -> Track:
+    """Return the first version of a track."""
+    return Track(name, 1, title, tuple(steps), tuple(severities))
 
 
 # Of the light that the corners lack, what goes with r^2 and with r^4: drawn, not chosen.
@@ -160,25 +161,22 @@ _CAMERAS = tuple(
 )
 
 _ALL = (
-    Track(
+    _track(
         "noise",
-        1,
         "Gaussian noise on both images before they are rounded",
-        _steps("sigma {:g} grey levels", 1, 3, 6),
-        tuple(Formation(noise=sigma) for sigma in (1.0, 3.0, 6.0)),
+        map("sigma {:g} grey levels".format, (1, 3, 6)),
+        (Formation(noise=sigma) for sigma in (1.0, 3.0, 6.0)),
     ),
-    Track(
+    _track(
         "psf",
-        1,
         "another point-spread function, exp(-(r / c)^p), as wide at every level as the recipe's",
-        _steps("p = {:g}", 3, 8, 32),
-        tuple(Formation(exponent=p) for p in (3.0, 8.0, DISK)),
+        map("p = {:g}".format, (3, 8, 32)),
+        (Formation(exponent=p) for p in (3.0, 8.0, DISK)),
     ),
-    Track(
+    _track(
         "law",
-        1,
         "the least blur and what each level adds, both drawn once a severity",
-        _steps("within {:g} %", 10, 20, 40),
+        map("within {:g} %".format, (10, 20, 40)),
         # Drawn, not chosen: larger or smaller by half the range to the whole of it.
         (
             Formation(sigma_min=1.0985, sigma_step=0.9261),
@@ -186,61 +184,53 @@ _ALL = (
             Formation(sigma_min=1.2461, sigma_step=1.2914),
         ),
     ),
-    Track(
+    _track(
         "occlusion",
-        1,
         "layers composited from back to front, as light does, and wider blur",
-        _steps("blur times {:g}", 1, 1.5, 2),
-        tuple(Formation(sigma_min=k, sigma_step=k, layers=True) for k in (1.0, 1.5, 2.0)),
+        map("blur times {:g}".format, (1, 1.5, 2)),
+        (Formation(sigma_min=k, sigma_step=k, layers=True) for k in (1.0, 1.5, 2.0)),
     ),
-    Track(
+    _track(
         "shift",
-        1,
         "the defocus image moved against the in-focus one, another way each pair",
-        _steps("{:g} pixel", 0.25, 0.5, 1),
-        tuple(Formation(shift=pixels) for pixels in (0.25, 0.5, 1.0)),
+        map("{:g} pixel".format, (0.25, 0.5, 1)),
+        (Formation(shift=pixels) for pixels in (0.25, 0.5, 1.0)),
     ),
-    Track(
+    _track(
         "gain",
-        1,
         "the defocus image brighter or darker, drawn each pair",
-        _steps("within {:g} %", 2, 5, 10),
-        tuple(Formation(gain=share) for share in (0.02, 0.05, 0.1)),
+        map("within {:g} %".format, (2, 5, 10)),
+        (Formation(gain=share) for share in (0.02, 0.05, 0.1)),
     ),
-    Track(
+    _track(
         "camera",
-        1,
         "a camera: linear light, a disk, layers, shot and read noise on both images",
-        _steps("read noise 10 electrons, {:,} at full scale", 10_000, 3_333, 1_000),
+        map("read noise 10 electrons, {:,} at full scale".format, (10_000, 3_333, 1_000)),
         _CAMERAS,
     ),
-    Track(
+    _track(
         "magnification",
-        1,
         "the defocus image larger about the middle, as a lens breathes that focuses elsewhere",
-        _steps("{:g} %", 0.2, 0.6, 1.2),
-        tuple(Formation(magnification=share) for share in _MAGNIFICATIONS),
+        map("{:g} %".format, (0.2, 0.6, 1.2)),
+        (Formation(magnification=share) for share in _MAGNIFICATIONS),
     ),
-    Track(
+    _track(
         "vignetting",
-        1,
         "the defocus image darker towards the corners, as a wide aperture makes it",
-        _steps("{:g} % less light at the corners", 10, 20, 35),
-        tuple(Formation(falloff=falloff) for falloff in _FALLOFFS),
+        map("{:g} % less light at the corners".format, (10, 20, 35)),
+        (Formation(falloff=falloff) for falloff in _FALLOFFS),
     ),
-    Track(
+    _track(
         "colour",
-        1,
         "red larger and blue smaller in both images, and both farther off focus than green",
         ("0.04 %, 4 levels", "0.08 %, 8 levels", "0.16 %, 16 levels"),
-        tuple(Formation(lateral=share, longitudinal=off) for share, off in _COLOURS),
+        (Formation(lateral=share, longitudinal=off) for share, off in _COLOURS),
     ),
-    Track(
+    _track(
         "lens",
-        1,
         "a camera as on the track camera, with magnification, fall-off and colour errors",
-        _steps("severity {:g} of each", 1, 2, 3),
-        tuple(
+        map("severity {:g} of each".format, (1, 2, 3)),
+        (
             replace(camera, magnification=share, falloff=falloff, lateral=lateral, longitudinal=off)
             for camera, share, falloff, (lateral, off) in zip(
                 _CAMERAS, _MAGNIFICATIONS, _FALLOFFS, _COLOURS, strict=True
@@ -249,19 +239,15 @@ _ALL = (
     ),
 )
 
-_MOST_PLANES = 10
+_PLANES = range(1, 11)
 #: Focal stacks: their severity is the number of focus planes.
 STACKS: Mapping[str, Track] = MappingProxyType(
     {
-        name: Track(
+        name: _track(
             name,
-            1,
             title,
-            _steps("{:g} focus planes", *range(1, _MOST_PLANES + 1)),
-            tuple(
-                Formation(layers=True, planes=count, infocus=infocus)
-                for count in range(1, _MOST_PLANES + 1)
-            ),
+            map("{:g} focus planes".format, _PLANES),
+            (Formation(layers=True, planes=count, infocus=infocus) for count in _PLANES),
         )
         for name, title, infocus in (
             ("stack", "a focal stack beside the in-focus image", True),

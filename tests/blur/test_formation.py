@@ -34,8 +34,10 @@ IMAGE, DEPTH = made_scene()
 CLEAN = synthesize(IMAGE, DEPTH, RECIPE)
 
 
-def formed(label: str, pair: str = "Art/view1") -> formation.Images:
-    return formation.form_pair(IMAGE, DEPTH, RECIPE, find_degradation(label), pair)
+def formed(
+    label: str, pair: str = "Art/view1", scene: formation.Images = (IMAGE, DEPTH)
+) -> formation.Images:
+    return formation.form_pair(*scene, RECIPE, find_degradation(label), pair)
 
 
 def off(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -113,7 +115,7 @@ def test_a_gain_lies_within_its_bounds_both_ways_and_leaves_the_in_focus_image()
 def test_a_camera_blurs_light_not_grey_levels() -> None:
     image, depth = np.zeros((60, 60, 3), np.uint8), np.zeros((60, 60), np.uint8)
     image[:, ::2] = 255
-    _, defocus = formation.form_pair(image, depth, RECIPE, find_degradation("camera-1"), "stripes")
+    _, defocus = formed("camera-1", scene=(image, depth))
     assert synthesize(image, depth, RECIPE).mean() == pytest.approx(127.5, abs=1)
     # Half the light of white is grey level 188.
     assert defocus[20:40, 20:40].mean() == pytest.approx(188, abs=3)
@@ -121,17 +123,13 @@ def test_a_camera_blurs_light_not_grey_levels() -> None:
 
 @pytest.mark.parametrize("grey", [90, 150, 230])
 def test_a_camera_s_noise_follows_the_light(grey: int) -> None:
-    image = np.full((90, 90, 3), grey, np.uint8)
-    depth = np.full((90, 90), 200, np.uint8)
+    scene = np.full((90, 90, 3), grey, np.uint8), np.full((90, 90), 200, np.uint8)
     light = float(decode(np.array([grey]))[0])
     for severity, (read, full) in enumerate(((0.001, 1e4), (0.003, 1e4 / 3), (0.01, 1e3)), 1):
-        pair = formation.form_pair(
-            image, depth, RECIPE, find_degradation(f"camera-{severity}"), "flat"
-        )
         sigma = np.sqrt(light / full + read**2)
         above, below = encode(np.array([light + 1e-6, light - 1e-6]))
         expected = np.hypot(sigma * (above - below) / 2e-6, 1 / np.sqrt(12))
-        for photograph in pair:
+        for photograph in formed(f"camera-{severity}", "flat", scene):
             assert photograph.std() == pytest.approx(expected, rel=0.08)
             assert photograph.mean() == pytest.approx(grey, abs=1.5)
 
@@ -162,8 +160,7 @@ PINNED = {
 
 @pytest.mark.parametrize("label", NAMES)
 def test_what_a_released_track_makes_never_changes(label: str) -> None:
-    image, depth = made_scene((24, 32))
-    pair = formation.form_pair(image, depth, RECIPE, find_degradation(label), "Art/view1/exposure0")
+    pair = formed(label, "Art/view1/exposure0", made_scene((24, 32)))
     digest = hashlib.sha256(pair[0].tobytes() + pair[1].tobytes()).hexdigest()
     assert digest[:16] == PINNED[label]
 
@@ -210,22 +207,16 @@ def test_they_are_normal() -> None:
     assert abs(beside) < 0.01
 
 
-LABELS = [
-    f"{name}-{n}" for name, track in TRACKS.items() for n in range(1, len(track.severities) + 1)
-]
-
-
 @pytest.mark.parametrize(
-    "label", [label for label in LABELS if not label.startswith(("occlusion", "colour", "lens"))]
+    "label", [label for label in NAMES if not label.startswith(("occlusion", "colour", "lens"))]
 )
 def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
     # A plane shows nothing of layers: what is left of it is the noise that the law tells.
     random = np.random.default_rng(0)
     image = random.integers(60, 190, (64, 64, 3)).astype(np.uint8)
     depth = np.full((64, 64), 100, np.uint8)
-    degradation = find_degradation(label)
-    infocus, defocus = formation.form_pair(image, depth, RECIPE, degradation, "Art/view1")
-    law = formation.given_law(RECIPE, degradation.formation)
+    infocus, defocus = formed(label, scene=(image, depth))
+    law = formation.given_law(RECIPE, find_degradation(label).formation)
     blurred = blurred_by(law, infocus, defocus, np.array([100]))
     inner = (slice(12, -12), slice(12, -12))
     left = (blurred.nodes @ blurred.factors[:, 0] - blurred.aim)[inner]
@@ -234,12 +225,10 @@ def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
 
 
 def test_noise_is_what_a_grey_patch_shows() -> None:
-    grey = np.full((64, 64, 3), 90, np.uint8)
-    depth = np.zeros((64, 64), np.uint8)
+    scene = np.full((64, 64, 3), 90, np.uint8), np.zeros((64, 64), np.uint8)
     for label in ("noise-3", "camera-3"):
-        degradation = find_degradation(label)
-        _, defocus = formation.form_pair(grey, depth, RECIPE, degradation, "Art/view1")
-        law = formation.given_law(RECIPE, degradation.formation)
+        _, defocus = formed(label, scene=scene)
+        law = formation.given_law(RECIPE, find_degradation(label).formation)
         said = noise_at(law.noise, np.array(90.0))
         seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
         assert float(seen.std()) == pytest.approx(float(said), rel=0.05)
@@ -259,7 +248,7 @@ def spots(label: str, channel: int, places: list[tuple[int, int]]) -> Iterator[N
     for y, x in places:
         dots[y - 1 : y + 2, x - 1 : x + 2] = 120
     near = np.full(dots.shape[:2], 255, np.uint8)
-    for image in formation.form_pair(dots, near, RECIPE, find_degradation(label), "Art/view1"):
+    for image in formed(label, scene=(dots, near)):
         light = decode(image[..., channel].astype(float))
         light -= light[5, 5] if label.startswith(("magn", "col")) else 0
         found = []
@@ -296,8 +285,7 @@ def test_vignetting_takes_light_from_the_corners_of_the_defocus_image() -> None:
     grey = np.full((60, 80, 3), 180, np.uint8)
     depth = np.zeros((60, 80), np.uint8)
     for severity, share in ((1, 0.1), (2, 0.2), (3, 0.35)):
-        label = find_degradation(f"vignetting-{severity}")
-        infocus, defocus = formation.form_pair(grey, depth, RECIPE, label, "Art/view1")
+        infocus, defocus = formed(f"vignetting-{severity}", scene=(grey, depth))
         assert np.array_equal(infocus, grey)
         light = decode(defocus.astype(float)) / decode(np.array([180.0]))
         assert light[0, 0] == pytest.approx(1 - share, abs=0.01)

@@ -8,7 +8,6 @@ from scipy.special import gamma
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import DISK
-from dfdbench.errors import InputError
 
 SIZE = 27
 
@@ -70,18 +69,3 @@ def test_a_wide_disk_is_flat_and_of_twice_sigma() -> None:
     continuous = 6 * math.sqrt(2 * gamma(2 / DISK) / gamma(4 / DISK))
     assert continuous == pytest.approx(12, rel=0.05)
     assert disk.max() == pytest.approx(1 / (math.pi * continuous**2), rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("sigmas", "size", "exponent", "said"),
-    [
-        ([0.0], 27, 2, "sigmas"),
-        ([np.nan], 27, 2, "sigmas"),
-        ([1.0], 26, 2, "size"),
-        ([1.0], 27, 0.5, "exponent"),
-        ([1.0], 27, math.nan, "exponent"),
-    ],
-)
-def test_wrong_input_is_named(sigmas: list[float], size: int, exponent: float, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        point_spread_functions(np.array(sigmas), size, exponent)

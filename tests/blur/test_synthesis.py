@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from dfdbench.blur.light import Floats
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, synthesize
@@ -20,9 +21,7 @@ from dfdbench.errors import InputError
 Image = NDArray[np.uint8]
 
 
-def whole_images(
-    image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def whole_images(image: Floats, levels: NDArray[Any], kernels: Floats) -> Floats:
     """Filter whole images, then pick a level a pixel."""
     out = np.zeros_like(image)
     for level in np.unique(levels):
@@ -151,7 +150,7 @@ IMAGE = RANDOM.uniform(0, 255, (17, 23, 3))
 LEVELS = RANDOM.integers(0, 5, (17, 23))
 
 
-def symmetric(count: int) -> NDArray[np.float64]:
+def symmetric(count: int) -> Floats:
     """Return kernels of random weights, as much to the left as to the right, but not turned."""
     away = np.abs(np.arange(-4, 5))
     return RANDOM.uniform(0, 1, (count, 5, 5))[:, away[:, np.newaxis], away]
