@@ -19,7 +19,6 @@ REASONS = {
     "dfdbench/metrics/similarity.py:mean_similarity": _KERNEL,
     "dfdbench/simulation/rooms.py": "all that a room may hold, a few lines each",
     "dfdbench/simulation/tracing.py": "numba notices a change only in a function's own file",
-    "dfdbench/simulation/tracing.py:gather": _KERNEL,
     "dfdbench/simulation/tracing.py:list_tiles": _KERNEL,
 }
 

@@ -23,7 +23,7 @@ from dfdbench.rig.lidar import Beams, average_scans, read_beams, write_ranges
 from dfdbench.rig.registration import NAME, write_registration
 from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
-from dfdbench.simulation.raycast import Board, Surface, Texture, View, look
+from dfdbench.simulation.raycast import Board, Texture, View, look
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Threads
 
@@ -45,7 +45,7 @@ _RADIUS_STEP = 0.25  # pixels: blur radii are rounded to this
 # are the same whatever order a processor adds them in.
 _PARTS = 2.0**20
 _RANGE_NOISE = 15.0  # mm, one scan
-_LOST = 0.02  # share of returns that one scan misses
+_LOST_ABOVE = NormalDist().inv_cdf(1 - 0.02)  # one scan misses a fiftieth of the returns
 _TURN = 2048
 _ROOM = (3.0, 1.4, _WALL)  # metres from the LIDAR to the walls: aside, up and down, fore and aft
 
@@ -116,12 +116,11 @@ class SimulatedScene:
 
     def look(self) -> View:
         """Return what the camera sees before its lens blurs it; four rays a pixel for colour."""
-        surfaces = self._surfaces()
-        photographs = {
-            self.board.texture.photograph: photograph(self.board.texture.photograph),
-            "wall": np.full((2, 2, 3), _WALL_GREY),
-        }
-        return look(surfaces, photographs, 0.0, self.rig.frame_size, self.rig.focal_length)
+        wall = Board((0.0, 0.0, _WALL), (40.0, 40.0), Texture("wall", 1.0))
+        name = self.board.texture.photograph
+        photographs = {name: photograph(name), "wall": np.full((2, 2, 3), _WALL_GREY)}
+        surfaces, rig = (self.board, wall), self.rig
+        return look(surfaces, photographs, 0.0, rig.frame_size, rig.focal_length)
 
     def frame(self, light: Floats, exposure_ms: int, seed: tuple[int, ...]) -> NDArray[np.uint8]:
         """Return one captured frame: exposure, noise, saturation, 10-bit converter, 8-bit file.
@@ -152,31 +151,25 @@ class SimulatedScene:
         number : int
             Which scan; each has its own noise.
         """
-        columns = np.arange(_TURN)
-        directions = self.pose.turn(beam_directions(beams, columns))
+        directions = self.pose.turn(beam_directions(beams, np.arange(_TURN)))
         origin = np.array([0.0, -self.rig.baseline, 0.0])
         reach = 1 / np.maximum(np.abs(directions), 1e-9) * np.array(_ROOM)
-        distance = reach.min(axis=-1)
         # Only what looks ahead can meet the board.
         hits = self.board.meet(origin, directions)
-        distance = np.minimum(distance, hits.distance)
+        distance = np.minimum(reach.min(axis=-1), hits.distance)
         left, right, top, bottom = _MIRROR
         across, down = hits.place[..., 0], hits.place[..., 1]
         mirror = np.isfinite(hits.distance) & (left < across) & (across < right)
         mirror &= (top < down) & (down < bottom)
         seed = (_SEED, self.number, 10_000 + number)
         noisy = distance * 1000 + _RANGE_NOISE * near_normal_numbers(distance.shape, (*seed, 0))
-        lost = near_normal_numbers(distance.shape, (*seed, 1)) > _quantile(_LOST)
+        lost = near_normal_numbers(distance.shape, (*seed, 1)) > _LOST_ABOVE
         return np.where(mirror | lost, 0, np.rint(noisy)).astype(np.int32)
 
     def truth(self, view: View) -> NDArray[np.uint16]:
         """Return the distance from the camera in mm, cropped as images are."""
         millimetres = np.rint(view.distance * 1000).astype(np.uint16)
         return np.asarray(self.rig.crop(millimetres), np.uint16)
-
-    def _surfaces(self) -> tuple[Surface, ...]:
-        wall = Board((0.0, 0.0, _WALL), (40.0, 40.0), Texture("wall", 1.0))
-        return (self.board, wall)
 
 
 def defocus(view: View, table: LensTable, step: int) -> Floats:
@@ -215,11 +208,6 @@ def _disc(radius: float) -> Floats:
     parts = np.rint(disc / disc.sum() * _PARTS)
     parts[reach, reach] += _PARTS - parts.sum()
     return np.asarray(parts)
-
-
-def _quantile(share: float) -> float:
-    # A normal number is above it with this chance.
-    return NormalDist().inv_cdf(1 - share)
 
 
 TRUTH = "truth"
@@ -372,24 +360,21 @@ def write_lens_test(folder: Path) -> int:
     """
     table = read_lens_table()
     images: dict[str, NDArray[np.uint8]] = {}
-    radius = float(table.radius_at(_WARMED_STEP, _DISTANCE))
+    radii = {step: float(table.radius_at(step, _DISTANCE)) for step in table.steps}
     for number, degrees in enumerate(np.linspace(_COLD, _WARM, _TEMPERATURES)):
         cold = (_WARM - degrees) / (_WARM - _COLD)
         noise = _WARM_NOISE + cold * (_COLD_NOISE - _WARM_NOISE)
         name = f"temperature/image_{_WARMED_STEP}_40.00_{degrees:.2f}.png"
-        images[name] = _dot(radius + cold * _COLD_BLUR, noise, (_DOT_SEED, 0, number))
+        blur = radii[_WARMED_STEP] + cold * _COLD_BLUR
+        images[name] = _dot(blur, noise, (_DOT_SEED, 0, number))
     for way, (direction, lag) in enumerate((("up", -_LAG), ("down", _LAG)), start=1):
         for step in table.steps:
-            dot = _dot(_radius_between(table, step + lag), _WARM_NOISE, (_DOT_SEED, way, step))
+            blur = float(np.interp(step + lag, table.steps, list(radii.values())))
+            dot = _dot(blur, _WARM_NOISE, (_DOT_SEED, way, step))
             images[f"{direction}/image_{step}_30.00.png"] = dot
     for name, image in images.items():
         write_png(folder / name, image)
     return len(images)
-
-
-def _radius_between(table: LensTable, step: float) -> float:
-    radii = [float(table.radius_at(known, _DISTANCE)) for known in table.steps]
-    return float(np.interp(step, table.steps, radii))
 
 
 def _dot(blur: float, noise: float, seed: tuple[int, ...]) -> NDArray[np.uint8]:

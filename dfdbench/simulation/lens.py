@@ -9,20 +9,19 @@ pixel's place and ``F = f s / (s - f)`` the distance of the sensor, both in the 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.light import encode
+from dfdbench.blur.light import Floats, Image, encode
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import tracing
 from dfdbench.simulation.photographs import near_normal_numbers
 from dfdbench.simulation.shapes import CLOSEST, Scene
 from dfdbench.system.parallel import Threads
 
-Floats = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 _TILE = 8  # pixels
@@ -123,11 +122,10 @@ def render(
         tiles = _tiles(scene, camera.shape, view, reach)
         ring = camera.ring or (0.0, 0.0)
 
-        def band(begin: int, channel: int = channel, view=view, tiles=tiles, ring=ring) -> None:  # type: ignore[no-untyped-def]
-            end = min(begin + _BAND, height)
-            tracing.gather(
-                tuple(scene), tiles, _TILE, points, picks, view, ring, channel, begin, end, out
-            )
+        given = (tuple(scene), tiles, _TILE, points, picks, view, ring, channel)
+
+        def band(begin: int, given: tuple[Any, ...] = given) -> None:
+            tracing.gather(*given, begin, min(begin + _BAND, height), out)
 
         Threads(threads).map(band, range(0, height, _BAND))
     if camera.cos4:
@@ -148,7 +146,7 @@ def depth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     return out.astype(np.float32)
 
 
-def develop(light: Floats, camera: Camera, key: tuple[int, ...]) -> NDArray[np.uint8]:
+def develop(light: Floats, camera: Camera, key: tuple[int, ...]) -> Image:
     """Return the file that a camera makes of light: noise, 12 bits, curve, 8 bits, JPEG.
 
     Parameters
@@ -209,13 +207,11 @@ def _polygon(square: Floats, blades: int) -> Floats:
     blade = np.floor(square[..., 0] * blades)
     along, out = square[..., 0] * blades - blade, np.sqrt(square[..., 1])
     corner = math.sqrt(turn / math.sin(turn))
-    ends = [corner * out * share for share in (1 - along, along)]
-    angles = [turn * blade, turn * (blade + 1)]
-    return np.stack(
-        [sum(end * turned(angle) for end, angle in zip(ends, angles, strict=True))
-         for turned in (np.cos, np.sin)],
-        axis=-1,
-    )  # fmt: skip
+    first, second = corner * out * (1 - along), corner * out * along
+    one, other = turn * blade, turn * (blade + 1)
+    x = first * np.cos(one) + second * np.cos(other)
+    y = first * np.sin(one) + second * np.sin(other)
+    return np.stack([x, y], axis=-1)
 
 
 Tiles = tuple[NDArray[np.int64], NDArray[np.int64], Floats]
@@ -234,17 +230,8 @@ def _tiles(
         bounds[surface] = np.inf if np.isinf(near) else _bounds(scene, surface, reach, focus)
     count = -(-shape[0] // _TILE) * -(-shape[1] // _TILE)
     items, nears = np.empty(count * len(bounds), np.int64), np.empty(count * len(bounds))
-    ends = tracing.list_tiles(
-        scene.kinds,
-        scene.rows,
-        scene.near,
-        bounds,
-        _TILE,
-        shape,
-        (focal, reach, focus),
-        items,
-        nears,
-    )
+    about = (bounds, _TILE, shape, (focal, reach, focus))
+    ends = tracing.list_tiles(scene.kinds, scene.rows, scene.near, *about, items, nears)
     return ends, items[: ends[-1]].copy(), nears[: ends[-1]].copy()
 
 

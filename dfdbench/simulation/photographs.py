@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import skimage.data
 import skimage.io
-from numpy.typing import NDArray
 
+from dfdbench.blur.light import Floats
 from dfdbench.errors import SourceError
-
-Floats = NDArray[np.float64]
 
 GAMMA = 2.2
 
@@ -50,9 +48,7 @@ def near_normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats
     # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers
     # the raw stream is promised never to change.
     generator = np.random.PCG64(np.random.SeedSequence(seed))
-    raw = generator.random_raw(int(np.prod(shape)))
-    total = sum(
-        ((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64) for part in range(4)
-    )
+    raw = np.atleast_1d(generator.random_raw(int(np.prod(shape)))).view(np.uint16)
+    total = sum(raw[part::4].astype(np.float64) for part in range(4))
     spread = np.sqrt(4 * (65536.0**2 - 1) / 12)
     return np.asarray((total - 2 * 65535.0) / spread).reshape(shape)

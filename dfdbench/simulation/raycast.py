@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +32,6 @@ class Hits:
     place: Floats
 
 
-class Surface(Protocol):
-    """Something that rays can meet."""
-
-    @property
-    def texture(self) -> Texture:
-        """Its texture."""
-
-    def meet(self, origin: Floats, directions: Floats) -> Hits:
-        """Return where rays from `origin` along `directions`, shape (..., 3), meet it."""
-
-
 @dataclass(frozen=True)
 class Board:
     """A flat rectangle or disc.
@@ -68,7 +58,10 @@ class Board:
     shape: Literal["rectangle", "disc"] = "rectangle"
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
-        """Meet ``z = z0 + slant (x - x0) + tilt (y - y0)`` inside the outline."""
+        """Return where rays from `origin` along `directions`, shape (..., 3), meet it.
+
+        It is ``z = z0 + slant (x - x0) + tilt (y - y0)`` inside the outline.
+        """
         x0, y0, z0 = self.centre
         normal = np.array([self.slant, self.tilt, -1.0])
         reach = np.array([x0, y0, z0]) - origin
@@ -96,7 +89,7 @@ class Floor:
     texture: Texture
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
-        """Meet ``y = height`` ahead of the camera."""
+        """Return where rays meet ``y = height`` ahead of the camera."""
         down = directions[..., 1]
         below = self.height - origin[1]
         distance = np.where(down > 1e-6, below / np.maximum(down, 1e-6), np.inf)
@@ -115,7 +108,7 @@ class Ball:
     upright: float | None = None
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
-        """Meet the near side."""
+        """Return where rays meet the near side."""
         axes = np.array([1.0, 0.0 if self.upright else 1.0, 1.0])
         reach = origin - np.array(self.centre)
         a = _dot(directions, directions * axes)
@@ -134,6 +127,10 @@ class Ball:
         )
 
 
+#: Something that rays can meet.
+Surface = Board | Floor | Ball
+
+
 @dataclass(frozen=True)
 class View:
     """What a camera sees: the distance z, the surface's normal, and its reflectance.
@@ -147,17 +144,23 @@ class View:
     reflectance: Floats
 
 
-def cast(
+@dataclass(frozen=True)
+class Trace(Hits):
+    """Where rays meet the nearest surface, and its number among them, or -1."""
+
+    number: NDArray[np.int64]
+
+
+def look(
     surfaces: Sequence[Surface],
     photographs: Mapping[str, Floats],
     offset: float,
     shape: tuple[int, int],
     focal_length: float,
-    subpixel: tuple[float, float] = (0.0, 0.0),
-    lens_point: tuple[float, float] = (0.0, 0.0),
-    focus_distance: float = np.inf,
 ) -> View:
-    """Return what a camera at ``(offset, 0, 0)``, looking along z, sees through one lens point.
+    """Return what a camera at ``(offset, 0, 0)``, looking along z, sees through a pinhole.
+
+    Distance and normal are those of each pixel's centre, colour is the mean of four rays.
 
     Parameters
     ----------
@@ -171,86 +174,59 @@ def cast(
         Height and width in pixels.
     focal_length : float
         In pixels.
-    subpixel : tuple of float
-        Where in its pixel a ray passes, (y, x) from the centre, in pixels.
-    lens_point : tuple of float
-        Where rays pass the lens, (y, x) from its middle, in metres; the middle is a pinhole.
-    focus_distance : float
-        In metres: at it all lens points see the same.
     """
-    trace = _traced(surfaces, offset, shape, focal_length, subpixel, lens_point, focus_distance)
-    return View(trace.distance, trace.normal, _reflectance(surfaces, photographs, trace))
-
-
-def look(
-    surfaces: Sequence[Surface],
-    photographs: Mapping[str, Floats],
-    offset: float,
-    shape: tuple[int, int],
-    focal_length: float,
-) -> View:
-    """Return what `cast` does, with colour averaged over four rays a pixel.
-
-    Distance and normal are those of the pixel's centre. All arguments are as of `cast`.
-    """
-    centre = _traced(surfaces, offset, shape, focal_length)
-    corners = [
-        _reflectance(surfaces, photographs, _traced(surfaces, offset, shape, focal_length, (y, x)))
+    origin, rays = np.array([offset, 0.0, 0.0]), partial(directions, shape, focal_length)
+    centre = trace(surfaces, origin, rays(0.0, 0.0))
+    a, b, c, d = (
+        reflectance(surfaces, photographs, trace(surfaces, origin, rays(y, x)))
         for y in (-0.25, 0.25)
         for x in (-0.25, 0.25)
-    ]
-    mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
-    return View(centre.distance, centre.normal, mean)
+    )
+    return View(centre.distance, centre.normal, (a + b + c + d) / 4)
 
 
-@dataclass(frozen=True)
-class _Trace(Hits):
-    """Where rays meet the nearest surface, and its number among them, or -1."""
+def directions(shape: tuple[int, int], focal_length: float, down: float, right: float) -> Floats:
+    """Return where a pinhole's rays go, shape (y, x, 3), in lengths of z.
 
-    number: NDArray[np.int64]
-
-
-def _traced(
-    surfaces: Sequence[Surface],
-    offset: float,
-    shape: tuple[int, int],
-    focal_length: float,
-    subpixel: tuple[float, float] = (0.0, 0.0),
-    lens_point: tuple[float, float] = (0.0, 0.0),
-    focus_distance: float = np.inf,
-) -> _Trace:
+    They pass so far from the middle of their pixels, in pixels.
+    """
     height, width = shape
-    y = (np.arange(height) - (height - 1) / 2 + subpixel[0]) / focal_length
-    x = (np.arange(width) - (width - 1) / 2 + subpixel[1]) / focal_length
-    directions = np.ones((height, width, 3))
-    down, across = lens_point
-    directions[..., 0] = x[np.newaxis, :] - across / focus_distance
-    directions[..., 1] = y[:, np.newaxis] - down / focus_distance
-    origin = np.array([offset + across, down, 0.0])
-    trace = _Trace(
+    rays = np.ones((height, width, 3))
+    rays[..., 0] = (np.arange(width) - (width - 1) / 2 + right) / focal_length
+    rays[..., 1] = ((np.arange(height) - (height - 1) / 2 + down) / focal_length)[:, np.newaxis]
+    return rays
+
+
+def trace(surfaces: Sequence[Surface], origin: Floats, directions: Floats) -> Trace:
+    """Return what rays from `origin` along `directions`, shape (y, x, 3), meet first."""
+    shape = directions.shape[:2]
+    found = Trace(
         np.full(shape, np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.full(shape, -1)
     )
     for number, surface in enumerate(surfaces):
         hits = surface.meet(origin, directions)
-        ahead = hits.distance < trace.distance
-        trace.distance[ahead] = hits.distance[ahead]
-        trace.normal[ahead] = hits.normal[ahead]
-        trace.place[ahead] = hits.place[ahead]
-        trace.number[ahead] = number
-    return trace
+        ahead = hits.distance < found.distance
+        found.distance[ahead] = hits.distance[ahead]
+        found.normal[ahead] = hits.normal[ahead]
+        found.place[ahead] = hits.place[ahead]
+        found.number[ahead] = number
+    return found
 
 
-def _reflectance(
-    surfaces: Sequence[Surface], photographs: Mapping[str, Floats], trace: _Trace
+def reflectance(
+    surfaces: Sequence[Surface], photographs: Mapping[str, Floats], trace: Trace
 ) -> Floats:
-    # Only now: what nearer surfaces hide need not be looked up.
-    reflectance = np.zeros(trace.normal.shape)
+    """Return the colour of what was met, shape (y, x, 3); what nearer surfaces hide costs nothing.
+
+    All arguments are as of `look` and `trace`.
+    """
+    colour = np.zeros(trace.normal.shape)
     for number, surface in enumerate(surfaces):
         here = trace.number == number
         texture = surface.texture
-        colours = _sample(photographs[texture.photograph], trace.place[here] * texture.texels)
-        reflectance[here] = colours * np.array(texture.tint)
-    return reflectance
+        seen = _sample(photographs[texture.photograph], trace.place[here] * texture.texels)
+        colour[here] = seen * np.array(texture.tint)
+    return colour
 
 
 def _dot(left: Floats, right: Floats) -> Floats:

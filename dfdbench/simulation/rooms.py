@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,10 @@ from dfdbench.datasets.rendered import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth
-from dfdbench.simulation.lighting import Lamp, Light, lit
+from dfdbench.simulation.lighting import Lamp, lit
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import Texture
-from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, pack
+from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, cross, pack
 from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,6 @@ _CEILINGS = ("plain", "plaster", "wood", "tiles", "speckle")
 _THINGS = tuple(PATTERNS)
 _BARS = ("plain", "wood", "plaster", "stripes", "speckle")
 _WHITE = (1.0, 1.0, 1.0)
-_FENCE: Outline = "lattice"
 _SIGNS: tuple[Outline, ...] = ("rectangle", "rectangle", "disc", "lattice")
 _BACKS: tuple[Outline, ...] = ("rectangle", "lattice")
 
@@ -69,10 +68,6 @@ class Room:
         self.patterns[name] = d.one_of(kinds)
         return Texture(name, d.between(350, 1100))
 
-    def bar(self) -> Texture:
-        """Return a texture for something thin."""
-        return self.texture(_BARS)
-
     def thing(self) -> Texture:
         """Return one of a few textures that this room's things share."""
         d = self.draws
@@ -85,17 +80,6 @@ class Room:
         red, green, blue = old.tint
         tint = (shade * red, shade * green, shade * blue)
         return Texture(old.photograph, old.texels * d.between(0.7, 1.6), tint)
-
-    def flat(
-        self,
-        centre: Vector,
-        frame: Frame,
-        size: tuple[float, float],
-        texture: Texture,
-        closed: bool = False,
-    ) -> None:
-        """Add a rectangle."""
-        self.shapes.append(Panel(centre, frame, size, texture, closed=closed))
 
     def box(self, centre: Vector, size: Vector, turn: float, texture: Texture) -> None:
         """Add a box that is turned about the vertical; size is width, height, depth."""
@@ -110,7 +94,8 @@ class Room:
             ((across, away, minus(down)), down, h, (w, t)),
         )
         for frame, way, offset, extent in faces:
-            self.flat(moved(centre, way, offset / 2), frame, extent, texture, closed=True)
+            place = moved(centre, way, offset / 2)
+            self.shapes.append(Panel(place, frame, extent, texture, closed=True))
 
     def rod(self, start: Vector, end: Vector, radius: float, texture: Texture) -> None:
         """Add a round bar from one place to another."""
@@ -118,8 +103,8 @@ class Room:
         way = [b - a for a, b in zip(start, end, strict=True)]
         length = math.sqrt(sum(part * part for part in way))
         down = _unit(way)
-        side = _unit(_cross(down, (0.0, 0.0, 1.0) if abs(down[2]) < 0.9 else (1.0, 0.0, 0.0)))
-        frame = (side, down, _cross(side, down))
+        side = _unit(cross(down, (0.0, 0.0, 1.0) if abs(down[2]) < 0.9 else (1.0, 0.0, 0.0)))
+        frame = (side, down, cross(side, down))
         self.shapes.append(Round((x, y, z), frame, radius, texture, length / 2))
 
     def ball(self, centre: Vector, radius: float, texture: Texture) -> None:
@@ -156,10 +141,6 @@ def moved(place: Vector, way: Vector, distance: float) -> Vector:
 
 def _fine(number: float) -> float:
     return round(number * _FINE) / _FINE
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def _unit(way: Sequence[float]) -> Vector:
@@ -209,19 +190,16 @@ def _plant(room: Room, x: float, y: float, z: float, size: float) -> None:
     tint = (d.between(0.25, 0.7), 1.0, d.between(0.15, 0.5))
     green = Texture(green.photograph, green.texels, tint)
     for _ in range(d.whole(4, 8)):
-        turn, lean, long = (
-            d.between(0, 2 * math.pi),
-            d.between(0.1, 0.9),
-            size * d.between(0.4, 0.8),
-        )
+        turn, lean = d.between(0, 2 * math.pi), d.between(0.1, 0.9)
+        long = size * d.between(0.4, 0.8)
         way = _unit((lean * math.cos(turn), -1.0, lean * math.sin(turn)))
         way = (_fine(way[0]), _fine(way[1]), _fine(way[2]))
         foot = (x, y - high, z)
         tip = moved(foot, way, long)
         room.rod(foot, tip, size * 0.012, green)
-        side = _unit(_cross(way, (_fine(math.sin(turn)), 0.3, _fine(math.cos(turn)))))
+        side = _unit(cross(way, (_fine(math.sin(turn)), 0.3, _fine(math.cos(turn)))))
         leaf = (size * d.between(0.08, 0.16), size * d.between(0.25, 0.45))
-        room.shapes.append(Panel(tip, (side, way, _cross(side, way)), leaf, green, "disc"))
+        room.shapes.append(Panel(tip, (side, way, cross(side, way)), leaf, green, "disc"))
 
 
 def _table(room: Room, x: float, z: float, y: float, width: float, depth: float) -> None:
@@ -275,14 +253,14 @@ def _shelf(room: Room, x: float, z: float, turn: float) -> None:
         room.box(middle, (0.025, count * gap, depth), turn, wood)
     if d.chance(0.5):
         middle = moved((x, high + count * gap / 2, z), away, depth / 2)
-        room.flat(middle, (across, down, away), (width, count * gap), wood)
+        room.shapes.append(Panel(middle, (across, down, away), (width, count * gap), wood))
 
 
 def _lamp(room: Room, x: float, y: float, z: float) -> None:
     """Hang up a shade or a ball on a wire from the ceiling."""
     d, texture = room.draws, room.thing()
     radius = d.between(0.07, 0.22)
-    room.rod((x, room.top, z), (x, y, z), d.between(0.004, 0.012), room.bar())
+    room.rod((x, room.top, z), (x, y, z), d.between(0.004, 0.012), room.texture(_BARS))
     if d.chance(0.5):
         room.ball((x, y + radius, z), radius, texture)
     else:
@@ -292,7 +270,7 @@ def _lamp(room: Room, x: float, y: float, z: float) -> None:
 
 def _hanging(room: Room, x: float, y: float, z: float) -> None:
     """Hang a cloth, sign or disc from the ceiling."""
-    d, texture, wire = room.draws, room.thing(), room.bar()
+    d, texture, wire = room.draws, room.thing(), room.texture(_BARS)
     across, down, away = upright(d.between(-1, 1))
     size = (d.between(0.15, 0.6), d.between(0.15, 0.6))
     for side in (-0.4, 0.4):
@@ -306,7 +284,7 @@ def _hanging(room: Room, x: float, y: float, z: float) -> None:
 
 def _stand(room: Room, x: float, y: float, z: float) -> None:
     """Put a thing on a thin stand on the floor."""
-    d, texture = room.draws, room.bar()
+    d, texture = room.draws, room.texture(_BARS)
     room.rod((x, y, z), (x, room.floor, z), d.between(0.006, 0.03), texture)
     room.can((x, y + 0.01, z), d.between(0.08, 0.2), 0.02, texture)
     _small_thing(room, x, y, z, d.between(0.12, 0.35))
@@ -316,7 +294,12 @@ def _pole(room: Room, x: float, z: float) -> None:
     """Add a thin pole between floor and ceiling, upright or leaning."""
     d = room.draws
     lean = 0.0 if d.chance(0.5) else d.between(-0.6, 0.6)
-    room.rod((x - lean, room.top, z), (x + lean, room.floor, z), d.between(0.006, 0.05), room.bar())
+    room.rod(
+        (x - lean, room.top, z),
+        (x + lean, room.floor, z),
+        d.between(0.006, 0.05),
+        room.texture(_BARS),
+    )
 
 
 def _column(room: Room, x: float, z: float) -> None:
@@ -339,11 +322,8 @@ def _crates(room: Room, x: float, z: float) -> None:
 def _curtain(room: Room, x: float, z: float, turn: float) -> None:
     d, texture = room.draws, room.thing()
     across = upright(turn)[0]
-    radius, height, middle = (
-        d.between(0.03, 0.08),
-        room.floor - room.top,
-        (room.floor + room.top) / 2,
-    )
+    radius = d.between(0.03, 0.08)
+    height, middle = room.floor - room.top, (room.floor + room.top) / 2
     for number in range(d.whole(5, 12)):
         at = moved((x, middle, z), across, number * radius * 1.7)
         room.shapes.append(Round(at, upright(0), radius, texture, height / 2 * 0.98))
@@ -358,8 +338,8 @@ def _screen(room: Room, x: float, z: float) -> None:
     down = (s * away[0], c, s * away[2])
     size = (d.between(0.4, 1.3), d.between(0.5, 1.5))
     y = d.between(room.top + size[1] / 2, room.floor - size[1] / 2)
-    shape = _FENCE if d.chance(0.4) else "rectangle"
-    frame = (across, down, _cross(across, down))
+    shape: Outline = "lattice" if d.chance(0.4) else "rectangle"
+    frame = (across, down, cross(across, down))
     bars = (d.between(0.06, 0.2), d.between(0.12, 0.35))
     room.shapes.append(Panel((x, y, z), frame, size, texture, shape, *bars))
 
@@ -372,7 +352,7 @@ def _pictures(room: Room, z: float) -> None:
         y = d.between(room.top + size[1] / 2, room.floor - size[1] / 2)
         room.box((x, y, z - 0.02), (size[0] + 0.06, size[1] + 0.06, 0.03), 0.0, room.thing())
         photo = Texture(d.one_of(PHOTOGRAPHS), d.between(450, 700) / size[0])
-        room.flat((x, y, z - 0.037), frame, size, photo)
+        room.shapes.append(Panel((x, y, z - 0.037), frame, size, photo))
 
 
 # --- the room ------------------------------------------------------------------------------------
@@ -381,7 +361,7 @@ def _pictures(room: Room, z: float) -> None:
 def _shell(room: Room) -> None:
     """Walls, floor, ceiling; one may be round, or slant like a roof."""
     d = room.draws
-    middle = ((room.left + room.right) / 2, (room.top + room.floor) / 2, room.back / 2 - 0.75)
+    x, y, z = (room.left + room.right) / 2, (room.top + room.floor) / 2, room.back / 2 - 0.75
     # Walls go on behind each other, so that no vault or roof leaves a gap.
     width, height, depth = (room.right - room.left, room.floor - room.top, room.back + 1.5)
     tall = height + 3.0
@@ -391,30 +371,31 @@ def _shell(room: Room) -> None:
     round_back = d.chance(0.25)
     if round_back:
         radius = width / 2 * d.between(1.02, 1.6)
-        centre = (middle[0], middle[1], room.back - radius)
+        centre = (x, y, room.back - radius)
         room.shapes.append(Round(centre, upright(math.pi), radius, wall, tall / 2))
     else:
         _pictures(room, room.back)
-    room.flat((middle[0], middle[1], room.back), (across, down, away), (width, tall), wall)
-    room.flat((middle[0], middle[1], -1.5), (across, down, minus(away)), (width, tall), wall)
-    for x, way in ((room.left, minus(across)), (room.right, across)):
-        frame = (away if x < 0 else minus(away), down, way)
-        room.flat((x, middle[1], middle[2]), frame, (depth, tall), other)
     ground = room.texture(_GROUNDS)
-    room.flat((middle[0], room.floor, middle[2]), (across, away, down), (width, depth), ground)
+    room.shapes += [
+        Panel((x, y, room.back), (across, down, away), (width, tall), wall),
+        Panel((x, y, -1.5), (across, down, minus(away)), (width, tall), wall),
+        Panel((room.left, y, z), (away, down, minus(across)), (depth, tall), other),
+        Panel((room.right, y, z), (minus(away), down, across), (depth, tall), other),
+        Panel((x, room.floor, z), (across, away, down), (width, depth), ground),
+    ]
     _ceiling(room, (width, depth), may_be_vault=not round_back)
 
 
 def _ceiling(room: Room, size: tuple[float, float], may_be_vault: bool) -> None:
     d, (width, depth) = room.draws, size
-    middle = ((room.left + room.right) / 2, 0.0, room.back / 2 - 0.75)
+    x, z = (room.left + room.right) / 2, room.back / 2 - 0.75
     across, down, away = upright(0)
     ceiling = room.texture(_CEILINGS)
     kind = d.whole(0, 3)
     if kind == 0 and may_be_vault:
         radius = width / 2
         frame = (down, minus(away), minus(across))
-        centre = (middle[0], room.top + radius * 0.6, middle[2])
+        centre = (x, room.top + radius * 0.6, z)
         room.shapes.append(Round(centre, frame, radius, ceiling, depth / 2))
     elif kind == 1:
         # A roof that slants to one side.
@@ -422,14 +403,14 @@ def _ceiling(room: Room, size: tuple[float, float], may_be_vault: bool) -> None:
         length = math.sqrt(1 + slope * slope)
         frame = ((1 / length, slope / length, 0.0), away, (slope / length, -1 / length, 0.0))
         low = room.top + abs(slope) * 0.15
-        room.flat((middle[0], low, middle[2]), frame, (width * 2, depth), ceiling)
+        room.shapes.append(Panel((x, low, z), frame, (width * 2, depth), ceiling))
     else:
-        room.flat((middle[0], room.top, middle[2]), (across, away, down), size, ceiling)
+        room.shapes.append(Panel((x, room.top, z), (across, away, down), size, ceiling))
         if d.chance(0.4):
             beam = room.texture(("wood", "plain"))
             for number in range(d.whole(2, 5)):
                 z = 0.5 + number * d.between(0.6, 0.9)
-                room.box((middle[0], room.top + 0.07, z), (width, 0.14, 0.12), 0.0, beam)
+                room.box((x, room.top + 0.07, z), (width, 0.14, 0.12), 0.0, beam)
 
 
 def _furnish(room: Room) -> None:
@@ -493,8 +474,7 @@ def draw_room(seed: int, number: int) -> Scene:
             continue
         lamps = [_bulb(room, axes) for _ in range(draws.whole(1, 3))]
         photographs = {name: _photograph(room, name) for name in blank}
-        light = Light(lamps, draws.between(0.15, 0.45))
-        return lit(pack(shapes, photographs), light, WIDEST)
+        return lit(pack(shapes, photographs), lamps, draws.between(0.15, 0.45), WIDEST)
     raise InputError("no room of this seed has the depths it should", where=f"scene {number}")
 
 
@@ -539,7 +519,7 @@ def _axes(d: Draws) -> Frame:
     right, _, ahead = upright(yaw)
     c, s = _fine(math.cos(pitch)), _fine(math.sin(pitch))
     view = (c * ahead[0], s, c * ahead[2])
-    bottom = _cross(view, right)
+    bottom = cross(view, right)
     c, s = _fine(math.cos(roll)), _fine(math.sin(roll))
     pairs = list(zip(right, bottom, strict=True))
     across, down = [c * a + s * b for a, b in pairs], [c * b - s * a for a, b in pairs]
@@ -553,5 +533,4 @@ def _turned(place: Vector, axes: Frame) -> Vector:
 
 def _seen(shape: Panel | Round, axes: Frame) -> Panel | Round:
     across, down, away = (_turned(way, axes) for way in shape.frame)
-    changed = {"centre": _turned(shape.centre, axes), "frame": (across, down, away)}
-    return type(shape)(**(vars(shape) | changed))
+    return replace(shape, centre=_turned(shape.centre, axes), frame=(across, down, away))

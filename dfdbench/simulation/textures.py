@@ -4,12 +4,9 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dfdbench.blur.formation import uniform_numbers
-from dfdbench.blur.light import decode
-
-Floats = NDArray[np.float64]
+from dfdbench.blur.light import LINEAR, Floats
 
 #: Photographs that may hang on a wall or cover a thing.
 PHOTOGRAPHS = (
@@ -17,7 +14,6 @@ PHOTOGRAPHS = (
     "ihc", "moon", "motorcycle_left", "page", "text",
 )  # fmt: skip
 _SIDE = 384  # texels of a pattern
-_LIGHT = decode(np.arange(256.0))
 _BLOCK = 1024
 
 Item = TypeVar("Item")
@@ -80,7 +76,7 @@ def pattern(kind: str, draws: Draws) -> Floats:
     """
     grey = PATTERNS[kind](draws)
     # In whole grey levels, so that the last bits of a machine's arithmetic change nothing.
-    return np.asarray(_LIGHT[np.clip(np.rint(grey), 0, 255).astype(np.int64)])
+    return np.asarray(LINEAR[np.clip(np.rint(grey), 0, 255).astype(np.int64)])
 
 
 def clouds(draws: Draws, size: float, rough: float = 0.5, stretch: float = 1.0) -> Floats:

@@ -66,10 +66,8 @@ def _meet_flat(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-unt
         if a * a + b * b > 1.0:
             return math.inf
     elif kind == LATTICE:
-        a, b = (
-            (u + rows[item, HALF_WIDTH]) / rows[item, PITCH],
-            (v + rows[item, HALF_HEIGHT]) / rows[item, PITCH],
-        )
+        a = (u + rows[item, HALF_WIDTH]) / rows[item, PITCH]
+        b = (v + rows[item, HALF_HEIGHT]) / rows[item, PITCH]
         if a - math.floor(a) > rows[item, BAR] and b - math.floor(b) > rows[item, BAR]:
             return math.inf
     return t
@@ -177,7 +175,7 @@ def _mirrored(position, last):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def colour_at(atlas, levels, first, end, u, v, texels, finest):  # type: ignore[no-untyped-def]
+def colour_at(atlas, levels, starts, texture, u, v, texels, finest):  # type: ignore[no-untyped-def]
     """Return a texture's linear red, green and blue at a place.
 
     Parameters
@@ -185,7 +183,11 @@ def colour_at(atlas, levels, first, end, u, v, texels, finest):  # type: ignore[
     atlas : ndarray of float32, shape (texel, 3)
         All textures, each as a pyramid.
     levels : ndarray of int64, shape (level, 3)
-        First texel, width and height of each level of this texture.
+        First texel, width and height of each level of each texture.
+    starts : ndarray of int64, shape (texture + 1,)
+        Each texture's first level, and where the last one ends.
+    texture : int
+        Its number.
     u, v : float
         The place in metres; past its edge a texture is mirrored.
     texels : float
@@ -193,6 +195,7 @@ def colour_at(atlas, levels, first, end, u, v, texels, finest):  # type: ignore[
     finest : float
         Detail smaller than this, in metres, is left out.
     """
+    first, end = starts[texture], starts[texture + 1]
     width, height = levels[first, 1], levels[first, 2]
     x = _mirrored(u * texels + 0.5 * width, width - 1.0)
     y = _mirrored(v * texels + 0.5 * height, height - 1.0)
@@ -414,26 +417,14 @@ def gather(  # type: ignore[no-untyped-def]
                 u, v = place_on(kinds[item], rows, item, ox + z * dx, oy + z * dy, z)
                 light = light_at(lightmap, charts, item, u, v)
                 finest = max(_FINEST * z / focal, spread * abs(1.0 - z / focus))
-                texture = textures[item]
-                r, g, b = colour_at(
-                    atlas,
-                    levels,
-                    starts[texture],
-                    starts[texture + 1],
-                    u,
-                    v,
-                    rows[item, TEXELS],
-                    finest,
-                )
+                texels = rows[item, TEXELS]
+                r, g, b = colour_at(atlas, levels, starts, textures[item], u, v, texels, finest)
                 red += light * r * rows[item, TINT]
                 green += light * g * rows[item, TINT + 1]
                 blue += light * b * rows[item, TINT + 2]
-            if channel < 0 or channel == 0:
-                out[y, x, 0] = red / count
-            if channel < 0 or channel == 1:
-                out[y, x, 1] = green / count
-            if channel < 0 or channel == 2:
-                out[y, x, 2] = blue / count
+            for number, light in enumerate((red, green, blue)):
+                if channel < 0 or channel == number:
+                    out[y, x, number] = light / count
 
 
 @compiled()
@@ -450,8 +441,7 @@ def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-d
             tile = (y // tile_size) * ((width + tile_size - 1) // tile_size) + x // tile_size
             dx, dy = (x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal
             first, last = ends[tile], ends[tile + 1]
-            z = nearest(kinds, rows, items, nears, first, last, dx, dy, 0.0, 0.0)[1]
-            out[y, x] = z
+            out[y, x] = nearest(kinds, rows, items, nears, first, last, dx, dy, 0.0, 0.0)[1]
 
 
 @compiled()

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.light import Floats, Image
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth, develop, render
@@ -16,20 +17,16 @@ from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene
 from dfdbench.simulation.textures import Draws
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
-
 #: What a camera is drawn from: the least and the most of each number, all in between as likely.
 RANGES = {
     "field_of_view": (40.0, 58.0),  # degrees, across
     "focal_length": (0.020, 0.035),  # metres
     "f_number": (1.8, 2.8),  # of the defocus image and of stacks
-    "focus_near": (0.6, 0.75),  # metres; half of the cameras focus at the near end,
-    "focus_inside": (
-        0.75,
-        0.88,
-    ),  # the others inside, as far as blur tells the depth of most pixels:
-    # at 0.88 m 9 % lie nearer than the focus, in 200 rooms; at 1.2 m 28 %, as blurred as the others
+    # Metres: half of the cameras focus at the near end, the others inside, as far as blur tells the
+    # depth of most pixels: at 0.88 m 9 % lie nearer than the focus, in 200 rooms; at 1.2 m 28 %, as
+    # blurred as the others.
+    "focus_near": (0.6, 0.75),
+    "focus_inside": (0.75, 0.88),
     "full_well": (8_000.0, 40_000.0),  # electrons
     "read_noise": (0.0003, 0.0015),  # of white
     "lateral": (-0.0006, 0.0006),  # a third of the cameras have both colour errors
@@ -147,8 +144,7 @@ def render_pair(
     gain = _gain(sharp, seed, scene)
     infocus = develop(gain * sharp, small, (seed, scene, 2))
     defocus = develop(gain * blurred, wide, (seed, scene, 3))
-    facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}
-    return Pair(infocus, defocus, depth(room, small), facts)
+    return Pair(infocus, defocus, depth(room, small), _facts(wide, room, infocus))
 
 
 def render_stack(
@@ -171,10 +167,8 @@ def render_stack(
     wide = camera or draw_camera(seed)
     if isinstance(planes, int):
         near, far = (1 / end for end in _STACK_ENDS)
-        distances = (1 / np.linspace(near, far, planes)).tolist()
-    else:
-        distances = list(planes)
-    distances = [_short(distance) for distance in distances]
+        planes = (1 / np.linspace(near, far, planes)).tolist()
+    distances = [_short(distance) for distance in planes]
     small = _stopped_down(wide)
     room = draw_room(seed, scene)
     sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
@@ -187,7 +181,7 @@ def render_stack(
         seen = replace(wide, lens=lens, view_focus=wide.lens.focus_distance)
         light = render(room, seen, rays, (seed, scene, 4, plane), threads)
         images[plane] = develop(gain * light, seen, (seed, scene, 5, plane))
-    facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}
+    facts = _facts(wide, room, infocus)
     return Stack(images, tuple(distances), infocus, depth(room, small), facts)
 
 
@@ -228,6 +222,7 @@ def _facts(camera: Camera, room: Scene, infocus: Image) -> dict[str, Any]:
         "surfaces": len(room.kinds),
         "textured": round(float(textured(infocus).mean()), 4),
         "generator": GENERATOR,
+        "infocus_f_number": _INFOCUS_F_NUMBER,
     }
 
 

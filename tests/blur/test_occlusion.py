@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
-from scipy.stats import qmc
 
 from dfdbench.blur.light import encode
 from dfdbench.blur.occlusion import GAP, composite_layers, without_tails
@@ -14,10 +13,9 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.blur.tracks import DISK
-from dfdbench.building.sources.demo import SCENES
 from dfdbench.errors import InputError
-from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.raycast import View, cast, look
+from dfdbench.simulation.raycast import View, look
+from tests.simulation.through_lens import demo_scene, through_lens
 
 Floats = NDArray[np.float64]
 RECIPE = RECIPES["published"]
@@ -215,20 +213,6 @@ LENS = RADIUS_PER_LEVEL * LEVEL_AT_ONE_METRE / FOCAL_LENGTH
 BORDER = 12
 
 
-def by_lens(scene: str, rays: int) -> Floats:
-    """Return linear light: each ray a point of a round lens and a place in the pixel."""
-    surfaces = SCENES[scene]
-    photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
-    total = np.zeros((*SHAPE, 3))
-    for area, angle, y, x in qmc.Sobol(4, seed=1).random(rays):
-        radius, turn = LENS * area**0.5, 2 * np.pi * angle
-        point = (radius * np.sin(turn), radius * np.cos(turn))
-        place = (y - 0.5, x - 0.5)
-        view = cast(surfaces, photographs, 0.0, SHAPE, FOCAL_LENGTH, place, point, FOCUS)
-        total += lit(view)
-    return np.asarray(total / rays)
-
-
 def lit(view: View) -> Floats:
     """Return the light of a lamp above the camera."""
     facing = np.maximum(view.normal @ np.array([0.0, -0.6, -0.8]), 0)
@@ -237,9 +221,7 @@ def lit(view: View) -> Floats:
 
 def by_pinhole(scene: str) -> tuple[Floats, NDArray[np.intp]]:
     """Return linear light and depth levels of a scene."""
-    surfaces = SCENES[scene]
-    photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
-    view = look(surfaces, photographs, 0.0, SHAPE, FOCAL_LENGTH)
+    view = look(*demo_scene(scene), 0.0, SHAPE, FOCAL_LENGTH)
     return lit(view), np.rint(LEVEL_AT_ONE_METRE / view.distance).astype(np.intp)
 
 
@@ -257,7 +239,7 @@ def disks() -> Floats:
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["Market", "Kitchen", "Attic", "Library"])
 def test_jumps_of_depth_look_as_a_lens_shows_them(scene: str) -> None:
-    lens = by_lens(scene, 256)
+    lens = through_lens(scene, SHAPE, FOCAL_LENGTH, LENS, FOCUS, lit)
     pinhole, levels = by_pinhole(scene)
     kernels = disks()
     layered = np.abs(encode(composite_layers(pinhole, levels, kernels)) - encode(lens))

@@ -6,18 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from dfdbench.blur.light import encode
-from dfdbench.building.sources.demo import SCENES
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module
 from dfdbench.simulation.lens import Camera, depth, develop, render
-from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.raycast import Board, Texture, cast
+from dfdbench.simulation.raycast import Board, Texture, look
 from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene, pack
 from dfdbench.simulation.unseen import draw_camera
+from tests.simulation.through_lens import demo_scene, through_lens
 
 Floats = NDArray[np.float64]
 FOCAL, PITCH = 0.025, 3.5e-5
@@ -106,21 +104,14 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole() -> None:
 
 @pytest.mark.parametrize("scene", ["Market", "Library"])
 def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
-    # NumPy's, ray by ray: no tiles, no pyramid, its own intersections; it knows focus in pixels.
-    surfaces = SCENES[scene]
-    photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
+    surfaces, photographs = demo_scene(scene)
     shape, focus = (96, 128), 1.2
     taken = Camera(ThinLens(2.0, FOCAL, focus, FOCAL / 330), shape)
     ours = encode(render(pack(surfaces, photographs), taken, 256, (5,)))
-    total = np.zeros((*shape, 3))
-    for area, angle, y, x in qmc.Sobol(4, seed=1).random(256):
-        radius, turn = taken.lens_radius * area**0.5, 2 * np.pi * angle
-        point = (radius * np.sin(turn), radius * np.cos(turn))
-        place = (y - 0.5, x - 0.5)
-        focal = taken.focal_pixels
-        total += cast(surfaces, photographs, 0.0, shape, focal, place, point, focus).reflectance
-    assert np.abs(ours - encode(total / 256)).mean() < 0.8
-    view = cast(surfaces, photographs, 0.0, shape, taken.focal_pixels)
+    focal, radius = taken.focal_pixels, taken.lens_radius
+    theirs = through_lens(scene, shape, focal, radius, focus, lambda view: view.reflectance)
+    assert np.abs(ours - encode(theirs)).mean() < 0.8
+    view = look(surfaces, photographs, 0.0, shape, focal)
     assert np.allclose(depth(pack(surfaces, photographs), taken), view.distance, rtol=1e-6)
 
 
@@ -133,12 +124,10 @@ def test_rays_are_many_enough(f_number: float) -> None:
     assert np.abs(few - many).mean() < 0.5
 
 
-def test_the_same_light_with_any_number_of_threads() -> None:
-    taken = replace(draw_camera(3), shape=(96, 128))
-    room = draw_room(3, 0)
-    one, two = (render(room, taken, 16, (7,), threads) for threads in (1, 2))
-    assert one.tobytes() == two.tobytes()
-    assert one.tobytes() != render(room, taken, 16, (8,)).tobytes()
+def test_another_key_sends_other_rays() -> None:
+    scene = dot(1.0)
+    one, other = (render(scene, camera(2.0), 16, key) for key in ((7,), (8,)))
+    assert not np.array_equal(one, other)
 
 
 def test_no_tile_leaves_out_what_its_rays_meet(monkeypatch: pytest.MonkeyPatch) -> None:

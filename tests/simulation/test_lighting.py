@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.lighting import Lamp, Light, lit, shaded
+from dfdbench.simulation.lighting import Lamp, lit, shaded
 from dfdbench.simulation.raycast import Texture
 from dfdbench.simulation.rooms import upright
 from dfdbench.simulation.shapes import UPRIGHT, Panel, Round, Scene, Shape, pack
@@ -12,8 +12,8 @@ WALL = Panel((0, 0, 3), UPRIGHT, (4, 4), PLAIN)
 LAMP = Lamp((0.0, 0.0, 1.0), 0.01, 8.0)
 
 
-def made(light: Light, *shapes: Shape) -> Scene:
-    return lit(pack(shapes, {"plain": np.ones((4, 4, 3))}), light, (9.0, 9.0))
+def made(lamps: list[Lamp], ambient: float, *shapes: Shape) -> Scene:
+    return lit(pack(shapes, {"plain": np.ones((4, 4, 3))}), lamps, ambient, (9.0, 9.0))
 
 
 def at(scene: Scene, u: float, v: float, surface: int = 0) -> float:
@@ -21,7 +21,7 @@ def at(scene: Scene, u: float, v: float, surface: int = 0) -> float:
 
 
 def test_a_lamp_falls_off_by_lambert_and_the_square_of_the_distance() -> None:
-    scene = made(Light([LAMP], 0.0), WALL)
+    scene = made([LAMP], 0.0, WALL)
     for u, v in ((0.0, 0.0), (1.5, 0.0), (-1.0, 1.0)):
         square = 4 + u * u + v * v
         assert at(scene, u, v) == pytest.approx(8 * 2 / square**1.5, rel=0.01)
@@ -30,25 +30,24 @@ def test_a_lamp_falls_off_by_lambert_and_the_square_of_the_distance() -> None:
 def test_what_stands_between_casts_a_shadow_soft_by_the_lamp() -> None:
     # Half way to the wall, so that the shadow is twice as wide.
     board = Panel((0, 0, 2), UPRIGHT, (0.6, 0.6), PLAIN)
-    hard = made(Light([LAMP], 0.0), WALL, board)
+    hard = made([LAMP], 0.0, WALL, board)
     assert at(hard, 0.5, 0) == 0
     assert at(hard, 0.7, 0) > 1
-    soft = made(Light([Lamp(LAMP.place, 0.2, 8.0)], 0.0), WALL, board)
+    soft = made([Lamp(LAMP.place, 0.2, 8.0)], 0.0, WALL, board)
     assert 0 < at(soft, 0.55, 0) < at(soft, 0.7, 0) < at(soft, 0.85, 0)
 
 
 def test_a_corner_gets_less_ambient_light_than_a_free_wall() -> None:
     across, down, away = upright(np.pi / 2)
     side = Panel((0.5, 0, 2), (across, down, away), (4, 4), PLAIN)
-    scene = made(Light([], 1.0), WALL, side)
+    scene = made([], 1.0, WALL, side)
     assert at(scene, -1.5, 0) == pytest.approx(1)
     assert at(scene, 0.4, 0) < 0.8
 
 
 def test_a_ball_is_lit_on_the_side_of_the_lamp() -> None:
-    scene = made(
-        Light([Lamp((3.0, 0.0, 2.0), 0.01, 9.0)], 0.1), Round((0, 0, 2), UPRIGHT, 0.5, PLAIN)
-    )
+    lamp, ball = Lamp((3.0, 0.0, 2.0), 0.01, 9.0), Round((0, 0, 2), UPRIGHT, 0.5, PLAIN)
+    scene = made([lamp], 0.1, ball)
     assert at(scene, 0.5 * np.pi / 2, 0) == pytest.approx(9 / 2.5**2 + 0.1, rel=0.02)
     assert at(scene, -0.5 * np.pi / 2, 0) == pytest.approx(0.1, abs=1e-3)
 

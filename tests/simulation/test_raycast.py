@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, cast, look
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, look
 
 PLAIN = Texture("plain", 100)
 PHOTOGRAPHS = {"plain": np.full((8, 8, 3), 0.5)}
 
 
 def distances(*surfaces: Surface, offset: float = 0.0) -> np.ndarray:
-    return cast(surfaces, PHOTOGRAPHS, offset, (41, 61), 60.0).distance
+    return look(surfaces, PHOTOGRAPHS, offset, (41, 61), 60.0).distance
 
 
 def test_a_facing_board_is_as_far_as_it_stands() -> None:

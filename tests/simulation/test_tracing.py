@@ -43,8 +43,8 @@ def test_a_texture_is_mirrored_past_its_edge_and_coarse_where_asked() -> None:
     scene = pack([Panel((0, 0, 1), UPRIGHT, (9, 9), Texture("t", 1))], {"t": values})
 
     def at(u: float, v: float, finest: float = 0.1) -> float:
-        ends = scene.starts[:2]
-        return float(tracing.colour_at(scene.atlas, scene.levels, *ends, u, v, 1.0, finest)[0])
+        textures = (scene.atlas, scene.levels, scene.starts, 0)
+        return float(tracing.colour_at(*textures, u, v, 1.0, finest)[0])
 
     assert at(0, 0) == values[4, 4, 0]
     assert at(0.5, 0) == pytest.approx(values[4, 4:6, 0].mean())

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
-from dfdbench.simulation import unseen
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.unseen import RANGES, draw_camera, render_pair, render_stack, textured
 
 
-def small(seed: int) -> Camera:
-    """The seed's camera with a tenth of the pixels across, and the same view."""
+def small(seed: int, times: int = 10) -> Camera:
+    """The seed's camera with so many times fewer pixels across, and the same view."""
     camera = draw_camera(seed)
-    lens = replace(camera.lens, pixel_size=10 * camera.lens.pixel_size)
-    return replace(camera, lens=lens, shape=(48, 64))
+    lens = replace(camera.lens, pixel_size=times * camera.lens.pixel_size)
+    return replace(camera, lens=lens, shape=(480 // times, 640 // times))
 
 
 def test_cameras_are_drawn_from_the_stated_ranges() -> None:
@@ -72,13 +71,9 @@ def test_a_seed_gives_these_images_everywhere() -> None:
     assert (GENERATOR, digest.hexdigest()[:16]) == (1, "7a3d68ea6bfebf4a")
 
 
-def test_a_stack_is_in_register_and_sharpest_in_focus(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = replace(draw_camera(3), full_well=0.0, read_noise=0.0, jpeg=0, ring=None)
-    plain = replace(plain, shape=(120, 160))
-    plain = replace(plain, lens=replace(plain.lens, pixel_size=4 * plain.lens.pixel_size))
-    monkeypatch.setattr(unseen, "draw_camera", lambda _: plain)
-    monkeypatch.setattr(unseen, "_SHAPE", plain.shape)
-    stack = render_stack(3, 4, planes=5)
+def test_a_stack_is_in_register_and_sharpest_in_focus() -> None:
+    plain = replace(small(3, 4), full_well=0.0, read_noise=0.0, jpeg=0, ring=None)
+    stack = render_stack(3, 4, planes=5, camera=plain)
     assert stack.images.shape == (5, 120, 160, 3)
     assert list(stack.focus_distances) == sorted(stack.focus_distances)
     assert np.diff(1 / np.array(stack.focus_distances)) == pytest.approx(-0.3346, abs=1e-3)
@@ -90,20 +85,15 @@ def test_a_stack_is_in_register_and_sharpest_in_focus(monkeypatch: pytest.Monkey
     assert own[seen].mean() < 0.75 * apart[:, seen].mean()
 
 
-def test_depth_is_of_the_in_focus_view() -> None:
-    camera = small(8)
-    pair = render_pair(8, 0, camera, rays=1)
-    assert pair.depth.tobytes() == depth(draw_room(8, 0), camera).tobytes()
-
-
 def test_a_lens_that_is_focused_elsewhere_breathes() -> None:
     camera = small(8)
     pair, other = (render_pair(8, 0, camera, rays=8, sharp_focus=focus) for focus in (None, 2.0))
     assert other.defocus.shape == pair.defocus.shape
     assert other.infocus.tobytes() != pair.infocus.tobytes()
     # The depth is still of the in-focus view.
-    lens = replace(camera.lens, f_number=8.0, focus_distance=2.0)
-    assert other.depth.tobytes() == depth(draw_room(8, 0), replace(camera, lens=lens)).tobytes()
+    room, lens = draw_room(8, 0), replace(camera.lens, f_number=8.0, focus_distance=2.0)
+    assert pair.depth.tobytes() == depth(room, camera).tobytes()
+    assert other.depth.tobytes() == depth(room, replace(camera, lens=lens)).tobytes()
     assert other.depth.tobytes() != pair.depth.tobytes()
 
 
