@@ -5,9 +5,9 @@ import os
 import re
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent import futures
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -15,14 +15,12 @@ from dfdbench.errors import InputError
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
-#: Called with (item, outcome) after each item.
-OnOutcome = Callable[[Item, Outcome], None]
+#: An item's number and its outcome, as soon as it is there.
+Done = Generator[tuple[int, Outcome], None, None]
 #: Called with (items done, items in all) after each item.
 OnDone = Callable[[int, int], None]
 #: Shows how far a step is: entered with what is done, it gives a callable (done, total).
 Shown = Callable[[str], AbstractContextManager[Callable[..., None] | None]]
-#: Called with an item's number and its outcome, as soon as it is there.
-Hear = Callable[[int, Outcome], None]
 
 _SECONDS_TO_ANSWER = 30
 #: How a scheduler is named: HOST:PORT, with a protocol before it or without.
@@ -54,7 +52,7 @@ class Pool(ABC):
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_outcome: Callable[[Item, Outcome], None] | None = None,
         on_done: OnDone | None = None,
     ) -> list[Outcome]:
         """Return what a function gives for each item, in the items' order.
@@ -70,23 +68,20 @@ class Pool(ABC):
         on_done : callable, optional
             Called after that with (items done, items in all).
         """
-        done = 0
-
-        def hear(number: int, outcome: Outcome) -> None:
-            nonlocal done
-            done += 1
-            if on_outcome:
-                on_outcome(items[number], outcome)
-            if on_done:
-                on_done(done, len(items))
-
-        return self._outcomes(function, items, hear)
+        outcomes: dict[int, Outcome] = {}
+        # Closed at once where something fails: the work that nobody waits for is called off then.
+        with closing(self._as_done(function, items)) as done:
+            for number, outcome in done:
+                outcomes[number] = outcome
+                if on_outcome:
+                    on_outcome(items[number], outcome)
+                if on_done:
+                    on_done(len(outcomes), len(items))
+        return [outcomes[number] for number in range(len(items))]
 
     @abstractmethod
-    def _outcomes(
-        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
-    ) -> list[Outcome]:
-        """Return what the function gives; `hear` is called as each is done."""
+    def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
+        """Yield an item's number and what the function gives for it, as each is done."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +101,8 @@ class Threads(Pool):
 
     workers: int = 1
 
-    def _outcomes(
-        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
-    ) -> list[Outcome]:
-        return _compute(futures.ThreadPoolExecutor(self.workers), function, items, hear)
+    def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
+        return _computed(futures.ThreadPoolExecutor(self.workers), function, items)
 
 
 @dataclass(frozen=True)
@@ -124,15 +117,13 @@ class Processes(Pool):
 
     workers: int = 1
 
-    def _outcomes(
-        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
-    ) -> list[Outcome]:
+    def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
         from multiprocessing import get_context  # most verbs are done before this is imported
 
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         context = get_context("spawn")
         pool = futures.ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
-        return _compute(pool, function, items, hear)
+        return _computed(pool, function, items)
 
 
 @dataclass(frozen=True)
@@ -152,60 +143,45 @@ class Cluster(Pool):
 
     address: str
 
-    def _outcomes(
-        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
-    ) -> list[Outcome]:
+    def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
         with _client(self.address) as (client, as_completed):
             sent = client.map(function, items, pure=False, batch_size=1)
             place = {future.key: number for number, future in enumerate(sent)}
-            outcomes: dict[int, Outcome] = {}
             try:
                 for future, outcome in as_completed(sent, loop=client.loop, with_results=True):
                     # Work that nobody will do any more comes as an outcome, too.
                     if future.cancelled():
                         raise _gone(self.address)
-                    number = place[future.key]
-                    outcomes[number] = outcome
-                    hear(number, outcome)
+                    yield place[future.key], outcome
             finally:
                 if client.status == "running":
                     client.cancel(sent)
-        return [outcomes[number] for number in range(len(items))]
 
 
 def _begin_worker() -> None:
-    keep_quiet_of_abandoned_tasks()
-    _end_with_parent()
-
-
-def _end_with_parent() -> None:
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 
+    keep_quiet_of_abandoned_tasks()
     # Where the parent is killed, nobody takes what a worker gives: it would write what the next
     # call writes, too, and then wait for ever.
     parent = parent_process()
     assert parent is not None
-    sentinel = parent.sentinel
 
-    def end() -> None:
+    def end(sentinel: int = parent.sentinel) -> None:
         wait([sentinel])
         os._exit(1)
 
     threading.Thread(target=end, daemon=True).start()
 
 
-def _compute(
-    pool: futures.Executor,
-    function: Callable[[Item], Outcome],
-    items: Sequence[Item],
-    hear: Hear[Outcome],
-) -> list[Outcome]:
+def _computed(
+    pool: futures.Executor, function: Callable[[Item], Outcome], items: Sequence[Item]
+) -> Done[Outcome]:
     try:
         numbers = {pool.submit(function, item): number for number, item in enumerate(items)}
         for done in futures.as_completed(numbers):
-            hear(numbers[done], done.result())
-        return [done.result() for done in numbers]
+            yield numbers[done], done.result()
     finally:
         # After Ctrl-C, too: what has begun is finished, so that nothing is left half-written.
         pool.shutdown(wait=True, cancel_futures=True)

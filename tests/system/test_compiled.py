@@ -1,8 +1,9 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
+
+from tests.process import python
 
 PACKAGE = Path(__file__).parents[2] / "dfdbench"
 SUM = """
@@ -23,24 +24,17 @@ print(total(np.arange(4)), twice(3), total.stats.cache_path)
 """
 
 
-def call(folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+def call(folder: Path, cache: Path) -> subprocess.CompletedProcess[str]:
     (folder / "kernels.py").write_text(SUM)
     # No folder can be made below a file, not even by root.
     (folder / "__pycache__").write_text("in the way")
-    kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
+    caches = {"NUMBA_CACHE_DIR": "", "DFDBENCH_CACHE": str(cache), "XDG_CACHE_HOME": "/dev/null"}
     path = f"{folder}{os.pathsep}{PACKAGE.parent}"
-    return subprocess.run(
-        (sys.executable, "-c", CALL),
-        env={**kept, **nowhere, "PYTHONPATH": path, **variables},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return python("-c", CALL, cwd=None, HOME="/dev/null", PYTHONPATH=path, **caches)
 
 
 def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) -> None:
-    done = call(tmp_path, DFDBENCH_CACHE="/dev/null")
+    done = call(tmp_path, Path("/dev/null"))
     assert done.stdout == "6 6 None\n"
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("warning: compiled code cannot be cached")
@@ -49,7 +43,7 @@ def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) 
 
 def test_beside_a_source_that_is_read_only_it_caches_in_our_own_folder(tmp_path: Path) -> None:
     place = tmp_path / "cache"
-    done = call(tmp_path, DFDBENCH_CACHE=str(place))
+    done = call(tmp_path, place)
     assert (done.stderr, done.stdout.startswith(f"6 6 {place}/compiled/")) == ("", True)
     assert list(place.rglob("*.nbc"))
 
