@@ -15,41 +15,41 @@ from tests.benchmarks.ledger import Ledger, cpu
 SHAPE = (370, 463)
 
 
-def stack(
-    image: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe
-) -> NDArray[np.uint8]:
+Image = NDArray[np.uint8]
+
+
+def stack(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     """Filter the whole image at every level, then pick: the way of the thesis's program."""
-    levels = recipe.level_of_depth(depth.astype(int))
-    plane = image.astype(np.float64)
-    out = np.empty_like(plane)
-    for level, row in enumerate(recipe.kernels()):
-        blurred = cv2.filter2D(
-            plane, cv2.CV_64F, np.outer(row, row), borderType=cv2.BORDER_REPLICATE
-        )
-        out[levels == level] = blurred[levels == level]
-    return np.clip(np.rint(out.astype(np.float32)), 0, 255).astype(np.uint8)
+
+    def filtered(plane: Any, row: Any, _: float) -> Any:
+        kernel = np.outer(row, row)
+        return cv2.filter2D(plane, cv2.CV_64F, kernel, borderType=cv2.BORDER_REPLICATE)
+
+    return picked(image, depth, recipe, np.float64, filtered)
 
 
-def separable(
-    image: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe
-) -> NDArray[np.uint8]:
+def separable(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     """Do the same with rows and columns in float32, cut at four sigmas: faster, less exact."""
-    levels = recipe.level_of_depth(depth.astype(int))
-    plane = image.astype(np.float32)
-    out = np.empty_like(plane)
-    for level, (sigma, row) in enumerate(zip(recipe.sigmas, recipe.kernels(), strict=True)):
+
+    def filtered(plane: Any, row: Any, sigma: float) -> Any:
         middle = len(row) // 2
         reach = min(middle, int(np.ceil(4 * sigma)))
         kernel = row[middle - reach : middle + reach + 1]
-        blurred = cv2.sepFilter2D(
-            plane, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE
-        )
-        out[levels == level] = blurred[levels == level]
-    return np.clip(np.rint(out), 0, 255).astype(np.uint8)
+        return cv2.sepFilter2D(plane, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+
+    return picked(image, depth, recipe, np.float32, filtered)
+
+
+def picked(image: Image, depth: Image, recipe: BlurRecipe, kind: Any, filtered: Any) -> Image:
+    levels, plane = recipe.level_of_depth(depth.astype(int)), image.astype(kind)
+    out = np.empty_like(plane)
+    for level, (sigma, row) in enumerate(zip(recipe.sigmas, recipe.kernels(), strict=True)):
+        out[levels == level] = filtered(plane, row, sigma)[levels == level]
+    return np.clip(np.rint(out.astype(np.float32)), 0, 255).astype(np.uint8)
 
 
 @pytest.fixture
-def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def pair() -> tuple[Image, Image]:
     random = np.random.default_rng(0)
     image = random.integers(0, 256, (*SHAPE, 3)).astype(np.uint8)
     return image, random.integers(0, 256, SHAPE).astype(np.uint8)

@@ -1,11 +1,9 @@
-"""Times of the data cost and the solvers, and their ratios to named peers in the same process.
+"""Times of graph-cuts and its solvers, and their ratios to named peers in the same process.
 
 Run with one thread: NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1, and `-s` to see
 the ratios, which are of CPU time. Nothing is asserted of them but what docs/graph_cuts.md says.
 """
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -15,60 +13,16 @@ from typing import Any, get_args
 import cv2
 import numpy as np
 import pytest
-from scipy.ndimage import correlate1d
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods import mrf
-from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths, rounded_cost
+from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
 from tests.benchmarks.ledger import Ledger, cpu
 from tests.benchmarks.test_blur import separable, stack
-
-LABELS = 256
-SIGMAS = 0.32 + 0.01 * np.arange(LABELS)
-Pair = tuple[np.ndarray[Any, np.dtype[np.uint8]], np.ndarray[Any, np.dtype[np.uint8]]]
-
-
-@pytest.fixture(scope="module")
-def pair() -> Pair:
-    """Draw a textured image, and blur it by a staircase of sigmas."""
-    rng = np.random.default_rng(3)
-    height, width = 370, 463
-    sharp = rng.integers(0, 256, (height, width, 3)).astype(np.float64)
-    for axis in (0, 1):
-        sharp = correlate1d(sharp, np.full(5, 0.2), axis, mode="nearest")
-    blurred = np.empty_like(sharp)
-    for step, columns in enumerate(np.array_split(np.arange(width), 8)):
-        at = np.arange(-13, 14)
-        kernel = np.exp(-(at**2) / (2 * SIGMAS[20 + 25 * step] ** 2))
-        kernel /= kernel.sum()
-        whole = correlate1d(
-            correlate1d(sharp, kernel, 0, mode="nearest"), kernel, 1, mode="nearest"
-        )
-        blurred[:, columns] = whole[:, columns]
-    return np.rint(sharp).astype(np.uint8), np.rint(blurred).astype(np.uint8)
-
-
-def test_data_cost(benchmark: Any, pair: Pair) -> None:
-    data_cost(pair[0][:4], pair[1][:4], SIGMAS)
-    benchmark.pedantic(data_cost, (*pair, SIGMAS), rounds=3)
-    cv2.setNumThreads(1)
-
-    def by_definition() -> None:
-        sharp, observed = (image.astype(np.float64) for image in pair)
-        for sigma in SIGMAS[::16]:
-            kernel = np.exp(-(np.arange(-13, 14) ** 2) / (2 * sigma**2))
-            kernel = np.outer(kernel, kernel)
-            blurred = cv2.filter2D(
-                sharp, cv2.CV_64F, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE
-            )
-            (12 * ((observed - blurred) ** 2).sum(-1)).astype(np.int64)
-
-    own, peer = cpu(lambda: data_cost(*pair, SIGMAS)), 16 * cpu(by_definition)
-    print(f"\ndata_cost: {own:.2f} s CPU, {peer / own:.0f} x OpenCV's filter2D for every label")
+from tests.process import python
 
 
 @pytest.fixture(params=["Aloe", "Art", "Reindeer"])
@@ -107,31 +61,10 @@ def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) 
     assert middle["separable float32"] > 1
 
 
-def test_repairs_against_expansion(benchmark: Any, scene: Any) -> None:
-    """Compare how graph-cuts-rounded is minimised with a sweep of expansions, on one energy."""
-    infocus, defocus, _ = scene
-    smoothness = mrf.truncated_absolute(256, 8, 4)
-    unary, offset = rounded_cost(infocus, defocus, RECIPES["published"].kernels(), 4, 129)
-    energy = mrf.Energy(unary, smoothness, offset=offset)
-    small = mrf.Energy(unary[:8, :8].copy(), smoothness)
-    for warm in (from_blocks, sweep):
-        warm(small)
-    own, peer = cpu(lambda: from_blocks(energy)), cpu(lambda: sweep(energy))
-    excess = benchmark.pedantic(from_blocks, (energy,), rounds=1).energy / sweep(energy).energy - 1
-    print(f"\nfrom blocks: {own / peer:.2f} of a sweep's time, {100 * excess:+.2f} % of its energy")
-
-
-def from_blocks(energy: mrf.Energy) -> mrf.Solution:
-    return mrf.coarse_to_fine(energy, best_paths, REPAIRS)
-
-
-def sweep(energy: mrf.Energy) -> mrf.Solution:
-    return mrf.expansion(energy, energy.unary.argmin(2), max_sweeps=1)
-
-
 # One method in a process of its own, so that nothing but it counts. What the system tells of used
 # resources would not do: there a child begins with the most that its parent ever held.
-_STATUS = Path("/proc/self/status")
+STATUS = Path("/proc/self/status")
+OF_LINUX = pytest.mark.skipif(not STATUS.is_file(), reason=f"no {STATUS} tells of peak memory")
 _PEAK = """
 import sys
 import numpy as np
@@ -148,15 +81,13 @@ print(next(line.split()[1] for line in open(sys.argv[2]) if line.startswith("VmH
 """
 
 
+@OF_LINUX
 @pytest.mark.parametrize("times", [1, 3])
 @pytest.mark.parametrize("method", ["graph-cuts", "graph-cuts-rounded", "sgm"])
 def test_peak_memory(benchmark: Any, method: str, times: int) -> None:
     """Measure what a process holds at most that solves an image of Middlebury, and thrice that."""
-    if not _STATUS.is_file():
-        pytest.skip(f"no {_STATUS} here tells of peak memory")
-    command = [sys.executable, "-c", _PEAK, method, str(_STATUS), str(times)]
-    run = partial(subprocess.run, command, capture_output=True, text=True, check=True)
-    peak = int(benchmark.pedantic(run, rounds=1).stdout) / 1024
+    said = benchmark.pedantic(python, ("-c", _PEAK, method, STATUS, str(times)), rounds=1).stdout
+    peak = int(said) / 1024
     benchmark.extra_info["peak, MB"] = peak
     print(f"\n{method}, {370 * times} x {470 * times}: at most {peak:.0f} MB")
     assert times > 1 or peak < 450
@@ -168,18 +99,24 @@ def photograph(request: pytest.FixtureRequest, aloe: Callable[[int], mrf.Energy]
     return aloe(request.param)
 
 
-def by_pymaxflow(energy: mrf.Energy, pairwise: Any) -> Any:
+def by_pymaxflow(energy: mrf.Energy) -> Any:
     import maxflow
 
-    start = np.zeros(energy.shape, np.int64)
-    return maxflow.fastmin.aexpansion_grid(energy.unary.astype(np.int64), pairwise, labels=start)
+    costs, start = energy.unary.astype(np.int64), np.zeros(energy.shape, np.int64)
+    return maxflow.fastmin.aexpansion_grid(costs, pairwise(energy), labels=start)
 
 
-def by_gco(energy: mrf.Energy, pairwise: Any) -> Any:
+def by_gco(energy: mrf.Energy) -> Any:
     import gco
 
     costs = energy.unary.astype(np.int32)
-    return gco.cut_grid_graph_simple(costs, pairwise.astype(np.int32)).reshape(energy.shape)
+    found = gco.cut_grid_graph_simple(costs, pairwise(energy).astype(np.int32))
+    return found.reshape(energy.shape)
+
+
+def pairwise(energy: mrf.Energy) -> Any:
+    index = np.arange(energy.unary.shape[2])
+    return energy.smoothness[np.abs(index[:, None] - index)].astype(np.int64)
 
 
 @pytest.mark.parametrize(
@@ -196,10 +133,8 @@ def test_a_demo_pair(
     title = "graph-cuts' energy, 240 x 320 x 256"
     if not ledger.require(title, package):
         return
-    index = np.arange(LABELS)
-    pairwise = energy.smoothness[np.abs(index[:, None] - index)].astype(np.int64)
     found: list[Any] = []
-    seconds = cpu(lambda: found.append(solve(energy, pairwise)))
+    seconds = cpu(lambda: found.append(solve(energy)))
     change = 1000 * (solution.energy / energy.evaluate(found[0]) - 1)
     own = cpu(lambda: mrf.split(energy), 3)
     ledger.note(title, own, package, "alpha-expansion", seconds, f"energy {change:+.1f} ‰")
@@ -209,27 +144,17 @@ def test_against_pymaxflow(
     benchmark: Any, request: pytest.FixtureRequest, photograph: mrf.Energy
 ) -> None:
     """Compare with PyMaxflow's alpha-expansion to convergence; a minute and more a pair."""
-    maxflow = pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
+    pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
     energy = photograph
-    index = np.arange(LABELS)
-    pairwise = energy.smoothness[np.abs(index[:, None] - index)].astype(np.int64)
-    costs = energy.unary.astype(np.int64)
-    found: dict[str, Any] = {}
-
-    def peer() -> None:
-        start = np.zeros(energy.shape, np.int64)
-        found["peer"] = maxflow.fastmin.aexpansion_grid(costs, pairwise, labels=start)
-
-    seconds = cpu(lambda: benchmark.pedantic(peer, rounds=1))
-    reached = energy.evaluate(found["peer"])
+    found: list[Any] = []
+    peer = partial(benchmark.pedantic, by_pymaxflow, (energy,), rounds=1)
+    seconds = cpu(lambda: found.append(peer()))
+    reached = energy.evaluate(found[0])
     print(f"\n{request.node.name}: aexpansion_grid {seconds:.1f} s CPU, energy {reached}")
     solvers: dict[str, Callable[[], Any]] = {
-        **{
-            f"split {quality}": partial(mrf.split, energy, quality)
-            for quality in get_args(mrf.Quality)
-        },
-        "expansion": lambda: mrf.expansion(energy),
+        f"split {quality}": partial(mrf.split, energy, quality) for quality in get_args(mrf.Quality)
     }
+    solvers["expansion"] = partial(mrf.expansion, energy)
     solvers["split fast"]()
     for name, solve in solvers.items():
         start = time.process_time()

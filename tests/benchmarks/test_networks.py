@@ -4,7 +4,6 @@ Nothing is asserted of times.
 """
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -19,48 +18,13 @@ from dfdbench.methods.networks.inference import Predictor, find_device
 from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.training.learner import LevelLoss
 from tests.benchmarks.ledger import Ledger, cpu
+from tests.one_torch_thread import one_torch_thread
 from tests.process import python
 
-SHAPE = (370, 463)
+__all__ = ["one_torch_thread"]
+
 CROPS = 32
 DEVICE = find_device("auto")
-
-
-@pytest.fixture
-def threads(request: pytest.FixtureRequest) -> Iterator[int]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(request.param)
-    yield request.param
-    torch.set_num_threads(before)
-
-
-def images() -> tuple[Any, Any]:
-    random = np.random.default_rng(0)
-    return tuple(random.integers(0, 256, (*SHAPE, 3)).astype(np.uint8) for _ in range(2))  # type: ignore[return-value]
-
-
-def plain(network: DfDNet) -> Any:
-    """Eager float32 on images padded alike: no folding, no channels-last."""
-    network = network.eval().to(DEVICE)
-
-    def forward(infocus: Any, defocus: Any) -> Any:
-        both = np.pad(np.concatenate([infocus, defocus], 2), ((0, 2), (0, 1), (0, 0)), "reflect")
-        pixels = torch.from_numpy(both.transpose(2, 0, 1).copy()).float()[None].to(DEVICE)
-        with torch.no_grad():
-            return network(pixels)[0].argmax(0).cpu().numpy()
-
-    return forward
-
-
-@pytest.mark.parametrize("threads", [1, 2], indirect=True, ids=["1-thread", "2-threads"])
-@pytest.mark.parametrize("name", ["original", "F-02-02"])
-@pytest.mark.parametrize("way", ["plain", "float32", "bf16"])
-def test_a_pair_of_the_third_size(benchmark: Any, threads: int, name: str, way: str) -> None:
-    network = DfDNet(FILTERS[name])
-    predict = plain(network) if way == "plain" else Predictor(network.eval(), DEVICE, way)  # type: ignore[arg-type]
-    benchmark.group = f"DfD-Net {name}, {SHAPE[0]} x {SHAPE[1]}, {threads} threads, {DEVICE.type}"
-    infocus, defocus = images()
-    benchmark.pedantic(predict, (infocus, defocus), rounds=3, warmup_rounds=1)
 
 
 @pytest.mark.parametrize("name", ["original", "F-02-02"])
@@ -106,8 +70,6 @@ for shape in ((64, 64), {MEGAPIXEL}):
 """
 
 
-@pytest.mark.parametrize("threads", [1], indirect=True)
-@pytest.mark.usefixtures("threads")
 @pytest.mark.benchmark(timer=time.process_time)
 def test_a_megapixel(benchmark: Any, ledger: Ledger) -> None:
     """The shipped network's median against the same network in plain PyTorch."""

@@ -17,9 +17,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from tests.benchmarks.ledger import Ledger
-from tests.benchmarks.test_startup import processor_seconds
-
-ROUNDS = 5
+from tests.benchmarks.test_startup import least_seconds
 
 
 def test_a_run_with_nothing_to_do(
@@ -29,9 +27,7 @@ def test_a_run_with_nothing_to_do(
     words = f"run --method constant --split Market --no-figures --dataset {demo_store.path}"
     ours = [program, *words.split(), "--out", str(tmp_path / "run")]
     theirs = [sys.executable, "-c", "import numba, pandas, zarr"]
-    benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
-    pairs = [(processor_seconds(ours), processor_seconds(theirs)) for _ in range(ROUNDS)]
-    own, other = map(min, zip(*pairs, strict=True))
+    own, other = least_seconds(benchmark, ours, theirs)
     peer = "import of zarr, numba and pandas"
     ledger.note("a run with nothing to do", own, "zarr", peer, other, "each in a fresh process")
 

@@ -25,6 +25,14 @@ def processor_seconds(command: list[str]) -> float:
     return used() - before
 
 
+def least_seconds(benchmark: Any, ours: list[str], theirs: list[str]) -> tuple[float, float]:
+    """Return the least processor seconds of two commands that take turns."""
+    benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
+    pairs = [(processor_seconds(ours), processor_seconds(theirs)) for _ in range(ROUNDS)]
+    own, other = map(min, zip(*pairs, strict=True))
+    return own, other
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -39,8 +47,6 @@ def processor_seconds(command: list[str]) -> float:
 def test_start(benchmark: Any, ledger: Ledger, arguments: list[str]) -> None:
     ours = [str(Path(sys.executable).with_name("dfdbench")), *arguments]
     numpy = [sys.executable, "-c", "import numpy"]
-    benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
-    pairs = [(processor_seconds(ours), processor_seconds(numpy)) for _ in range(ROUNDS)]
-    own, theirs = map(min, zip(*pairs, strict=True))
+    own, theirs = least_seconds(benchmark, ours, numpy)
     title = f"dfdbench {' '.join(arguments)}"
     ledger.note(title, own, "numpy", "import numpy", theirs, "each in a fresh process")
