@@ -165,10 +165,9 @@ def render_stack(
         Focus distances, evenly spread in dioptres; or which, in metres, ascending.
     """
     wide = camera or draw_camera(seed)
-    if isinstance(planes, int):
-        near, far = (1 / end for end in _STACK_ENDS)
-        planes = (1 / np.linspace(near, far, planes)).tolist()
-    distances = [_short(distance) for distance in planes]
+    near, far = (1 / end for end in _STACK_ENDS)
+    metres = (1 / np.linspace(near, far, planes)).tolist() if isinstance(planes, int) else planes
+    distances = [_short(distance) for distance in metres]
     small = _stopped_down(wide)
     room = draw_room(seed, scene)
     sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
