@@ -189,9 +189,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     """
     choices = sorted(known)
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5)
-    folded = {choice.casefold(): choice for choice in choices}
-    if not near and name.casefold() in folded:
-        near = [folded[name.casefold()]]
+    if not near:
+        near = [choice for choice in choices if choice.casefold() == name.casefold()][-1:]
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     return UnknownNameError(
         what=f"unknown {kind}",

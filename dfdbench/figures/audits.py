@@ -53,8 +53,7 @@ def coverage_figure(record: CoverageRecord) -> Figure:
             look = {"color": _OF_VERDICT[item.verdict], "alpha": _SHADE, "linewidth": 0}
             axis.axvspan(item.first - 0.5, item.last + 0.5, zorder=0, **look)
     top.yaxis.set_major_formatter("{x:,.0f}")
-    middle.set_yscale("log")
-    middle.set_ylabel("pixels of all pairs, log scale")
+    middle.set(yscale="log", ylabel="pixels of all pairs, log scale")
     _label_ranges(middle, record)
     _steps(bottom, record.train.counts, "training, as is", style.BLUE, fill=True, share=True)
     _steps(bottom, record.train.expanded, "training, as 32 x 32 crops", "black", share=True)
@@ -118,19 +117,15 @@ def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -
     those with the largest errors.
     """
     rows = _most_uncovered(result, join)
-    figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
-    grid = figure.subplots(len(rows), 5, squeeze=False)
+    heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
+    figure, grid = style.rows_of_images([record.id for record in rows], heads, 2.7)
     shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
     figure.suptitle(f"{result.method.title} on {result.dataset.label}: {shown}")
-    heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
-    for axis, head in zip(grid[0], heads, strict=True):
-        axis.set_title(head, fontsize=10)
     for record, axes in zip(rows, grid, strict=True):
         depth, valid = store.read_levels(record.pair)
         prediction = read_prediction(folder, record.pair, depth.shape)
         assert prediction is not None
         _draw_mask(figure, axes, join, depth, valid, prediction)
-        axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
     shown_as = {"scarce": style.ORANGE, "missing": style.PINK, "depth unknown": _UNKNOWN}
     handles = [Patch(color=colour, label=label) for label, colour in shown_as.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)

@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.figures import style
-from dfdbench.figures.runs import draw_by_scene, draw_pair
+from dfdbench.figures.runs import draw_by_scene, draw_pair, scene_grid
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
@@ -68,8 +68,7 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     names = [style.wrapped(style.plain_text(label), 40) for label, _ in timed]
     axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
-    axis.set_xscale("log")
-    axis.set_xlabel("seconds per pair: quartiles and extremes")
+    axis.set(xscale="log", xlabel="seconds per pair: quartiles and extremes")
     axis.grid(axis="x", alpha=0.3)
     return figure
 
@@ -93,13 +92,11 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
         marker = style.MARKERS[(number + number // len(style.COLOURS)) % len(style.MARKERS)]
         look = {**style.marks(number), "marker": marker, "markersize": 9}
         axis.plot(seconds, score, label=style.plain_text(label), **look)
-    axis.set_xscale("log")
-    axis.set_yscale("log")
+    axis.set(xscale="log", xlabel="seconds per pair, median")
+    axis.set(yscale="log", ylabel=find_metric(name).heading)
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_formatter("{x:g}")
     axis.yaxis.set_minor_formatter("{x:g}")
-    axis.set_xlabel("seconds per pair, median")
-    axis.set_ylabel(find_metric(name).heading)
     axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
     axis.grid(which="both", alpha=0.3)
     style.legend_below(figure, axis)
@@ -117,16 +114,12 @@ def change_figure(
             rows.append((change, before[0], before[1], after[1]))
     if not rows:
         return None
-    figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
-    grid = figure.subplots(len(rows), 6, squeeze=False)
+    heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
+    figure, grid = style.rows_of_images([change.first.id for change, *_ in rows], heads, 1.9)
     names = [style.plain_text(run.label) for run in (first, second)]
     figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
-    heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
-    for axis, head in zip(grid[0], heads, strict=True):
-        axis.set_title(head, fontsize=10)
     for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
         draw_pair(figure, axes, images, *predictions)
-        axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
         axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
@@ -138,23 +131,16 @@ def _scene_figure(
     dataset = runs[0].result.dataset
     levels = sorted({pair.coordinates[dataset.blocks] for pair in pairs})
     scenes = list(dict.fromkeys(pair.scene for pair in pairs))
-    width = max(3.2, 0.3 * len(scenes) + 1.5)
-    # One exposure alone would leave no room for the names below it.
-    whole = max(width * len(levels), 8.0)
-    metrics = metrics_of(protocol)
-    figure = Figure(figsize=(whole, 2.5 * len(metrics)), layout="constrained")
-    grid = figure.subplots(len(metrics), len(levels), squeeze=False, sharey="row", sharex=True)
-    for line, metric in zip(grid, metrics.values(), strict=True):
-        line[0].set_ylabel(metric.axis_label)
-        for axis, level in zip(line, levels, strict=True):
-            place = {dataset.blocks: level}
-            if dataset.rows and value is not None:
-                place[dataset.rows] = value
-            series = {style.plain_text(run.label): _pairs_at(run, place) for run in runs}
-            colours = len(style.COLOURS) - 1
-            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.6, colours)
-    for axis, level in zip(grid[0], levels, strict=True):
-        axis.set_title(f"{dataset.blocks} {level}")
+    lighting = {dataset.rows: value} if dataset.rows and value is not None else {}
+    panels = {
+        f"{dataset.blocks} {level}": {
+            style.plain_text(run.label): _pairs_at(run, {dataset.blocks: level, **lighting})
+            for run in runs
+        }
+        for level in levels
+    }
+    size = max(3.2, 0.3 * len(scenes) + 1.5), 2.5 * len(metrics_of(protocol))
+    figure, grid = scene_grid(panels, scenes, protocol, size, 0.6, len(style.COLOURS) - 1)
     style.legend_below(figure, grid[0][0])
     return figure
 
@@ -261,6 +247,5 @@ def draw_transfer(axis: Axes, means: pd.DataFrame, most: float | None = None) ->
     names = [style.plain_text(str(name)) for name in means.columns]
     axis.set_xticks(range(len(names)), names, rotation=45, ha="right")
     axis.set_yticks(range(len(names)), names)
-    axis.set_xlabel("tested on")
-    axis.set_ylabel("fitted on")
+    axis.set(xlabel="tested on", ylabel="fitted on")
     return image

@@ -83,17 +83,13 @@ def panel_figure(
             rows.append((record, store.read(pair), prediction))
     if not rows:
         return None
-    figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
-    grid = figure.subplots(len(rows), 5, squeeze=False)
+    figure, grid = style.rows_of_images([record.id for record, *_ in rows], HEADS, 2.55)
     figure.suptitle(
         f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.heading}, "
         f"protocol {title_of(protocol)}"
     )
-    for axis, head in zip(grid[0], HEADS, strict=True):
-        axis.set_title(head, fontsize=10)
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
         draw_pair(figure, axes, images, prediction, both=True)
-        axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
             for name, metric in metrics_of(protocol).items()
@@ -113,33 +109,52 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     blocks, rows = result.dataset.blocks, result.dataset.rows
     columns = sorted({pair.coordinates[rows] for pair in pairs}) if rows else [None]
     levels = sorted({pair.coordinates[blocks] for pair in pairs})
+    panels = {}
+    for value in columns:
+        chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
+        panels[f"{rows} {value}" if rows else ""] = {
+            f"{blocks} {level}": [pair for pair in chosen if pair.coordinates[blocks] == level]
+            for level in levels
+        }
     scenes = list(dict.fromkeys(pair.scene for pair in pairs))
-    width = max(4.0, 0.35 * len(scenes) + 2.0)
-    # Title and legend are of one width, however few scenes there are.
-    whole = max(width * len(columns), 8.0)
-    metrics = metrics_of(protocol)
-    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
-    grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
+    size = max(4.0, 0.35 * len(scenes) + 2.0), 0.8 + 2.4 * len(metrics_of(protocol))
+    figure, grid = scene_grid(panels, scenes, protocol, size, 0.5)
     figure.suptitle(
         f"{style.plain_text(result.method.title)} on {result.dataset.heading}, "
         f"protocol {title_of(protocol)}"
     )
-    for line, metric in zip(grid, metrics.values(), strict=True):
-        line[0].set_ylabel(metric.axis_label)
-        for axis, value in zip(line, columns, strict=True):
-            chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
-            series = {
-                f"{blocks} {level}": [pair for pair in chosen if pair.coordinates[blocks] == level]
-                for level in levels
-            }
-            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.5)
-    for axis, value in zip(grid[0], columns, strict=True):
-        axis.set_title(f"{rows} {value}" if rows else "")
     for axis in grid[-1]:
         axis.set_xlabel("scene; one mark a view" if "view" in result.dataset.axes else "scene")
     named = grid[0][0].get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=min(len(levels), int(whole / 2)))
+    most = int(figure.get_figwidth() / 2)
+    figure.legend(*named, loc="outside lower center", ncols=min(len(levels), most))
     return figure
+
+
+def scene_grid(
+    panels: Mapping[str, Mapping[str, Sequence[PairResult]]],
+    scenes: Sequence[str],
+    protocol: str,
+    size: tuple[float, float],
+    spread: float,
+    colours: int = len(style.COLOURS),
+) -> tuple[Figure, Any]:
+    """Draw each metric by scene, a row a metric, and a column the series under each title.
+
+    `size` is a panel's width and the height of all rows.
+    """
+    metrics = metrics_of(protocol)
+    # Title and legend are of one width, however few scenes and panels there are.
+    whole = max(size[0] * len(panels), 8.0), size[1]
+    figure = Figure(figsize=whole, layout="constrained")
+    grid = figure.subplots(len(metrics), len(panels), squeeze=False, sharey="row", sharex=True)
+    for line, metric in zip(grid, metrics.values(), strict=True):
+        line[0].set_ylabel(metric.axis_label)
+        for axis, series in zip(line, panels.values(), strict=True):
+            draw_by_scene(axis, series, scenes, protocol, metric.name, spread, colours)
+    for axis, title in zip(grid[0], panels, strict=True):
+        axis.set_title(title)
+    return figure, grid
 
 
 def draw_by_scene(

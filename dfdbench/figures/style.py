@@ -41,6 +41,17 @@ def single_axes(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axis
 
 
+def rows_of_images(names: Sequence[str], heads: Sequence[str], height: float) -> tuple[Figure, Any]:
+    """Return a figure with a row of axes for each name, and a column under each head."""
+    figure = Figure(figsize=(15, height * len(names) + 0.9), layout="constrained")
+    grid = figure.subplots(len(names), len(heads), squeeze=False)
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
+    for axis, name in zip(grid[:, 0], names, strict=True):
+        axis.set_ylabel(name.replace("/", "\n"), fontsize=8)
+    return figure, grid
+
+
 def marks(number: int) -> dict[str, Any]:
     """Return colour and marker of a method or other series, by its number."""
     colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]

@@ -206,17 +206,23 @@ def _means(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     return means
 
 
+def _by_iteration(title: str) -> tuple[Figure, Axes]:
+    figure, axis = style.single_axes(9, 5)
+    axis.set(title=style.plain_text(title), xlabel="iteration")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure, axis
+
+
 def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
     """Draw the best objective so far, and the least and the mean of each iteration."""
-    figure, axis = style.single_axes(9, 5)
+    figure, axis = _by_iteration(title)
     numbers = [item.number for item in course]
     best = [item.best for item in course]
     axis.step(numbers, best, where="post", color=style.BLUE, label="best so far")
     for name, marker, line in (("mean", "s", "-"), ("least", "o", "")):
         values = [getattr(item, name) for item in course]
         axis.plot(numbers, values, marker=marker, linestyle=line, color=style.RED, label=name)
-    axis.set(title=style.plain_text(title), xlabel="iteration", ylabel="objective, Eq. 6.1")
-    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axis.set(ylabel="objective, Eq. 6.1")
     style.legend_beside(axis)
     return figure
 
@@ -225,15 +231,13 @@ def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
     """Draw the share of all components that are equal to the best position's, and its marks."""
     from dfdbench.training.search.swarm_search import MARKS
 
-    figure, axis = style.single_axes(9, 5)
+    figure, axis = _by_iteration(title)
     shares = [100 * item.alike for item in course]
     axis.plot([item.number for item in course], shares, marker="o", color=style.BLUE, label="equal")
     for mark in MARKS:
         axis.axhline(100 * mark, color=style.GREEN, linestyle="--", linewidth=1)
         axis.annotate(f"{100 * mark:.0f} %", (course[0].number, 100 * mark), va="bottom")
-    axis.set(title=style.plain_text(title), xlabel="iteration", ylim=(0, 104))
-    axis.set_ylabel("components equal to the best's (%)")
-    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axis.set(ylabel="components equal to the best's (%)", ylim=(0, 104))
     style.legend_beside(axis)
     return figure
 

@@ -180,9 +180,8 @@ class Run:
         """
         found = self._first.images(pair)
         if found is None:
-            raise ResultError(
-                self._first.without or "no depth map of this pair was kept", where=pair
-            )
+            why = self._first.without or "no depth map of this pair was kept"
+            raise ResultError(why, where=pair)
         return found
 
     def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:

@@ -94,19 +94,17 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
-    found = boards([Entry((run.result,), run.path, run.label) for run in runs])
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
-    for board in found:
+    for board in boards([Entry((run.result,), run.path, run.label) for run in runs]):
         if board.protocol != protocol:
             continue
         paths = [standing.entry.path for standing in board.standings]
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         summaries = [(run, summarise(run.result, protocol)) for run in members]
-        section = _section_of(board, summaries, runs[0].path.parent)
+        sections.append(_section_of(board, summaries, runs[0].path.parent))
+        sentences.append(_sentence(members, protocol, sections[-1].heading))
         shown += summaries
-        sections.append(section)
-        sentences.append(_sentence(members, protocol, section.heading))
     labels = list(dict.fromkeys(run.label for run, _ in shown))
     title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
     return Content(
@@ -115,7 +113,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         tuple(sentences),
         tuple(labels),
         tuple(sections),
-        _worst_first(shown),
+        _worst_first(shown, protocol),
         tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
     )
 
@@ -164,15 +162,13 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
 
 
 def _worst_first(
-    runs: Sequence[tuple[SavedRun, RunSummary]],
+    runs: Sequence[tuple[SavedRun, RunSummary]], protocol: str
 ) -> tuple[tuple[SavedRun, PairResult], ...]:
-    def score(shown: tuple[SavedRun, RunSummary, PairResult]) -> float:
-        _, summary, pair = shown
-        return pair.score(summary.protocol, ranked_by(summary.protocol)[0]) or 0.0
+    def score(shown: tuple[SavedRun, PairResult]) -> float:
+        return shown[1].score(protocol, ranked_by(protocol)[0]) or 0.0
 
-    kept = [(run, summary) for run, summary in runs if run.store is not None]
-    found = [(run, summary, pair) for run, summary in kept for pair in summary.ranked]
-    return tuple((run, pair) for run, _, pair in sorted(found, key=score, reverse=True))
+    found = [(run, pair) for run, summary in runs if run.store for pair in summary.ranked]
+    return tuple(sorted(found, key=score, reverse=True))
 
 
 def write_plots(
@@ -270,8 +266,8 @@ def _cards(
     place = run.result.dataset.fingerprint, pair.id
     if place not in of_data:
         of_data[place] = {
-            "infocus": photo(style.brightened(sharp, times)),
-            "defocus": photo(style.brightened(blurred, times)),
+            "infocus": webp_address(style.brightened(sharp, times), _PHOTO_QUALITY),
+            "defocus": webp_address(style.brightened(blurred, times), _PHOTO_QUALITY),
             "truth": depth_picture(known, scale),
         }
     own = {
@@ -320,11 +316,6 @@ def _filters(cards: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[st
         for name, values in found.items()
         if len(values) > 1
     }
-
-
-def photo(image: NDArray[np.uint8]) -> str:
-    """Return an RGB image, shape (y, x, 3), as a data address."""
-    return webp_address(image, _PHOTO_QUALITY)
 
 
 def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:

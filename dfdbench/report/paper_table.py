@@ -81,9 +81,9 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
 
 def _cells(board: ScoreBoard, name: str) -> list[str]:
     """Return a column: the best of the ranked marked, means of incomplete runs in brackets."""
-    texts = [_text(board, row, name) for row in range(len(board.standings))]
     if name == SECONDS:
-        return texts
+        return [seconds_text(standing.entry.seconds) for standing in board.standings]
+    texts = [board.shown(row, name) for row in range(len(board.standings))]
     metric = metrics_of(board.protocol)[name]
     ranked = {
         score_text(value): value
@@ -99,12 +99,6 @@ def _cells(board: ScoreBoard, name: str) -> list[str]:
         Marked(text, marks[text]) if text in marks and standing.rank is not None else text
         for text, standing in zip(texts, board.standings, strict=True)
     ]
-
-
-def _text(board: ScoreBoard, row: int, name: str) -> str:
-    if name == SECONDS:
-        return seconds_text(board.standings[row].entry.seconds)
-    return board.shown(row, name)
 
 
 def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:

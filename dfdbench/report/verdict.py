@@ -2,8 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
 from dfdbench.datasets.catalog import part_name
@@ -34,7 +33,7 @@ def verdict_text(lines: Mapping[str, Line]) -> str:
     return "\n".join(f"{name.replace('_', ' '):<12} {line['text']}" for name, line in lines.items())
 
 
-def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None) -> dict[str, Line]:
+def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
     """Return what a run comes to.
 
     Parameters
@@ -43,8 +42,6 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
         The run.
     protocol : str
         Under which protocol.
-    leaderboard : Path, optional
-        The folder of the rows to compare with; see `dfdbench.board.row_file.leaderboard_folder`.
 
     Returns
     -------
@@ -61,8 +58,7 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
     if own is not None:
         name = ranked_by(protocol)[0]
         title = metrics_of(protocol)[name].title
-        folder = leaderboard_folder() if leaderboard is None else leaderboard
-        others = dict(_others(result, protocol, [pair.id for pair in pairs], folder))
+        others = list(_others(result, protocol, [pair.id for pair in pairs]))
         row = next((row.result for row in others if row.name == CONSTANT), None)
         known = row.pairs if row else run.store
         if result.method.name != CONSTANT and known is not None:
@@ -72,11 +68,12 @@ def verdict_facts(run: SavedRun, protocol: str, leaderboard: Path | None = None)
     return lines
 
 
-class _Row:
-    """A run of the leaderboard, and the name of its method's card."""
+class _Row(NamedTuple):
+    """A run of the leaderboard: its method's card, its result, its mean on this run's pairs."""
 
-    def __init__(self, name: str, result: Result) -> None:
-        self.name, self.result = name, result
+    name: str
+    result: Result
+    mean: float
 
 
 def _score(result: Result, protocol: str) -> Line:
@@ -105,12 +102,10 @@ def _means(pairs: Sequence[PairResult], protocol: str) -> tuple[dict[str, float 
     return means, "  ".join(texts)
 
 
-def _others(
-    result: Result, protocol: str, ids: Sequence[str], folder: Path
-) -> Iterator[tuple[_Row, float]]:
-    """Yield the rows on the same data that have a score for each of the pairs, and their means."""
+def _others(result: Result, protocol: str, ids: Sequence[str]) -> Iterator[_Row]:
+    """Yield the rows on the same data that have a score for each of the pairs."""
     stem = part_name(result.dataset.name)[0]
-    for file in sorted((folder / RESULTS).glob(f"{stem}-*/*.json")):
+    for file in sorted((leaderboard_folder() / RESULTS).glob(f"{stem}-*/*.json")):
         try:
             there = read_row(file).results_on(result.dataset.fingerprint)
         except ResultError:
@@ -123,7 +118,7 @@ def _others(
             found = [scores.get(name) for name in ids]
             mean = None if None in found else mean_of(found)
             if mean is not None:
-                yield _Row(file.stem, other), mean
+                yield _Row(file.stem, other, mean)
 
 
 def _constant(
@@ -170,27 +165,23 @@ def _kind(result: Result) -> str:
 
 
 def _best(
-    result: Result, own: float, metric: str, title: str, others: dict[_Row, float]
+    result: Result, own: float, metric: str, title: str, others: Sequence[_Row]
 ) -> dict[str, Line]:
     """Return the best row whose method was given as much; where there is none, the best of all."""
     label = method_label(result.method)
-    means = {
-        row: mean
-        for row, mean in others.items()
-        if row.name != CONSTANT and method_label(row.result.method) != label
-    }
-    if not means:
+    rows = [r for r in others if r.name != CONSTANT and method_label(r.result.method) != label]
+    if not rows:
         return {}
-    alike = [row for row in means if _kind(row.result) == _kind(result)]
-    best = min(alike or means, key=means.__getitem__)
+    alike = [row for row in rows if _kind(row.result) == _kind(result)]
+    best = min(alike or rows, key=lambda row: row.mean)
     given = _kind(best.result)
-    text = f"{best.name}: {title} {score_text(means[best])}"
+    text = f"{best.name}: {title} {score_text(best.mean)}"
     if alike:
-        text += f", given as much ({given}); {_beside(own, means[best])}"
+        text += f", given as much ({given}); {_beside(own, best.mean)}"
     else:
         text += f", but it was given {given}, and yours {_kind(result)}"
     facts = {"row": best.name, "given": given, "given_as_much": bool(alike)}
-    return {"best_row": facts | {metric: means[best], "text": text}}
+    return {"best_row": facts | {metric: best.mean, "text": text}}
 
 
 def _worst(
