@@ -292,17 +292,8 @@ def run(
     learned = None if fitted is None else Path(fitted)
     options = RunOptions(limit, keep_predictions, fresh, seed, learned)
     with _folder(out, str(store.path)) as folder:
-        done, calibration = evaluate(
-            method,
-            store,
-            split,
-            folder,
-            parameters,
-            options,
-            pool=pool,
-            check=check,
-            on_pair=on_pair,
-        )
+        evaluated = partial(evaluate, pool=pool, check=check, on_pair=on_pair)
+        done, calibration = evaluated(method, store, split, folder, parameters, options)
         note = None
         if calibration and fitted is None:
             pairs = training_pairs(store, split)[1], store.captures(split)
@@ -375,19 +366,13 @@ def run_tracks(
         for label in labels[1:]:
             stores[label] = built_track(plain, dataset, label, source, cache, shown)
         runs = {}
+        evaluated = partial(evaluate, given_blur=given_blur, check=check)
         name = method if isinstance(method, str) else repr(method)
         for label, store in stores.items():
             with shown(f"running {name} on {label}") as step:
-                runs[label], _ = evaluate(
-                    method,
-                    store,
-                    split,
-                    folder / label,
-                    parameters,
-                    options,
-                    given_blur,
-                    check=check,
-                    on_pair=step,
+                place = folder / label
+                runs[label], _ = evaluated(
+                    method, store, split, place, parameters, options, on_pair=step
                 )
             _require_some(runs[label].result)
             on_result(label, runs[label].result)
@@ -508,15 +493,10 @@ def run_transfer(
             for other in (own, *(name for name in stores if name != own)):
                 fitted = None if other == own else folder / own / own
                 options = RunOptions(keep_predictions=False, seed=seed, fitted=fitted)
+                store, place = stores[other], folder / own / other
                 with shown(f"fitted on {own}, on {other}") as step:
                     done, _ = evaluate(
-                        method,
-                        stores[other],
-                        split,
-                        folder / own / other,
-                        parameters,
-                        options,
-                        on_pair=step,
+                        method, store, split, place, parameters, options, on_pair=step
                     )
                 results[own, other] = done.result
                 on_result(f"{own} -> {other}", done.result)

@@ -22,13 +22,7 @@ from typer import Option
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from dfdbench.cli.screen import (
-    GOES_ON,
-    end_unread,
-    say,
-    say_stopped,
-    spell_out_what_cannot_be_shown,
-)
+from dfdbench.cli import screen
 from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory
 from dfdbench.statuses import INTERRUPTED, MISTAKE
 from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
@@ -183,10 +177,10 @@ class LazyGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
-            end_unread()
+            screen.end_unread()
         except KeyboardInterrupt as stopped:
             verb = self.verbs.get(ctx.invoked_subcommand)
-            say_stopped(stopped, GOES_ON if verb and verb.goes_on else "")
+            screen.say_stopped(stopped, screen.GOES_ON if verb and verb.goes_on else "")
             raise typer.Exit(INTERRUPTED) from None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -218,7 +212,7 @@ def version_option(
 
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
-    spell_out_what_cannot_be_shown()
+    screen.spell_out_what_cannot_be_shown()
     keep_quiet_of_abandoned_tasks()
     # Figures go into files: no variable names a screen for them.
     os.environ["MPLBACKEND"] = "agg"
@@ -229,22 +223,22 @@ def main() -> None:
             # Here and not at the interpreter's end, where a full disk can no longer be reported.
             sys.stdout.flush()
     except DfdbenchError as error:
-        say(f"error: {error}")
+        screen.say(f"error: {error}")
         sys.exit(MISTAKE)
     except UnicodeEncodeError as error:
         if "surrogates" not in error.reason:
             raise
         # A name may have come in by any option, argument, folder or variable.
         got = ascii(error.object)[:100]
-        say(f"error: {Problem('a name that is not UTF-8', got=got, fix='rename it')}")
+        screen.say(f"error: {Problem('a name that is not UTF-8', got=got, fix='rename it')}")
         sys.exit(MISTAKE)
     except BrokenPipeError:
-        end_unread()
+        screen.end_unread()
     except OSError as error:
         # No room, too long a name, a folder that is gone: it may have come in by any option.
         if not error.strerror or is_lack_of_memory(error):
             raise
-        say(f"error: {Problem(error.strerror, where=str(error.filename or ''))}")
+        screen.say(f"error: {Problem(error.strerror, where=str(error.filename or ''))}")
         sys.stderr.flush()
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             # What standard output still holds cannot be written either.

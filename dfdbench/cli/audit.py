@@ -74,7 +74,7 @@ def depths(
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
-    runs = [(place.parent if place.is_file() else place, load_result(place)) for place in places]
+    runs = [(_folder_of(place), load_result(place)) for place in places]
     labels = [method_label(result.method) for _, result in runs]
     found = []
     for (folder, result), label in zip(runs, labels, strict=True):
@@ -91,6 +91,10 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
             audits.depth_error_figure(title, found, store.manifest.depth.scale), figure
         )
     return tables
+
+
+def _folder_of(result: Path) -> Path:
+    return result.parent if result.is_file() else result
 
 
 def _constant(store: Dataset, result: Result) -> list[run_errors.DepthErrors]:
@@ -246,8 +250,6 @@ def coverage(
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     bound = cover.DensityBound(density_factor, density_floor)
     compare = partial(cover.compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
-    if result and result.is_dir():
-        result = result / RESULT
     run = load_result(result) if result else None
     named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
@@ -258,7 +260,7 @@ def coverage(
         saw = run.method.trained_on or run.method.fitted_on
         side, tested, known = sides_of_run(store, run.dataset.split, saw, train, fold)
         record = compare(side, tested, leaks=leaks_between(side, tested))
-        _answer_errors(store, run, result.parent, known, record, out, format)
+        _answer_errors(store, run, _folder_of(result), known, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
@@ -291,12 +293,11 @@ def _refuse_mixtures(
         (not each and run and tests, "a result says itself what tests", " and ".join(tests)),
         (run and {"--train", "--fold"} <= set(named), "a fold says what trains", "--train"),
     )
-    if problems := [
+    InputError.raise_if(
         Problem(what, fix=fix if fix.startswith("dfdbench") else f"leave out {fix}")
         for is_so, what, fix in wrong
         if is_so
-    ]:
-        raise InputError.of(problems)
+    )
 
 
 def _answer_each(

@@ -19,15 +19,7 @@ from typer import Argument, Option
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Facts, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import progress, say, show
-from dfdbench.datasets.catalog import (
-    Heading,
-    default_store,
-    find_manifest,
-    own_stores,
-    part_name,
-    place_of,
-    released_headings,
-)
+from dfdbench.datasets import catalog
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.statuses import NO
@@ -51,8 +43,8 @@ def list_datasets(
     from dfdbench.methods.registry import method_words, registered_methods
 
     sets = [
-        _listed(heading, heading.short, default_store(heading, cache).exists())
-        for heading in released_headings()
+        _listed(heading, heading.short, catalog.default_store(heading, cache).exists())
+        for heading in catalog.released_headings()
     ]
     sets += _own(cache)
     heads = ("name", "scenes", "pairs", "built", "")
@@ -76,7 +68,7 @@ def list_datasets(
     show(format, tables)
 
 
-def _listed(manifest: Heading | Manifest, name: str, built: bool) -> dict[str, object]:
+def _listed(manifest: catalog.Heading | Manifest, name: str, built: bool) -> dict[str, object]:
     counts = {"scenes": manifest.scene_count, "pairs": manifest.pair_count, "built": built}
     return {"name": name, "manifest": manifest.stem, **counts, "title": manifest.title}
 
@@ -90,7 +82,7 @@ def _cells(record: dict[str, object]) -> tuple[str, ...]:
 
 def _own(cache: Path | None) -> list[dict[str, object]]:
     """Return the records of the sets of one's own in the cache."""
-    found = own_stores(cache)
+    found = catalog.own_stores(cache)
     if not found:
         return []
     from dfdbench.datasets.dataset import Dataset
@@ -127,7 +119,7 @@ def verify(
     ]
     show(format, text="\n".join(lines), store=store.path, sound=found.sound, **asdict(found))
     if not found.sound:
-        usual = str(store.path) == str(default_store(store.manifest, cache))
+        usual = str(store.path) == str(catalog.default_store(store.manifest, cache))
         place = "" if usual else f" --store {store.path}"
         build = f"dfdbench build {store.manifest.short}{place}"
         say(
@@ -162,13 +154,13 @@ def clear_cache(
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
-    stems = {heading.short: heading.stem for heading in released_headings()}
+    stems = {heading.short: heading.stem for heading in catalog.released_headings()}
     known = {*KINDS, *stems, *(entry.name for entry in entries)}
     chosen = []
     for name in names or KINDS:
-        if name not in known and not part_name(name)[1]:
+        if name not in known and not catalog.part_name(name)[1]:
             raise unknown_name("entry of the cache", name, known)
-        stem = stems.get(name) or (name if name in known else find_manifest(name).stem)
+        stem = stems.get(name) or (name if name in known else catalog.find_manifest(name).stem)
         chosen += [
             e for e in entries if name in (e.kind, e.name) or e.name.split(".zarr")[0] == stem
         ]
@@ -204,17 +196,17 @@ def info(
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
     store = None
-    place = place_of(name, cache)
-    if place is None and find_manifest(name).find_scenes:
+    place = catalog.place_of(name, cache)
+    if place is None and catalog.find_manifest(name).find_scenes:
         # Only what was built knows its scenes.
-        usual = default_store(find_manifest(name), cache)
+        usual = catalog.default_store(catalog.find_manifest(name), cache)
         place = usual if usual.exists() else None
     if place:
         # A manifest shows all it knows without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 
         store = Dataset(place)
-    manifest = store.manifest if store else find_manifest(name)
+    manifest = store.manifest if store else catalog.find_manifest(name)
     if croissant:
         from dfdbench.datasets.croissant import croissant_text
 
@@ -342,7 +334,7 @@ def _show_manifest(manifest: Manifest, format: str, cache: Path | None) -> None:
         lines.append(f"  licence    {source.licence}")
     citations = dict.fromkeys(cite for source in manifest.sources for cite in source.citations)
     lines += [f"  cite       {citation}" for citation in citations]
-    place = default_store(manifest, cache)
+    place = catalog.default_store(manifest, cache)
     built = place.exists()
     lines.append(f"  store      {place} ({'built' if built else 'not built'})")
     store = {"path": place, "built": built}

@@ -119,18 +119,11 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
     records: list[dict[str, float | None]] = []
     for distance in (tick for tick in ticks if near <= tick <= far):
         width = float(lens.blur_radius(distance))
-        whole = int(lens.quantised_blur_radius(distance))
-        rows.append(
-            (
-                f"{distance:g}",
-                f"{width * 1e6:.2f}",
-                f"{width / lens.pixel_size:.2f}",
-                str(whole),
-                _resolution(lens, distance),
-            )
-        )
+        pixels, whole = width / lens.pixel_size, int(lens.quantised_blur_radius(distance))
         step = float(lens.depth_resolution(distance)) if distance >= lens.focus_distance else None
-        size = {"radius_m": width, "pixels": width / lens.pixel_size, "quantised": whole}
+        cells = (f"{distance:g}", f"{width * 1e6:.2f}", f"{pixels:.2f}", str(whole))
+        rows.append((*cells, _resolution_text(step)))
+        size = {"radius_m": width, "pixels": pixels, "quantised": whole}
         records.append({"distance_m": distance, **size, "resolution_m": step})
     sharp_near, sharp_far = lens.depth_of_field()
     far_text = "infinity" if np.isinf(sharp_far) else f"{sharp_far:.4f} m"
@@ -149,26 +142,19 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
     return Table(title, columns, tuple(rows), "rrrrr", notes, records=tuple(records))
 
 
-def _resolution(lens: ThinLens, distance: float) -> str:
-    if distance < lens.focus_distance:
+def _resolution_text(step: float | None) -> str:
+    if step is None:
         return "–"
-    step = float(lens.depth_resolution(distance))
     return "none" if np.isinf(step) else f"{step:.3f}"
 
 
 def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
     shown = ranked[:limit]
     distances = tuple(f"{distance:g}" for distance in shown[0].distances)
+    numbers = [(*pair.differences, pair.repeats, pair.span, pair.longest_run) for pair in shown]
     rows = tuple(
-        (
-            str(place),
-            pair.name,
-            *map(str, pair.differences),
-            str(pair.repeats),
-            str(pair.span),
-            str(pair.longest_run),
-        )
-        for place, pair in enumerate(shown, start=1)
+        (str(place), pair.name, *map(str, found))
+        for place, (pair, found) in enumerate(zip(shown, numbers, strict=True), start=1)
     )
     title = "absolute difference of the blur radii in pixels, by distance in metres"
     left = len(ranked) - len(shown)

@@ -16,12 +16,7 @@ from dfdbench.errors import InputError, SourceError, UnknownNameError, unknown_n
 from dfdbench.figures.camera import overlay_figure
 from dfdbench.results.output_place import output_place
 from dfdbench.rig import geometry, registration
-from dfdbench.simulation.board_scene import (
-    MOUNTED,
-    CaptureSettings,
-    write_captures,
-    write_lens_test,
-)
+from dfdbench.simulation import board_scene
 from dfdbench.tables.table import Format, Table, counted
 
 OVERLAY = "registration.png"
@@ -81,9 +76,7 @@ def _row(name: str, one: Registered) -> tuple[str, ...]:
 
 
 def _record(name: str, one: Registered) -> dict[str, object]:
-    found = {"agreement": None, "known_to": None, "boards": None}
-    if one.found:
-        found = {key: getattr(one.found, key) for key in found}
+    found = {key: getattr(one.found, key, None) for key in ("agreement", "known_to", "boards")}
     overlay = one.files.folder / OVERLAY
     return {"scene": name, "kept": one.found is None, **found, "moved": one.moved, "file": overlay}
 
@@ -109,7 +102,7 @@ def simulate_realworld(
     exposures: Annotated[str, Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
         str, Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
-    ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
+    ] = f"{board_scene.MOUNTED.yaw},{board_scene.MOUNTED.pitch},{board_scene.MOUNTED.roll}",
     workers: Annotated[int, Option(min=1, max=1024, help="Scenes made at once.")] = os.cpu_count()
     or 1,
     format: Facts = "table",
@@ -119,7 +112,7 @@ def simulate_realworld(
     manifest = find_manifest("realworld")
     capture = capture_of(manifest)
     names = chosen(scenes, "--scenes", manifest.scene_names)
-    settings = CaptureSettings(
+    settings = board_scene.CaptureSettings(
         chosen(steps, "--steps", capture.voltage_step),
         chosen(exposures, "--exposures", manifest.axes["exposure_ms"]),
         capture.frames,
@@ -129,7 +122,7 @@ def simulate_realworld(
     count = len(settings.steps) * len(settings.exposures) * settings.frames
     say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
     with writing(out), progress("simulating scenes") as step:
-        made = write_captures(out, names, capture, settings, workers, step)
+        made = board_scene.write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
     truth = out / "truth"
     text = f"simulated {counted(len(made), 'scene')}{kept}\ncaptures     {out}\n"
@@ -144,7 +137,7 @@ def simulate_lens(
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
     with writing(out):
-        count = write_lens_test(out)
+        count = board_scene.write_lens_test(out)
     show(format, text=f"simulated {count} images\ncaptures     {out}", images=count, captures=out)
     say(f"next         dfdbench rig optics sharpness {out}")
 

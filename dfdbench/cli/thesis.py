@@ -78,17 +78,8 @@ def experiment(
     default = Path("training") / f"{stem}-experiments" / f"{name}-{method}"
     folder = output_place(out or default, source, rows)
     start = find_weights(method, weights) if weights else None
-    planned = trials(
-        asked,
-        method,
-        store,
-        configs or config,
-        options.values_of(changes, "--set"),
-        folder,
-        chosen,
-        repeats,
-        start,
-    )
+    how, changed = configs or config, options.values_of(changes, "--set")
+    planned = trials(asked, method, store, how, changed, folder, chosen, repeats, start)
     tables, cards = run_trials(asked, planned, folder, limit, device, progress)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
     show(format, tables, folder=folder)
@@ -183,18 +174,10 @@ def reduce(
     name = Path(weights).stem + (f"-level{level}" if level else "")
     default = Path("training") / f"{store.path.stem}-reduction" / name
     folder = output_place(default if out is None else out, place)
+    on = find_device(device)
     with progress("training maps", "nothing was written") as bar:
         found = reduce_weights(
-            place,
-            store,
-            configuration,
-            split,
-            level,
-            rounds,
-            seed,
-            tuning,
-            find_device(device),
-            bar,
+            place, store, configuration, split, level, rounds, seed, tuning, on, bar
         )
     with writing(folder):
         found.write(folder)

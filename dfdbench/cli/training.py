@@ -185,25 +185,17 @@ def _tell(logs: str, weights: Path, run: str) -> None:
 
 def card_table(card: Card) -> Table:
     """Return what a training came to as a table."""
+    machine = f"{card.environment['processor']}, {card.environment['threads']} threads"
     rows = [
         ("parameters", f"{card.parameters:,}"),
         ("trained on", card.trained_on),
         ("steps", f"{card.steps:,}, ended by {card.ended_by}"),
-        (
-            "time",
-            f"{card.seconds:.0f} s on {card.environment['processor']}, "
-            f"{card.environment['threads']} threads",
-        ),
-        *(
-            (f"{name.upper()} on {card.scored_on}", f"{value:.4f}")
-            for name, value in card.scores.items()
-        ),
-        *(
-            (f"{name.upper()}, {protocol}", f"{value:.4f}")
-            for protocol, scores in card.further_scores.items()
-            for name, value in scores.items()
-        ),
+        ("time", f"{card.seconds:.0f} s on {machine}"),
     ]
+    scored = {f" on {card.scored_on}": card.scores}
+    scored |= {f", {protocol}": scores for protocol, scores in card.further_scores.items()}
+    for where, scores in scored.items():
+        rows += [(f"{name.upper()}{where}", f"{value:.4f}") for name, value in scores.items()]
     return Table(f"{card.method}, seed {card.seed}", ("what", "found"), tuple(rows), "ll")
 
 
