@@ -188,8 +188,7 @@ def make_tiny_set(folder: Path) -> None:
             for exposure in (0, 1):
                 image = random.integers(0, 256, (*shape, 3)).astype(np.uint8)
                 write_png(folder / "site" / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
-    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder / "site"), folder / "tiny.zarr")
+    store_of(TINY_TOML, folder / "site", folder / "tiny.zarr")
 
 
 def store_of(manifest: Manifest | str, folder: Path, place: Path) -> Dataset:

@@ -82,10 +82,10 @@ def photograph(seed: int, shape: tuple[int, int] = SHAPE) -> NDArray[np.uint8]:
     return np.asarray(np.clip(spread, 10, 240), np.uint8)
 
 
-def depth_in_millimetres(shape: tuple[int, int] = SHAPE) -> NDArray[np.uint16]:
+def depth_in_millimetres() -> NDArray[np.uint16]:
     """Return a floor from 1 to 4 m whose first two columns are missing."""
-    rows = np.linspace(4000, 1000, shape[0])[:, np.newaxis]
-    depth = np.repeat(rows, shape[1], axis=1).astype(np.uint16)
+    rows = np.linspace(4000, 1000, SHAPE[0])[:, np.newaxis]
+    depth = np.repeat(rows, SHAPE[1], axis=1).astype(np.uint16)
     depth[:, :2] = 0
     return depth
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from dfdbench.blur.recipe import RECIPES
@@ -10,6 +11,7 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.strict import Record
 
 Made = TypeVar("Made", bound=Record)
@@ -110,6 +112,16 @@ def make_demo_result(
         pairs=pairs,
         averages=average(pairs, list(protocols)),
     )
+
+
+def saved(folder: Path, *results: Result) -> list[SavedRun]:
+    """Runs without depth maps, whose files hold nothing: only their age is read."""
+    runs = []
+    for number, result in enumerate(results):
+        path = folder / f"{number}.json"
+        path.touch()
+        runs.append(SavedRun(path, result, None, "no depth maps"))
+    return runs
 
 
 def limited(result: Result, count: int) -> Result:

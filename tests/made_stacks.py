@@ -56,16 +56,13 @@ def blurred_to(sharp: Array, places: Array, focus: float, slope: float) -> Array
 
 
 def made_capture(
-    seed: int = 0,
-    focus: Sequence[float] = (30, 90, 150, 210),
-    slope: float = 0.03,
-    shape: tuple[int, int] = (80, 256),
-    with_infocus: bool = True,
+    seed: int = 0, focus: Sequence[float] = (30, 90, 150, 210), with_infocus: bool = True
 ) -> Any:
     """Return a capture whose depth rises from left to right, by less than a level a pixel."""
+    shape = (80, 256)
     sharp = texture(seed, *shape)
     levels = np.broadcast_to(np.linspace(20, 235, shape[1]).astype(np.uint8), shape).copy()
-    images = [blurred_to(sharp, levels, plane, slope) for plane in focus]
+    images = [blurred_to(sharp, levels, plane, 0.03) for plane in focus]
     return SimpleNamespace(
         stack=stack_of(images, focus, sharp if with_infocus else None),
         infocus=sharp,

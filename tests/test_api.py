@@ -59,9 +59,7 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
         dfdbench.open_run(tmp_path)
 
 
-def test_runs_compare_with_the_first(
-    done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) -> None:
     constant = dfdbench.run("constant", tiny_store)
     found = dfdbench.compare(done, constant, protocol="thesis")
     assert "constant" in repr(found)
@@ -69,15 +67,6 @@ def test_runs_compare_with_the_first(
     assert set(found.scores["run"]) == {0, 1}
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
-
-
-def test_depth_maps_are_scored(done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path) -> None:
-    for name, depth in done.predictions:
-        place = tmp_path / "maps" / f"{name}.npy"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        np.save(place, depth)
-    scored = dfdbench.score(tmp_path / "maps", tiny_store)
-    assert scored.to_frame("thesis")["nrmse"].equals(done.to_frame("thesis")["nrmse"])
 
 
 def test_a_data_set_shows_what_it_has(tiny_store: Dataset) -> None:
@@ -98,15 +87,3 @@ def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> 
     with pytest.warns(UserWarning, match="missing"):
         data = dfdbench.build(str(tmp_path / "tiny-1.toml"), tiny_folder, store=tmp_path / "t.zarr")
     assert len(data.captures()) < 11
-
-
-@pytest.mark.slow
-def test_a_run_over_tracks_is_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-    dfdbench.build("demo")
-    found = dfdbench.run_tracks(
-        "constant", "demo", "Kitchen", tracks=["gain"], out=tmp_path / "runs"
-    )
-    assert list(found.table("valid").index) == ["clean", "gain-1", "gain-2", "gain-3"]
-    assert set(found.scores["severity"]) == {0, 1, 2, 3}
-    assert dfdbench.open_run(tmp_path / "runs").scores.equals(found.scores)

@@ -150,32 +150,26 @@ def methods(quoted: Quoted, rows: list[list[str]]) -> Iterator[tuple[str, list[s
         words = re.sub(r"--param", " ", " ".join(re.findall(r"`(.+?)`", row[0]))).split()
         if not words:
             continue
-        if not row[0].startswith("the same"):
-            name, parameters = quoted.method, {}
-        elif len([word for word in words if "=" not in word]):
-            raise AssertionError(f"{row[0]}: the same, and yet another method")
-        given = dict(parameters)
-        for word in words:
-            if "=" in word:
-                before, _, value = word.partition("=")
-                given[before] = value
-            else:
-                name = word
-        if not row[0].startswith("the same"):
-            parameters = given
+        named = [word for word in words if "=" not in word]
+        given = dict(word.split("=", 1) for word in words if "=" in word)
+        if row[0].startswith("the same"):
+            assert not named, f"{row[0]}: the same, and yet another method"
+            given = parameters | given
+        else:
+            name, parameters = (named or [quoted.method])[-1], given
         yield key(name, given), row
 
 
 def expected(result: Result, column: Column, cell: str, scenes: list[str]) -> str:
-    def mean(of: list[str]) -> float | None:
-        pairs = [pair for pair in result.pairs if pair.scene in of]
-        return mean_of(pair.score(column.protocol, column.metric) for pair in pairs)
+    def of(*names: str) -> float | None:
+        pairs = [pair for pair in result.pairs if pair.scene in names]
+        return mean(pairs, column.protocol, column.metric)
 
-    by_scene = [score for scene in scenes if (score := mean([scene])) is not None]
+    by_scene = [score for scene in scenes if (score := of(scene)) is not None]
     over_scenes = f"{score_text(min(by_scene))} to {score_text(max(by_scene))}"
     if column.is_range:
         return over_scenes
-    alone = score_text(mean(scenes))
+    alone = score_text(of(*scenes))
     return f"{alone} ({over_scenes})" if "(" in cell else alone
 
 

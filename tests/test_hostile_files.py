@@ -105,31 +105,9 @@ def test_the_traps_go_off_where_they_are_read_carelessly(
     assert (tmp_path / "sprung").exists()
 
 
-def _weights(path: Path) -> object:
-    pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.methods.networks.weights import load_weights
-
-    return load_weights(path, "dfd-net")
-
-
-def _checkpoint(path: Path) -> object:
-    pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.training.trainer import TrainingFolder
-
-    return TrainingFolder(path.parent).load({})
-
-
-def _configuration(path: Path) -> object:
-    pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.training.configuration import read_configuration
-
-    return read_configuration(str(path))
-
-
-def _experiment(path: Path) -> object:
-    from dfdbench.training.experiments import find_experiment
-
-    return find_experiment(str(path))
+def nets(module: str) -> Any:
+    """Import a module that may need PyTorch."""
+    return pytest.importorskip(f"dfdbench.{module}", reason="needs the extra nets")
 
 
 #: The name that a file has, and what reads it.
@@ -148,10 +126,12 @@ READERS: dict[str, Callable[[Path], object]] = {
     "ranges.txt": read_ranges,
     "ranges.bin": read_ranges,
     FIT: lambda path: read_fit(path.parent),
-    "weights.safetensors": _weights,
-    "checkpoint.pt": _checkpoint,
-    "training.toml": _configuration,
-    "experiment.toml": _experiment,
+    "weights.safetensors": lambda path: nets("methods.networks.weights").load_weights(
+        path, "u-net"
+    ),
+    "checkpoint.pt": lambda path: nets("training.trainer").TrainingFolder(path.parent).load({}),
+    "training.toml": lambda path: nets("training.configuration").read_configuration(str(path)),
+    "experiment.toml": lambda path: nets("training.experiments").find_experiment(str(path)),
 }
 
 

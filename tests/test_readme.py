@@ -81,22 +81,17 @@ def test_the_tracks_commands_run(place: Path) -> None:
     assert "not given: a track" in say(place, "dfdbench info demo@camera-2").stdout
 
 
-def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    exec(blocks("docs/python.md", "python")[1], {})
-    (shown,) = re.findall(r"^print.*nrmse.*# (.+)$", blocks("docs/python.md", "python")[1], re.M)
-    assert capsys.readouterr().out == f"{shown}\n"
-
-
 @pytest.mark.usefixtures("place")
-def test_pairs_are_read_as_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    exec(blocks("docs/python.md", "python")[0], {})
-    assert capsys.readouterr().out == "54 (240, 320, 3) (32, 32) 3\n"
-
-
-@pytest.mark.usefixtures("place")
-def test_a_run_from_python_is_as_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    exec(blocks("docs/python.md", "python")[2], {})
-    assert capsys.readouterr().out == "2\n"
+@pytest.mark.parametrize(
+    ("block", "out"), [(0, "54 (240, 320, 3) (32, 32) 3"), (1, None), (2, "2")]
+)
+def test_the_python_examples_run(
+    block: int, out: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = blocks("docs/python.md", "python")[block]
+    exec(shown, {})
+    expected = out or re.findall(r"^print.*nrmse.*# (.+)$", shown, re.M)[0]
+    assert capsys.readouterr().out == f"{expected}\n"
 
 
 @pytest.mark.slow

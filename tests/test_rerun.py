@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from runpy import run_path
 from types import SimpleNamespace
@@ -36,20 +35,23 @@ def rerun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return found
 
 
-def recorder(commands: list[str], status: int = 0) -> Callable[..., SimpleNamespace]:
+@pytest.fixture
+def commands(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The commands that are asked for; none is run."""
+    asked = []
+
     def run(words: list[str], **options: Any) -> SimpleNamespace:
         assert options["timeout"] in (None, 90)
-        commands.append(" ".join(words[3:]))
-        return SimpleNamespace(returncode=status)
+        asked.append(" ".join(words[3:]))
+        return SimpleNamespace(returncode=0)
 
-    return run
+    monkeypatch.setattr(subprocess, "run", run)
+    return asked
 
 
 def test_every_card_runs_on_the_set_that_it_takes(
-    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    rerun: dict[str, Any], commands: list[str]
 ) -> None:
-    commands: list[str] = []
-    monkeypatch.setattr(subprocess, "run", recorder(commands))
     assert list(rerun["run_seed"]("7", 1.5)) == []
     run = "run --no-predictions --no-figures --dataset {} --submit --method {}"
     assert commands == [
@@ -61,10 +63,8 @@ def test_every_card_runs_on_the_set_that_it_takes(
 
 
 def test_each_ranking_of_a_row_is_run_as_it_was(
-    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    rerun: dict[str, Any], commands: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    commands: list[str] = []
-    monkeypatch.setattr(subprocess, "run", recorder(commands))
     monkeypatch.setitem(rerun, "_lacking", lambda name, split: "")
     row = Path("leaderboard/results/demo-1-test/wide.json")
     row.parent.mkdir(parents=True)

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import pytest
@@ -20,15 +19,6 @@ PACKAGES = {
     "leaderboard/": "dfdbench/rows/",
 }
 BUILT_FROM = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
-
-
-def require_backend() -> None:
-    try:
-        found = version("setuptools")
-    except PackageNotFoundError:
-        found = "0"
-    if int(found.partition(".")[0]) < 77:
-        pytest.skip("no setuptools of version 77 or newer to build with: install dfdbench[test]")
 
 
 def sources() -> list[str]:
@@ -57,17 +47,11 @@ def python(*arguments: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
-def wheel_of(source: Path, folder: Path) -> Path:
-    words = ("--no-deps", "--no-index", "--no-build-isolation", "--disable-pip-version-check")
-    python(sys.executable, "-m", "pip", "wheel", *words, "-w", folder, source, cwd=source)
-    (wheel,) = folder.glob("*.whl")
-    return wheel
-
-
 @pytest.fixture(scope="module")
 def clean_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the sources alone: what an earlier build left in the checkout must not help."""
-    require_backend()
+    reason = "no setuptools of version 77 or newer to build with: install dfdbench[test]"
+    pytest.importorskip("setuptools", minversion="77", reason=reason)
     tree = tmp_path_factory.mktemp("tree")
     for name in (*BUILT_FROM, *sources()):
         target = tree / name
@@ -78,7 +62,11 @@ def clean_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def wheel(clean_tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return wheel_of(clean_tree, tmp_path_factory.mktemp("wheel"))
+    folder = tmp_path_factory.mktemp("wheel")
+    words = ("--no-deps", "--no-index", "--no-build-isolation", "--disable-pip-version-check")
+    python(sys.executable, "-m", "pip", "wheel", *words, "-w", folder, clean_tree, cwd=clean_tree)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
 
 
 @pytest.fixture(scope="module")
@@ -100,24 +88,17 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def held_by(wheel: Path) -> set[str]:
+@pytest.mark.slow
+def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
-        return {name for name in archive.namelist() if ".dist-info/" not in name}
-
-
-def expected() -> set[str]:
-    return {
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert {"dfdbench/py.typed", "dfdbench/manifests/demo-1.toml"} <= held
+    assert held == {
         inside + name.removeprefix(folder)
         for name in sources()
         for folder, inside in PACKAGES.items()
         if name.startswith(folder)
     }
-
-
-@pytest.mark.slow
-def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
-    assert {"dfdbench/py.typed", "dfdbench/manifests/demo-1.toml"} <= held_by(wheel)
-    assert held_by(wheel) == expected()
 
 
 @pytest.mark.slow

@@ -6,15 +6,12 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record import load_result
-from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
-from tests.conftest import TINY_TOML, shared_data_folder
+from tests.conftest import TINY_TOML, store_of
 
 
 def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
@@ -109,24 +106,15 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
 LEARNED = """
 import numpy as np
 
-class Learned:
-    trained_on = "tiny-1, split train"
+class Elsewhere:
+    trained_on = "tiny-1, all but K2"
 
     def __call__(self, infocus, defocus):
         # Right wherever the depth is 100, far off elsewhere.
         return np.full(infocus.shape[:2], 100)
 
-class Elsewhere(Learned):
-    trained_on = "tiny-1, all but K2"
-
-class Apart(Learned):
+class Apart(Elsewhere):
     trained_on = "tiny-1, all but Two"
-
-class Untrained(Learned):
-    trained_on = None
-
-class Silent(Learned):
-    trained_on = "a lot of images"
 """
 
 
@@ -248,14 +236,10 @@ def test_an_empty_place_is_told(dfdbench: Command, uneven: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = shared_data_folder()
-    if folder is None:
-        pytest.skip("no shared Middlebury images: set DFDBENCH_SHARED_DATA")
-    manifest = find_manifest("middlebury-default")
+def middlebury(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("middlebury") / "middlebury-default-1.zarr"
-    build_store(manifest, open_source(manifest, folder / "middlebury"), path, pool=Threads(2))
-    return str(path)
+    manifest = find_manifest("middlebury-default")
+    return str(store_of(manifest, shared_data / "middlebury", path).path)
 
 
 @pytest.mark.slow

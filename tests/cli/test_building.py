@@ -7,12 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
-from dfdbench.datasets.manifest_file import parse_manifest
 from tests.cli.command import Command
 from tests.cli.conftest import BELOW
-from tests.conftest import TINY_TOML
+from tests.conftest import TINY_TOML, store_of
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
@@ -64,8 +61,7 @@ main()
 
 @pytest.mark.slow
 def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_path: Path) -> None:
-    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    whole = build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "whole.zarr")
+    whole = store_of(TINY_TOML, tiny_folder, tmp_path / "whole.zarr")
     store = tmp_path / "tiny.zarr"
     arguments = ["build", tiny_toml, "--store", str(store), "--source", str(tiny_folder)]
     stopped = python("-c", STOPPED, *arguments, "--workers", "1")
@@ -146,7 +142,7 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "file of that name is there" in dfdbench("new-dataset", str(folder)).err
     built = dfdbench.fine("build mine-1.toml --source", str(folder))
     assert "built mine-1: 4 pairs of 4 scenes" in built.out
-    assert "what the source found out" in dfdbench("info", store_of(built.out)).out
+    assert "what the source found out" in dfdbench("info mine").out
     ran = dfdbench.fine("run --method mymodule:predict --dataset mine-1.toml")
     assert "protocol valid" in ran.out
     assert "train (own): 3 pairs" in dfdbench("info mine-1.toml").out
@@ -164,10 +160,6 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "valid" in Path("page/report.md").read_text("utf-8")
 
 
-def store_of(told: str) -> str:
-    return next(line.split()[1] for line in told.splitlines() if line.startswith("store"))
-
-
 def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "mine")
     assert dfdbench("new-dataset", str(folder)).status == 0
@@ -176,10 +168,8 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     cv2.imwrite(str(folder / "door/depth.png"), metres // 1000)
     image = np.asarray(cv2.imread(str(folder / "lamp/sharp.png")))
     cv2.imwrite(str(folder / "lamp/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
-    built = dfdbench("build mine-1.toml --source", str(folder))
-    assert built.status == 2
+    built = dfdbench.refused("1. a file is missing", "build mine-1.toml --source", str(folder))
     assert "built mine-1: 2 pairs of 2 scenes" in built.out
-    assert "1. a file is missing" in built.err
     assert "another unit, or other bounds" in built.err
     assert "depth_unit = 1 (metres)" in built.err
     assert "lamp/sharp.png: the defocus image is the sharper one" in built.err
@@ -191,11 +181,9 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
 def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_zedd(tmp_path / "ZEDD", scenes=2)
     (folder / "val/val_0002/gt/depth.npy").unlink()
-    built = dfdbench("build zedd --source", str(folder))
-    assert built.status == 2
-    assert "built zedd-1: 5 pairs of 1 scene" in built.out
     # A scene that is not there is one line, and not one for each of its files.
-    assert "47 files are missing" in built.err
+    built = dfdbench.refused("47 files are missing", "build zedd --source", str(folder))
+    assert "built zedd-1: 5 pairs of 1 scene" in built.out
     assert "1. a file is missing" in built.err
     Path("stacks.py").write_text(PEAK)
     for method in ("stacks:predict", "mymodule:predict"):
@@ -217,12 +205,11 @@ def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_
     assert depth.shape == floor().shape
     assert set(np.unique(depth)) <= {np.float32(metres) for metres in MOTORS.values()}
     Path("levels.py").write_text("def predict(stack): return stack.values[0, ..., 0]")
-    refused = dfdbench("predict", "stacks", "--method", "levels:predict", "--out", "levels.zip")
-    assert refused.status == 2
-    assert "answers in levels" in refused.err
+    levels = "predict stacks --method levels:predict --out levels.zip"
+    dfdbench.refused("answers in levels", levels)
     shutil.copytree("stacks/test_0001/aperture28", "stacks/test_0001/aperture14")
-    refused = dfdbench("predict", "stacks", "--method", "stacks:predict", "--out", "twice.zip")
-    assert "would be zedd_output_0001.npy, too" in refused.err
+    twice = "predict stacks --method stacks:predict --out twice.zip"
+    dfdbench.refused("would be zedd_output_0001.npy, too", twice)
     assert [path.name for path in Path().glob("*.zip")] == ["zedd.zip"]
 
 

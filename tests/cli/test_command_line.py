@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.cli import Verb
 from tests.cli.command import Command
 from tests.cli.test_optics import BLUR
 from tests.conftest import TINY_TOML, write_png
 from tests.fuzz.arguments import of_type, verbs
 from tests.made_folder import make_folder
-from tests.process import shell
+from tests.process import python, shell
 
 
 @pytest.mark.parametrize(
@@ -109,3 +110,58 @@ def test_a_full_disk_is_told() -> None:
 @pytest.mark.parametrize("verb", ["list --cache", "info", "report"])
 def test_a_name_too_long_for_the_file_system_is_told(dfdbench: Command, verb: str) -> None:
     dfdbench.refused("too long", verb, "x" * 300 + ".toml")
+
+
+#: What is imported by nothing that only looks: the command line starts quickly.
+HEAVY = ("scipy", "numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage", "pandas")
+
+PROGRAM = f"""
+import os, sys
+from dfdbench.cli import main
+sys.argv = ["dfdbench", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+heavy = [*{HEAVY!r}, *os.environ["TOO"].split()]
+print("imported:", *(name for name in heavy if name in sys.modules))
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "too"),
+    [
+        ("--version", "numpy pydantic rich"),
+        ("--help", "numpy pydantic rich"),
+        ("audit --help", "numpy pydantic rich"),
+        ("build --help", ""),
+        ("run --help", ""),
+        ("list", "numpy"),
+        ("info demo", "numpy"),
+        ("info demo --pairs test", "numpy"),
+    ],
+)
+def test_what_only_looks_imports_nothing_heavy(line: str, too: str) -> None:
+    done = python("-c", PROGRAM, *line.split(), TOO=too)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "imported:"
+
+
+@pytest.mark.parametrize(
+    ("verb", "told"),
+    [("run", "stopped; the same command goes on from here\n"), ("report", "stopped\n")],
+)
+def test_ctrl_c_anywhere_in_a_verb_is_told(
+    dfdbench: Command, monkeypatch: pytest.MonkeyPatch, verb: str, told: str
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Verb, "load", stopped)
+    done = dfdbench(verb)
+    assert (done.status, done.err) == (130, told)
+
+
+@pytest.mark.parametrize(("verb", "near"), [("bild", ". Did you mean build?"), ("no-such", "")])
+def test_an_unknown_verb_is_told_with_the_near_one(dfdbench: Command, verb: str, near: str) -> None:
+    dfdbench.refused(f"No such command '{verb}'{near}", verb, "demo")

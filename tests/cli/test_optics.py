@@ -25,6 +25,14 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
     assert Path("a.png").exists()
 
 
+def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
+    assert "46 images" in dfdbench("rig simulate lens --out dots").out
+    measured = dfdbench.fine("rig optics sharpness dots")
+    assert "54.75" in measured.out
+    assert "going down" in measured.out
+    assert {path.name for path in Path("sharpness").iterdir()} == {"temperature.png", "voltage.png"}
+
+
 PIXEL = "--pixel 4.8um"
 
 

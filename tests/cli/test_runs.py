@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dfdbench as package
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import load_result
 from tests.board.made_boards import make_folder
@@ -16,8 +17,8 @@ def test_the_whole_way(
     dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
 ) -> None:
     store = str(tmp_path / "tiny.zarr")
-    built = dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
-    assert (built.status, "11 pairs" in built.out) == (0, True)
+    built = dfdbench.fine("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
+    assert "11 pairs" in built.out
     ran = dfdbench.fine("run --method mymodule:predict --dataset", store)
     assert "NRMSE ↓" in ran.out
     assert "predicting" not in ran.out.replace("printed", "")
@@ -89,9 +90,7 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
 @pytest.mark.usefixtures("demo_built")
 def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(dfdbench: Command) -> None:
     words = "--method mymodule:nan --dataset demo --split Market"
-    failed = dfdbench(f"tracks {words} --track gain")
-    assert failed.status == 2
-    assert "it failed on every pair of demo-1" in failed.err
+    dfdbench.refused("it failed on every pair of demo-1", f"tracks {words} --track gain")
     assert not Path("results/demo-1-tracks-Market/mymodule-nan/gain-1").exists()
     ran = dfdbench(f"run {words} --limit 1 --no-figures")
     assert ran.err.endswith("next         dfdbench check-method mymodule:nan\n")
@@ -121,6 +120,9 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
     assert sorted(path.parent.name for path in folder.glob("*/result.json")) == labels
     told = [line.split() for line in first.err.splitlines()]
     assert [words[0] for words in told if words[1:2] == ["NRMSE"]] == labels
+    opened = package.open_run(folder)
+    assert list(opened.table("valid").index) == labels
+    assert set(opened.scores["severity"]) == {0, 1, 2, 3}
     written = {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels}
     assert dfdbench(*words).status == 0
     assert {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels} == written
@@ -161,5 +163,4 @@ def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store
     best = tuned.err.rpartition("--param smoothing=")[2].strip()
     assert best in {"1", "2.5"}
     assert best in tuned.out.splitlines()[4]
-    refused = dfdbench("tune --method constant --dataset", place)
-    assert (refused.status, "nothing to try" in refused.err) == (2, True)
+    dfdbench.refused("nothing to try", "tune --method constant --dataset", place)

@@ -89,7 +89,7 @@ def test_a_sigma_is_scored_kept_drawn_and_scored_again(
 
 
 def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
-    dfdbench: Command, tiny_store: Dataset, tmp_path: Path
+    dfdbench: Command, tiny_store: Dataset
 ) -> None:
     store = str(tiny_store.path)
     entries = []

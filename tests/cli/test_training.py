@@ -52,8 +52,7 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Dataset) ->
     assert beside.read_text() == "keep"
     Path("other").mkdir()
     Path("other/precious.txt").write_text("keep")
-    taken = dfdbench(*train, "--out", "other", "--fresh")
-    assert taken.status == 2
+    dfdbench.refused("something else than a training", *train, "--out", "other", "--fresh")
     assert Path("other/precious.txt").read_text() == "keep"
 
 
@@ -91,28 +90,20 @@ def test_what_is_no_duration_is_told(text: str) -> None:
 
 
 @pytest.mark.slow
-def test_train_volume_net_on_a_data_set_then_run(dfdbench: Command, demo_store: Dataset) -> None:
-    store = ["--dataset", str(demo_store.path)]
-    quick = ["--set", "steps=2", "--threads", "1"]
-    done = dfdbench.fine("train volume-net", *store, *quick)
-    assert "demo-1, split train" in done.out
-    folder = Path("training/demo-1-train/volume-net")
+@pytest.mark.usefixtures("demo_built")
+@pytest.mark.parametrize(("network", "track"), [("volume-net", ""), ("stack-net", "@stack-3")])
+def test_train_on_a_data_set_then_run(dfdbench: Command, network: str, track: str) -> None:
+    if track:
+        dfdbench.fine(f"build demo{track}")
+    done = dfdbench.fine(f"train {network} --dataset demo{track} --set steps=2 --threads 1")
+    assert f"demo-1{track}, split train" in done.out
+    folder = Path(f"training/demo-1{track}-train/{network}")
     assert " ".join(sorted(path.name for path in folder.iterdir())) == (
         "checkpoint.pt losses.csv training.png weights.md weights.safetensors"
     )
     assert "ended by its number of steps" in done.out
     weights = f"weights={folder / 'weights.safetensors'}"
-    dfdbench.fine("run --method volume-net --limit 1 --param", weights, *store)
-
-
-@pytest.mark.slow
-def test_train_stack_net_on_a_stack_then_run(dfdbench: Command, demo_store: Dataset) -> None:
-    dfdbench.fine("build demo@stack-3")
-    quick = ["--set", "steps=2", "--threads", "1"]
-    done = dfdbench.fine("train stack-net --dataset demo@stack-3", *quick)
-    assert "ended by its number of steps" in done.out
-    weights = "weights=training/demo-1@stack-3-train/stack-net/weights.safetensors"
-    dfdbench.fine("run --method stack-net --dataset demo@stack-3 --limit 1 --param", weights)
+    dfdbench.fine(f"run --method {network} --dataset demo{track} --limit 1 --param", weights)
 
 
 def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:

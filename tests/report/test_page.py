@@ -15,20 +15,14 @@ from dfdbench.errors import UnknownNameError
 from dfdbench.report import page
 from dfdbench.results.record import Result
 from dfdbench.results.saved_run import SavedRun
-from tests.made_results import limited, make_result
+from tests.made_results import limited, make_result, saved
 from tests.report.conftest import HOSTILE
 
 PAIRS = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1}
 
 
 def gathered(folder: Path, *results: Result, protocol: str = "thesis") -> page.Content:
-    runs = []
-    for number, result in enumerate(results):
-        path = folder / f"{number}.json"
-        # Only its age is read.
-        path.touch()
-        runs.append(SavedRun(path, result, None, "no depth maps"))
-    return page.gather(runs, protocol)
+    return page.gather(saved(folder, *results), protocol)
 
 
 def test_runs_of_one_data_set_are_one_section_best_first(tmp_path: Path) -> None:

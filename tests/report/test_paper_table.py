@@ -5,24 +5,13 @@ import pytest
 from dfdbench.errors import UnknownNameError
 from dfdbench.report.paper_table import paper_tables
 from dfdbench.results.record import Result
-from dfdbench.results.saved_run import SavedRun
 from dfdbench.tables.render import as_latex
 from dfdbench.tables.table import Marked
-from tests.made_results import limited, make_demo_result
+from tests.made_results import limited, make_demo_result, saved
 
 
 def scored(value: float, name: str) -> Result:
     return make_demo_result(lambda _: value, name)
-
-
-def saved(folder: Path, *results: Result) -> list[SavedRun]:
-    runs = []
-    for number, result in enumerate(results):
-        path = folder / f"{number}.json"
-        # Of two runs of a method the newer file counts.
-        path.touch()
-        runs.append(SavedRun(path, result, None, ""))
-    return runs
 
 
 def test_the_best_of_each_metric_is_marked_and_the_data_are_named(tmp_path: Path) -> None:
@@ -56,11 +45,8 @@ def test_an_incomplete_run_shows_what_it_has_and_is_not_marked(tmp_path: Path) -
 
 def test_columns_are_chosen_and_other_data_is_another_table(tmp_path: Path) -> None:
     other = make_demo_result(lambda _: 0.1, fingerprint="5" * 64)
-    tables = paper_tables(
-        saved(tmp_path, make_demo_result(lambda _: 0.1), other),
-        "valid",
-        ["seconds", "ssim", "seconds"],
-    )
+    runs = saved(tmp_path, make_demo_result(lambda _: 0.1), other)
+    tables = paper_tables(runs, "valid", ["seconds", "ssim", "seconds"])
     labels = [table.label for table in tables]
     assert labels == ["demo-1 test valid 22222222", "demo-1 test valid 55555555"]
     assert [table.columns[2:] for table in tables] == [("seconds per pair", "SSIM ↑")] * 2
