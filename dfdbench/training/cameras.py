@@ -5,6 +5,8 @@ Crops of them, a learning rate along a cosine, and weights that are the mean ove
 
 from __future__ import annotations
 
+import copy
+import io
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,16 +23,12 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
-from dfdbench.methods.networks.weights import (
-    Card,
-    build_network,
-    load_weights,
-    save_weights,
-    weights_sha256,
-)
+from dfdbench.methods.networks.weights import Card, load_weights, save_weights, weights_sha256
+from dfdbench.system.files import write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import precision_for
-from dfdbench.training.learner import DivergedError, EndedBy
+from dfdbench.training.learner import EndedBy
+from dfdbench.training.task import descend, seeded_network
 from dfdbench.training.trainer import WEIGHTS, Log, Row, TrainingFolder, card_of, drive
 
 E = TypeVar("E")
@@ -107,6 +105,13 @@ def set_examples(
     """
     stem = store.manifest.stem
     return {stem: course.of_captures(store.captures(split))}, f"{stem}, split {split}"
+
+
+def keep_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays by name into an ``.npz`` file, whole or not at all."""
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, **arrays)
+    write_whole(path, content.getvalue())
 
 
 def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
@@ -304,16 +309,12 @@ class _Learner(Generic[E]):
             expected = f"{course.multiple} pixels or more"
             raise InputError(what, where=course.method, expected=expected)
         self.started_from = ""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            self.network, self.averaged = (
-                build_network(course.method, dict(course.architecture)) for _ in range(2)
-            )
+        self.network = seeded_network(course.method, course.architecture, seed)
         if start is not None:
             network, card = load_weights(start, course.method)
             self.network.load_state_dict(network.state_dict())
             self.started_from = f"{card.trained_on}, {card.steps:,} steps"
-        self.averaged.load_state_dict(self.network.state_dict())
+        self.averaged = copy.deepcopy(self.network)
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.AdamW(
             self.network.parameters(), RATE, weight_decay=_DECAY, fused=True
@@ -330,14 +331,10 @@ class _Learner(Generic[E]):
         """Do one step, of so much of the time; return its learning rate and its loss."""
         part = max(self.step / self.steps, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
-        for group in self._optimizer.param_groups:
-            group["lr"] = rate * min(1.0, (self.step + 1) / WARM_UP)
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)
-        self._optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
-        self._optimizer.step()
         self.step += 1
+        warm = rate * min(1.0, self.step / WARM_UP)
+        value = descend(self._optimizer, loss, warm, self.step, _CLIP)
         # The first weights are soon forgotten.
         part = 1 / min(self.step / 20 + 1, _AVERAGED)
         with torch.no_grad():
@@ -345,9 +342,6 @@ class _Learner(Generic[E]):
                 self.averaged.parameters(), self.network.parameters(), strict=True
             ):
                 kept.lerp_(now, part)
-        value = float(loss.detach())
-        if not np.isfinite(value):
-            raise DivergedError(f"the loss became {value}", where=f"step {self.step}")
         return rate, value
 
     def levels(self) -> list[Row]:

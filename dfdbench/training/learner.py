@@ -14,18 +14,19 @@ from torch.nn import functional
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import start_from_differences
-from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import load_weights, weights_sha256
 from dfdbench.system.text import require_same
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.task import (
     PROTOCOL,
     Task,
+    descend,
     evenly_spaced,
     mean_scores,
     require_trainable,
+    seeded_network,
     training_tracks,
 )
 
@@ -234,10 +235,6 @@ def _rounding(values: NDArray[np.float64]) -> float:
     return float(1e-12 * max(1.0, np.abs(values).max()))
 
 
-class DivergedError(InputError):
-    """A training whose loss became NaN or infinite."""
-
-
 class Learner:
     """A network in training: each call of `learn` draws patches and changes the weights.
 
@@ -313,20 +310,13 @@ class Learner:
         self.trained += count_levels(levels)
         pixels = pixels.to(self._device, memory_format=torch.channels_last)
         rate = self.schedule.rate
-        for group in self._optimizer.param_groups:
-            group["lr"] = rate
         self.network.train(self._choices.normalization == "batch")
         bf16 = self._choices.precision == "bf16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
             logits = self.network(pixels)
         loss = self._loss(logits, levels.to(self._device))
-        self._optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        self._optimizer.step()
-        value = float(loss.detach())
-        if not np.isfinite(value):
-            fix = "lower learning_rate and start over with --fresh"
-            raise DivergedError(f"the loss became {value}", where=f"step {self.step + 1}", fix=fix)
+        fix = "lower learning_rate and start over with --fresh"
+        value = descend(self._optimizer, loss, rate, self.step + 1, fix=fix)
         self.step += 1
         self.schedule.after(self.step, value)
         return rate, value
@@ -377,11 +367,7 @@ class Learner:
 
 def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
     if task.start is None:
-        # PyTorch's own initial values; its global generator is left as it was.
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(task.seed)
-            network = build_network(task.method, architecture)
-        return network, ""
+        return seeded_network(task.method, architecture, task.seed), ""
     network, card = load_weights(task.start, task.method)
     architecture["channel_means"] = card.architecture["channel_means"]
     what = "the weights are of another network"

@@ -1,8 +1,8 @@
-"""What is trained on what, and how its validation pairs are scored."""
+"""What is trained on what, how its validation pairs are scored, and what a step of it does."""
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.tracks import OF_PATCHES
@@ -254,3 +254,43 @@ def mean_scores(
         defined = {name: [r[name] for r in rows if not math.isnan(r[name])] for name in METRICS}
         means[label] = {name: fmean(values) for name, values in defined.items() if values}
     return means
+
+
+class DivergedError(InputError):
+    """A training whose loss became NaN or infinite."""
+
+
+def descend(
+    optimizer: torch.optim.Optimizer,
+    loss: Tensor,
+    rate: float,
+    step: int,
+    clip: float | None = None,
+    fix: str = "",
+) -> float:
+    """Do a step at a learning rate, gradients clipped to a norm if one is given; return the loss.
+
+    Raises
+    ------
+    DivergedError
+        If the loss became NaN or infinite; `fix` is what to do about it.
+    """
+    for group in optimizer.param_groups:
+        group["lr"] = rate
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    if clip is not None:
+        every = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+        nn.utils.clip_grad_norm_(every, clip)
+    optimizer.step()
+    value = float(loss.detach())
+    if not np.isfinite(value):
+        raise DivergedError(f"the loss became {value}", where=f"step {step}", fix=fix)
+    return value
+
+
+def seeded_network(method: str, architecture: Mapping[str, Any], seed: int) -> nn.Module:
+    """Return a network of PyTorch's own initial values; its global generator is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return build_network(method, dict(architecture))

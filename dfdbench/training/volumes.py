@@ -1,8 +1,14 @@
-"""Train ``volume-net``: crops of examples, its loss and its error."""
+"""Train ``volume-net`` on what depths cost, of rendered rooms or of a data set's pairs.
+
+Rooms are seen by cameras that are each drawn, some by rays through a lens, some blurred by a drawn
+law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for any other camera.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,20 +16,255 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.blur.formation import form_pair
+from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
+from dfdbench.blur.tracks import Degradation, Formation, Track
+from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.rendered import FAR, FIRST_TRAIN, NEAR, PUBLIC_TRAIN
+from dfdbench.methods.calibration import calibrate_images
+from dfdbench.methods.choices import energy_of, shares_of
+from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
-from dfdbench.methods.volume_net import levels_of
-from dfdbench.training.cameras import Course, cut, loss_of, side_of, turned
-from dfdbench.training.volume_examples import (
-    COUNT,
-    HELD_OUT,
-    ROOMS,
-    TOLD_STEPS,
-    Example,
-    examples_of,
-    nats_of,
-    room_examples,
-)
+from dfdbench.methods.stacks import sharp_and_blurred
+from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
+from dfdbench.system.parallel import one_by_one
+from dfdbench.training.cameras import Course, cut, keep_arrays, loss_of, side_of, turned
+
+Array = NDArray[Any]
+
+#: What rendered rooms are called on a card.
+ROOMS = "rooms of unseen-0 from 1000 on, seen by random lenses"
+#: Levels of the volumes.
+COUNT = 32
+#: In so many steps of a nat it is kept how much can be told.
+TOLD_STEPS = 20
+#: Cameras by how their images come about, and rooms that each sees.
+LENSES, MADE, STACKS = (32, 12), (28, 8), (4, 6)
+#: Cameras that only test, and see rooms that no other does.
+HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
+# Rays a pixel: the law is fitted to what noise they leave.
+_RAYS = 32
+# Every so manieth lens focuses far inside, so that two depths have one blur: metres.
+_FAR_FOCUS, _FOCUS = 5, (1.0, 2.0)
+# The first of the cameras, whose numbers no scene's camera has.
+_FIRST_LENS, _FIRST_LAW = 5000, 77
+_PLANES = (5, 9, 3, 7)
+_SCALE = DepthScale(near=NEAR, far=FAR)
+
+
+@dataclass(frozen=True)
+class Example:
+    """One capture as the network sees it, and the truth.
+
+    Parameters
+    ----------
+    roots : ndarray of uint8, shape (level, y / 2, x / 2)
+        Roots of the costs, 255 for the largest.
+    paths : ndarray of uint8, shape (level, y / 2, x / 2)
+        Roots of the costs along paths.
+    told : ndarray of uint8, shape (y / 2, x / 2)
+        `TOLD_STEPS` times the logarithm of one more than what can be told.
+    guide : ndarray of float16, shape (y, x)
+    levels : ndarray of int16, shape (y, x)
+        -1 where the depth is not known.
+    prior : ndarray of float32, shape (level,)
+        By the other captures of the same camera.
+    """
+
+    roots: NDArray[np.uint8]
+    paths: NDArray[np.uint8]
+    told: NDArray[np.uint8]
+    guide: NDArray[np.float16]
+    levels: NDArray[np.int16]
+    prior: NDArray[np.float32]
+
+
+def nats_of(roots: Array) -> NDArray[np.float32]:
+    """Return the costs of which an example keeps the roots."""
+    return np.asarray(np.square(roots * np.float32(MOST**0.5 / 255)), np.float32)
+
+
+def roots_of(nats: Array) -> NDArray[np.uint8]:
+    """Return the roots that an example keeps of costs."""
+    return np.asarray(np.rint(np.sqrt(nats) * (255 / MOST**0.5)), np.uint8)
+
+
+def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
+    """Fit one camera's blur to its captures, and return each as an example.
+
+    Raises
+    ------
+    MethodError
+        If the blur cannot be fitted to them.
+    """
+    laws = [found.law for found in calibrate_images(captures)]
+    shares = np.stack([shares_of(capture) for capture in captures])
+    examples = []
+    for number, capture in enumerate(captures):
+        sharp, blurred = sharp_and_blurred(capture.stack)
+        volume, told = halved_costs(laws, sharp, blurred, COUNT)
+        others = np.delete(shares, number, axis=0) if len(shares) > 1 else shares
+        examples.append(
+            Example(
+                roots_of(volume),
+                roots_of(along_paths(volume)),
+                np.rint(np.minimum(TOLD_STEPS * np.log1p(told), 255)).astype(np.uint8),
+                guide_of(sharp).astype(np.float16),
+                np.where(capture.valid, capture.levels.astype(np.int16), np.int16(-1)),
+                -energy_of(others)[levels_of(COUNT)].astype(np.float32),
+            )
+        )
+    return examples
+
+
+def room_examples(
+    folder: Path, on_camera: Callable[[int, int], None] | None = None
+) -> dict[str, list[Example]]:
+    """Return examples of rendered rooms by camera; what the folder holds is not made again.
+
+    Parameters
+    ----------
+    folder : Path
+        Where each camera's examples are kept.
+    on_camera : callable, optional
+        Called with (cameras done, cameras in all).
+    """
+    makers: list[tuple[str, Callable[[int], list[Capture]], int]] = [
+        ("lens", _through_lens, LENSES[0]),
+        ("stack", _stacks, STACKS[0]),
+        ("law", lambda number: _by_law(folder, number), MADE[0]),
+    ]
+    cameras = [(name, make, number) for name, make, count in makers for number in range(count)]
+    found = {}
+    for name, make, number in one_by_one(cameras, on_camera):
+        path = folder / f"{name}-{number:02}.npz"
+        if not path.exists():
+            captures = make(number)
+            _keep(path, captures, examples_of(captures))
+        found[path.stem] = _kept(path)
+    return found
+
+
+def _through_lens(number: int) -> list[Capture]:
+    from dfdbench.simulation.unseen import draw_camera, render_pair  # they compile
+
+    camera = draw_camera(0, _FIRST_LENS + number)
+    if number % _FAR_FOCUS == _FAR_FOCUS - 1:
+        distance = round(float(np.random.default_rng(number).uniform(*_FOCUS)), 3)
+        camera = replace(camera, lens=replace(camera.lens, focus_distance=distance))
+    captures = []
+    for room in rooms_of("lens", number, LENSES[1]):
+        pair = render_pair(0, room, camera, _RAYS)
+        captures.append(_capture([pair.infocus, pair.defocus], _SCALE.to_levels(pair.depth)))
+    return captures
+
+
+def _stacks(number: int) -> list[Capture]:
+    from dfdbench.simulation.unseen import render_stack
+
+    captures = []
+    for room in rooms_of("stack", number, STACKS[1]):
+        stack = render_stack(number + 1, room, _PLANES[number], rays=_RAYS)
+        images, focus = [stack.infocus, *stack.images], [np.nan, *stack.focus_distances]
+        captures.append(_capture(images, _SCALE.to_levels(stack.depth), focus))
+    return captures
+
+
+def rooms_of(kind: str, number: int, count: int) -> list[int]:
+    """Return which rooms a camera sees, by the name of its images' kind and its number.
+
+    Examples
+    --------
+    >>> rooms_of("lens", 2, 3), rooms_of("lens", 3, 3)
+    ([1006, 1007, 1008], [1209, 1210, 1211])
+    """
+    first = FIRST_TRAIN + (PUBLIC_TRAIN if _only_tests(kind, number) else 0)
+    return [first + (number * count + place) % PUBLIC_TRAIN for place in range(count)]
+
+
+def sources_of(law: int) -> list[tuple[int, int]]:
+    """Return what a law blurs: numbers of lenses, and places of their rooms."""
+    tests = _only_tests("law", law)
+    lenses = [lens for lens in range(LENSES[0]) if _only_tests("lens", lens) == tests]
+    places = (law * MADE[1] * 3 + place * 11 + law for place in range(MADE[1]))
+    return [(lenses[at // LENSES[1] % len(lenses)], at % LENSES[1]) for at in places]
+
+
+def _only_tests(kind: str, number: int) -> bool:
+    return f"{kind}-{number:02}" in HELD_OUT
+
+
+def _by_law(folder: Path, number: int) -> list[Capture]:
+    """Blur in-focus photographs of the lenses' rooms by a drawn law, at stretched depths."""
+    random = np.random.default_rng(_FIRST_LAW + number)
+    how = Degradation(Track("random", 1, "", ("",), (_drawn(random),)), 1)
+    captures = []
+    for place, (camera, room) in enumerate(sources_of(number)):
+        with np.load(folder / f"lens-{camera:02}.npz") as lens:
+            infocus, levels = lens["infocus"][room], lens["depth"][room].astype(float)
+        low = random.uniform(1, 90)
+        high = random.uniform(max(low + 80, 150), 255)
+        share = (levels - levels.min()) / np.ptp(levels)
+        depth = np.rint(low + share * (high - low)).astype(np.uint8)
+        if random.random() < 0.5:  # in steps, as disparities are
+            step = random.integers(1, 4)
+            depth = np.maximum(depth // step * step, 1).astype(np.uint8)
+        name = f"training/{number}/{place}"
+        captures.append(_capture(form_pair(infocus, depth, RECIPES["published"], how, name), depth))
+    return captures
+
+
+def _drawn(random: np.random.Generator) -> Formation:
+    """Draw how images come about; half of the time a camera with linear light and noise."""
+    camera = random.random() < 0.5
+    formation = Formation(
+        sigma_min=float(random.uniform(0.8, 1.3)),
+        sigma_step=float(np.exp(random.uniform(np.log(0.6), np.log(1.8)))),
+        exponent=float(random.choice([8, 32] if camera else [2, 2, 3, 4, 8, 32])),
+        layers=bool(random.random() < 0.7) or camera,
+        shift=float(random.choice([0, 0, 0, 0.25, 0.5, 1.0])),
+        gain=float(random.choice([0, 0, 0, 0.02, 0.05, 0.1])),
+        noise=0.0 if camera else float(random.choice([0, 0, 1, 3, 6])),
+        linear=camera,
+        read_noise=float(np.exp(random.uniform(np.log(0.0007), np.log(0.012)))) if camera else 0.0,
+        magnification=float(random.choice([0, 0, 0, 0.002, 0.006, 0.012])),
+        lateral=float(random.choice([0, 0, 0.0004, 0.0008, 0.0016])),
+        longitudinal=float(random.choice([0, 0, 4.0, 8.0, 16.0])),
+    )
+    if camera:
+        formation = replace(formation, full_well=10 / formation.read_noise)
+        if random.random() < 0.4:
+            falloffs = ((0.0169, 0.0831), (0.0411, 0.1589), (0.2271, 0.1229))
+            formation = replace(formation, falloff=falloffs[int(random.integers(3))])
+    return formation
+
+
+def _capture(images: Sequence[Array], levels: Array, focus: Sequence[float] = ()) -> Capture:
+    roles: tuple[Role, ...] = ("infocus", *(PAIR[1] for _ in images[1:]))
+    facts = ImageFacts(roles, focus_depth=np.array(focus)) if focus else ImageFacts(roles)
+    return Capture(Pair("room", ()), np.stack(images), levels.astype(np.float32), facts)
+
+
+def _keep(path: Path, captures: Sequence[Capture], examples: Sequence[Example]) -> None:
+    arrays = {
+        name: np.stack([getattr(example, name) for example in examples])
+        for name in Example.__dataclass_fields__
+    }
+    arrays["infocus"] = np.stack([capture.infocus for capture in captures])
+    arrays["depth"] = np.stack([capture.levels for capture in captures])
+    keep_arrays(path, arrays)
+
+
+def _kept(path: Path) -> list[Example]:
+    with np.load(path) as arrays:
+        columns = {name: arrays[name] for name in Example.__dataclass_fields__}
+    return [
+        Example(**{name: column[place] for name, column in columns.items()})
+        for place in range(len(columns["levels"]))
+    ]
+
 
 #: How many crops a step has, and their rows and columns.
 CROPS, CROP = 3, 320

@@ -9,8 +9,7 @@ from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
 from dfdbench.training.cameras import loss_of, steps_of, train_on_cameras
-from dfdbench.training.volume_examples import COUNT, HELD_OUT, Example
-from dfdbench.training.volumes import DEPTHS, VOLUME_NET
+from dfdbench.training.volumes import COUNT, DEPTHS, HELD_OUT, VOLUME_NET, Example
 from tests.training.test_volumes import example
 
 train_volume_net = partial(train_on_cameras, VOLUME_NET)

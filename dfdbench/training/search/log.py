@@ -21,10 +21,9 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
 from dfdbench.system.files import hold, whole_files, write_whole
 from dfdbench.system.text import parse_json, require_same
-from dfdbench.training.learner import DivergedError
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
 from dfdbench.training.search.search_plan import SearchPlan
-from dfdbench.training.task import Task, evenly_spaced, mean_scores
+from dfdbench.training.task import DivergedError, Task, evenly_spaced, mean_scores
 from dfdbench.training.trainer import WEIGHTS, train
 
 #: Steps between scores on the way, which nobody looks at in thousands of trainings.
