@@ -122,7 +122,7 @@ def align_columns(values: Floats, beams: Beams) -> Floats:
 
     Parameters
     ----------
-    values : ndarray, shape (beam, column)
+    values : ndarray, shape (beam, column) or (beam, column, 3)
         One full turn.
     beams : Beams
         Where each row points.
@@ -134,7 +134,7 @@ def align_columns(values: Floats, beams: Beams) -> Floats:
     [[3.0, 1.0, 2.0], [2.0, 3.0, 1.0]]
     """
     rows = zip(values, beams.azimuth_index.tolist(), strict=True)
-    return np.stack([np.roll(row, index) for row, index in rows])
+    return np.stack([np.roll(row, index, axis=0) for row, index in rows])
 
 
 def crop_columns(values: Floats) -> Floats:

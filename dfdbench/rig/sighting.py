@@ -88,13 +88,8 @@ def board_rays(ranges: Floats, beams: Beams) -> Rays:
         If nothing in range is large enough to be a board.
     """
     columns = np.arange(ranges.shape[1])
-    directions = np.stack(
-        [
-            crop_columns(align_columns(part, beams))
-            for part in np.moveaxis(beam_directions(beams, columns, len(columns)), -1, 0)
-        ],
-        axis=-1,
-    )
+    directions = beam_directions(beams, columns, len(columns))
+    directions = crop_columns(align_columns(directions, beams))
     metres = crop_columns(align_columns(ranges, beams)) / 1000
     points = directions * metres[..., np.newaxis]
     labels, _ = ndimage.label(in_range(points[..., 2] * 1000))
@@ -137,8 +132,7 @@ def expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
         places[bottom[columns], columns],
         places[rows, first[rows]],
     )
-    lines = [cv2.fitLine(b.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01) for b in borders]
-    through = [(line[2:, 0].astype(np.float64), line[:2, 0].astype(np.float64)) for line in lines]
+    through = [_line_through(border) for border in borders]
     corners = [_crossing(through[side - 1], through[side]) for side in range(4)]
     return [(corners[side], corners[(side + 1) % 4]) for side in range(4)]
 
@@ -150,6 +144,12 @@ def _fit_plane(points: Floats) -> tuple[Floats, float]:
         normal = np.linalg.svd(chosen - middle, full_matrices=False)[2][2]
         chosen = points[np.abs((points - middle) @ normal) < _OFF_PLANE]
     return normal, float(middle @ normal)
+
+
+def _line_through(points: Floats) -> tuple[Floats, Floats]:
+    """Return a place on the line through most of some points, and the line's direction."""
+    line = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)[:, 0]
+    return line[2:].astype(np.float64), line[:2].astype(np.float64)
 
 
 def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Floats:
@@ -242,10 +242,10 @@ def _peak_near(slope: Floats, chosen: NDArray[np.int64]) -> Floats:
 
 
 def _fitted(edge: Floats, middle: Floats) -> Floats:
-    line = cv2.fitLine(edge.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)[:, 0]
-    inward = np.array([-line[1], line[0]], np.float64)
-    inward *= np.sign(inward @ (middle - line[2:]))
-    return np.array([inward[0], inward[1], -inward @ line[2:]])
+    place, along = _line_through(edge)
+    inward = np.array([-along[1], along[0]])
+    inward *= np.sign(inward @ (middle - place))
+    return np.array([*inward, -inward @ place])
 
 
 @dataclass(frozen=True)
