@@ -71,8 +71,12 @@ class DensityBound:
             raise InputError(f"a density floor is 0 to 1, not {self.floor}")
 
 
+#: The bound where nothing else is asked for.
+USUAL = DensityBound()
+
+
 def uncovered(
-    train: Counts, test: Counts, criterion: Criterion, bound: DensityBound | None = None
+    train: Counts, test: Counts, criterion: Criterion, bound: DensityBound = USUAL
 ) -> Mask:
     """Return which levels are not covered, for counts of shape (..., 256).
 
@@ -86,7 +90,6 @@ def uncovered(
     >>> np.flatnonzero(uncovered(train, test, Criterion.thesis)).tolist()
     [9]
     """
-    bound = bound or DensityBound()
     by_count = np.asarray(test > train)
     if criterion is Criterion.thesis:
         return by_count
@@ -195,7 +198,7 @@ class CoverageRecord(Record):
 def compare_depths(
     train: Side,
     test: Side,
-    bound: DensityBound | None = None,
+    bound: DensityBound = USUAL,
     criterion: Criterion = Criterion.either,
     allowed_share: float = 0.0,
     leaks: tuple[Leak, ...] = (),
@@ -206,7 +209,7 @@ def compare_depths(
     ----------
     train, test : Side
         From `dfdbench.audit.sides.sides_of`.
-    bound : DensityBound, optional
+    bound : DensityBound
         Of the density criterion.
     criterion : Criterion
         Decides whether the test is covered; the record has both.
@@ -221,7 +224,6 @@ def compare_depths(
         If the allowed share is outside 0..1.
     """
     check_allowance(allowed_share)
-    bound = bound or DensityBound()
     seen, tested = train.histogram, test.histogram
     by_criterion = {c: uncovered(seen.counts, tested.counts, c, bound) for c in Criterion}
     as_crops = {c: uncovered(seen.expanded, tested.expanded, c, bound) for c in Criterion}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import CoverageRecord, Verdict, leak_text
-from dfdbench.audit.sides import Mask, Side, as_ranges, range_text
+from dfdbench.audit.sides import Mask, Side, as_ranges, field_sums, range_text
 from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.dataset import Dataset
@@ -44,15 +44,11 @@ class LevelErrors:
     absolute: NDArray[np.float64]
     squared: NDArray[np.float64]
 
-    def __add__(self, other: LevelErrors) -> LevelErrors:
-        return LevelErrors(
-            self.pixels + other.pixels, self.absolute + other.absolute, self.squared + other.squared
-        )
-
     @classmethod
     def total(cls, parts: Iterable[LevelErrors]) -> LevelErrors:
         """Return the sum of several."""
-        return sum(parts, start=cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), np.zeros(LEVELS)))
+        none = cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), np.zeros(LEVELS))
+        return field_sums(none, *parts)
 
     def share(self, levels: Mask) -> float:
         """Return the share of the known pixels on some levels."""
@@ -315,8 +311,8 @@ def errors_as_json(
     )
 
 
-def _number(value: float) -> str:
-    return NOTHING if math.isnan(value) else f"{value:.2f}"
+def _number(value: float, digits: int = 2) -> str:
+    return NOTHING if math.isnan(value) else f"{value:.{digits}f}"
 
 
 _BAND = 16
@@ -444,19 +440,18 @@ def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors])
     )
     scale = store.manifest.depth.scale
     errors = {one.name: one.levels for one in found}
-    tables = [_table(f"{what}, in levels", errors, scale, note, "{:.2f}")]
+    tables = [_table(f"{what}, in levels", errors, scale, note, 2)]
     if scale is not None:
         metres = {one.name: one.metres for one in found if one.metres is not None}
-        tables.append(_table(f"{what}, in metres", metres, scale, note, "{:.3f}"))
+        tables.append(_table(f"{what}, in metres", metres, scale, note, 3))
     return tables
 
 
 def _table(
-    title: str, errors: dict[str, LevelErrors], scale: DepthScale | None, note: str, form: str
+    title: str, errors: dict[str, LevelErrors], scale: DepthScale | None, note: str, digits: int
 ) -> Table:
     def means(levels: Mask) -> list[str]:
-        found = [one.mean(levels) for one in errors.values()]
-        return [NOTHING if math.isnan(mean) else form.format(mean) for mean in found]
+        return [_number(one.mean(levels), digits) for one in errors.values()]
 
     first = next(iter(errors.values()))
     rows: list[tuple[str, ...]] = []

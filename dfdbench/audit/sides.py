@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ ORIENTATIONS = 8
 
 Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Summed = TypeVar("Summed")
 
 
 @dataclass(frozen=True)
@@ -53,14 +55,6 @@ class DepthHistogram:
         """Pixels with ground truth."""
         return int(self.counts.sum())
 
-    def __add__(self, other: DepthHistogram) -> DepthHistogram:
-        return DepthHistogram(
-            self.counts + other.counts,
-            self.expanded + other.expanded,
-            self.unknown + other.unknown,
-            self.pairs + other.pairs,
-        )
-
     def inverted(self) -> DepthHistogram:
         """Return the histogram of 255 - depth (Eq. 7.1)."""
         return DepthHistogram(self.counts[::-1], self.expanded[::-1], self.unknown, self.pairs)
@@ -68,7 +62,13 @@ class DepthHistogram:
     @classmethod
     def total(cls, parts: Iterable[DepthHistogram]) -> DepthHistogram:
         """Return the sum of histograms."""
-        return sum(parts, start=cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), 0, 0))
+        return field_sums(cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), 0, 0), *parts)
+
+
+def field_sums(first: Summed, *others: Summed) -> Summed:
+    """Return the record whose fields are the sums of those of several."""
+    columns = zip(*(vars(record).values() for record in (first, *others)), strict=True)
+    return type(first)(*(sum(column) for column in columns))
 
 
 def depth_histogram(depth: NDArray[np.uint8], valid: Mask, pairs: int = 1) -> DepthHistogram:

@@ -4,12 +4,12 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import Criterion, DensityBound, check_allowance, uncovered
+from dfdbench.audit.coverage import USUAL, Criterion, DensityBound, check_allowance, uncovered
 from dfdbench.audit.leaks import scene_hashes, scenes_alike
 from dfdbench.audit.sides import as_ranges, scene_histograms
 from dfdbench.datasets.dataset import Dataset
@@ -102,7 +102,7 @@ class Scenes:
     counts: NDArray[np.int64]
     groups: tuple[Group, ...]
     criterion: Criterion = Criterion.either
-    bound: DensityBound = field(default_factory=DensityBound)
+    bound: DensityBound = USUAL
     allowed: float = 0.0
 
     def __post_init__(self) -> None:
@@ -434,7 +434,7 @@ def propose(
     size: int | None,
     folds: int | None,
     criterion: Criterion = Criterion.either,
-    bound: DensityBound | None = None,
+    bound: DensityBound = USUAL,
     allowed: float = 0.0,
     seed: int = 0,
 ) -> Proposal:
@@ -461,7 +461,6 @@ def propose(
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])
-    bound = bound or DensityBound()
     scenes = Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allowed)
     settings = settings_of(store.manifest, store.fingerprint, scenes, seed)
     if size is not None:
@@ -519,7 +518,7 @@ def _proposed_folds(
 
 def _chosen_by(manifest: Manifest, scenes: Scenes, seed: int) -> str:
     said = f"criterion {scenes.criterion}, seed {seed}"
-    if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
+    if scenes.criterion is not Criterion.thesis and scenes.bound != USUAL:
         said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
         said += f", allowed share {scenes.allowed:g}"

@@ -17,15 +17,6 @@ from dfdbench.errors import InputError, StoreError, UnknownNameError
 from tests.conftest import TINY_TOML, store_of
 
 
-def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
-    depth = np.array([[0, 0, 9, 9, 80]], np.uint8)
-    once, thrice = (sides.depth_histogram(depth, depth > 0, pairs) for pairs in (1, 3))
-    assert (once.known, once.unknown) == (3, 2)
-    assert (thrice.counts == 3 * once.counts).all()
-    assert (thrice.unknown, thrice.pairs) == (6, 3)
-    assert once.counts[0] == 0
-
-
 def test_inverting_turns_every_level_round() -> None:
     depth = np.array([[4, 8, 250]], np.uint8)
     turned = sides.depth_histogram(255 - depth, depth > 0)

@@ -15,7 +15,6 @@ from dfdbench.audit.splits import (
     rank_tests,
     ranked_splits_table,
     settings_of,
-    split_fragment,
 )
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -166,11 +165,7 @@ def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
     }
 
 
-def test_fragments_complete_a_manifest() -> None:
-    own = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    fragment = split_fragment(own, ("Three",), ("One", "Two"), "why")
-    joined = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
-    assert len(joined.pairs("test-covered")) == 3
+def test_folds_complete_a_manifest() -> None:
     without = TINY_TOML[: TINY_TOML.index("[[folds]]")] + TINY_TOML[TINY_TOML.index("[[scenes]]") :]
     folds = folds_fragment(propose_folds(scenes(), 3)[0], "why")
     assert len(parse_manifest((without + folds).encode(), "tiny-1.toml").folds) == 3
