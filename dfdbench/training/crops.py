@@ -97,8 +97,9 @@ class PatchPlace:
     name: str = ""
 
 
+@dataclass(frozen=True)
 class Redraw:
-    """Gives a patch another depth map, and the defocus image that belongs to it.
+    """Gives a patch another depth map.
 
     Parameters
     ----------
@@ -112,41 +113,33 @@ class Redraw:
         The level that stays as it is.
     """
 
-    def __init__(
-        self, recipe: BlurRecipe, lowest: int, highest: int, tilt: float, unknown: int
-    ) -> None:
-        self._recipe = recipe
-        self._range = lowest, highest
-        self._tilt, self._unknown = tilt, unknown
-        #: Pixels around a patch that its blur depends on.
-        self.margin = margin_of(recipe)
+    recipe: BlurRecipe
+    lowest: int
+    highest: int
+    tilt: float
+    unknown: int
+
+    @property
+    def margin(self) -> int:
+        """Pixels around a patch that its blur depends on."""
+        return margin_of(self.recipe)
 
     def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
         """Draw a patch's slope down, its slope to the right and its mean level."""
-        down, right = random.uniform(-self._tilt, self._tilt, 2)
-        return float(down), float(right), float(random.uniform(*self._range))
-
-    def __call__(
-        self,
-        infocus: NDArray[np.uint8],
-        depth: NDArray[np.uint8],
-        chosen: tuple[float, float, float],
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Return another depth map, uint8 (y, x), and the image blurred by it, (y, x, 3)."""
-        redrawn = self.levels(depth, chosen)
-        return redrawn, synthesize(infocus, redrawn, self._recipe)
+        down, right = random.uniform(-self.tilt, self.tilt, 2)
+        return float(down), float(right), float(random.uniform(self.lowest, self.highest))
 
     def levels(
         self, depth: NDArray[np.uint8], chosen: tuple[float, float, float]
     ) -> NDArray[np.uint8]:
         """Return another depth map, uint8 (y, x)."""
-        known = depth != self._unknown
+        known = depth != self.unknown
         mean = depth[known].mean() if known.any() else 0.0
         down, right, level = chosen
         rows, columns = np.ogrid[: depth.shape[0], : depth.shape[1]]
         plane = down * (rows - depth.shape[0] / 2) + right * (columns - depth.shape[1] / 2)
         moved = depth + (level - mean) + plane
-        levels = np.clip(np.rint(moved), self._unknown + 1, LAST_LEVEL)
+        levels = np.clip(np.rint(moved), self.unknown + 1, LAST_LEVEL)
         return np.where(known, levels, depth).astype(np.uint8)
 
 
@@ -203,6 +196,7 @@ class RandomTracks:
         return form_pair(infocus, depth, self._recipe, degradation, f"training/{name}")
 
 
+@dataclass
 class Cropper:
     """Draws the patches of each step.
 
@@ -231,34 +225,26 @@ class Cropper:
         If a patch is larger than an image.
     """
 
-    def __init__(
-        self,
-        images: TrainingImages,
-        size: int,
-        count: int,
-        expansion: Expansion,
-        noise: float,
-        seed: int,
-        redraw: Redraw | None = None,
-        tracks: RandomTracks | None = None,
-    ) -> None:
-        self._margin = max(part.margin if part else 0 for part in (redraw, tracks))
-        self._tracks = tracks
+    images: TrainingImages
+    size: int
+    count: int
+    expansion: Expansion
+    noise: float
+    seed: int
+    redraw: Redraw | None = None
+    tracks: RandomTracks | None = None
+
+    def __post_init__(self) -> None:
+        self._margin = max(part.margin if part else 0 for part in (self.redraw, self.tracks))
         #: Rows and columns of each pair's images.
-        self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in images.levels)
-        require_crops_fit(size, self.shapes, self._margin)
-        self._images = images
-        self.size = size
-        self.count = count
-        self._expand = expansion == "eight"
-        self._to_draw = (0, 4, 6, 2) if expansion == "basic" else tuple(range(8))
-        self._noise = noise
-        self._seed = seed
-        self._redraw = redraw
+        self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in self.images.levels)
+        require_crops_fit(self.size, self.shapes, self._margin)
+        self._expand = self.expansion == "eight"
+        self._to_draw = (0, 4, 6, 2) if self.expansion == "basic" else tuple(range(8))
 
     def draw(self, step: int) -> tuple[Tensor, Tensor]:
         """Return pixels, float32 (n, 6, size, size), and levels, int64 (n, size, size)."""
-        random = np.random.default_rng((self._seed, step))
+        random = np.random.default_rng((self.seed, step))
         pixels, levels = [], []
         for place in self._places(random, step):
             patch, truth = self._patch(place)
@@ -266,14 +252,14 @@ class Cropper:
             pixels += [oriented(patch, orientation) for orientation in chosen]
             levels += [oriented(truth, orientation) for orientation in chosen]
         batch = torch.stack(pixels)
-        if self._noise:
+        if self.noise:
             drawn = random.standard_normal(batch.shape, np.float32)
-            batch = (batch + self._noise * torch.from_numpy(drawn)).clamp(0, 255)
+            batch = (batch + self.noise * torch.from_numpy(drawn)).clamp(0, 255)
         return batch, torch.stack(levels)
 
     def places(self, step: int) -> list[PatchPlace]:
         """Return where the patches of a step are taken from, without taking them."""
-        return self._places(np.random.default_rng((self._seed, step)), step)
+        return self._places(np.random.default_rng((self.seed, step)), step)
 
     def _places(self, random: np.random.Generator, step: int) -> list[PatchPlace]:
         places = []
@@ -285,31 +271,31 @@ class Cropper:
                 int(random.integers(extent - side + 1)) + self._margin
                 for extent in self.shapes[index]
             )
-            depth = self._redraw.choose(random) if self._redraw else None
+            depth = self.redraw.choose(random) if self.redraw else None
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
-            track = self._tracks.choose(random) if self._tracks else None
-            name = f"{self._seed}/{step}/{number}"
+            track = self.tracks.choose(random) if self.tracks else None
+            name = f"{self.seed}/{step}/{number}"
             places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
 
     def _patch(self, place: PatchPlace) -> tuple[Tensor, Tensor]:
         inner = tuple(slice(start, start + self.size) for start in (place.top, place.left))
         track = place.degradation
-        margin = self._tracks.margin_of(track) if self._tracks and track else self._margin
+        margin = self.tracks.margin_of(track) if self.tracks and track else self._margin
         around = tuple(
             slice(start - margin, start + self.size + margin) for start in (place.top, place.left)
         )
-        pixels, levels = self._images.pixels[place.index], self._images.levels[place.index]
-        if self._redraw is None or place.depth is None:
+        pixels, levels = self.images.pixels[place.index], self.images.levels[place.index]
+        if self.redraw is None or place.depth is None:
             return pixels[:, inner[0], inner[1]].float(), levels[inner].long()
         infocus = pixels[:3, around[0], around[1]].permute(1, 2, 0).contiguous().numpy()
         truth = levels[around]
         depth = truth.clamp(min=0).byte().numpy()
-        if self._tracks and track:
-            redrawn = self._redraw.levels(depth, place.depth)
-            infocus, defocus = self._tracks.form(infocus, redrawn, track, place.name)
+        redrawn = self.redraw.levels(depth, place.depth)
+        if self.tracks and track:
+            infocus, defocus = self.tracks.form(infocus, redrawn, track, place.name)
         else:
-            redrawn, defocus = self._redraw(infocus, depth, place.depth)
+            defocus = synthesize(infocus, redrawn, self.redraw.recipe)
         both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
         found = torch.from_numpy(redrawn).long()
         found[truth == IGNORED] = IGNORED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -22,6 +21,7 @@ from dfdbench.results.environment import describe_environment
 from dfdbench.system.files import read_as, whole_files, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
+from dfdbench.tables.render import as_csv
 from dfdbench.training.configuration import settled
 from dfdbench.training.crops import Cropper
 from dfdbench.training.learner import EndedBy, Learner
@@ -347,9 +347,5 @@ def _write(path: Path, rows: list[Row]) -> None:
     if not rows:
         path.unlink(missing_ok=True)
         return
-    text = io.StringIO()
-    names = dict.fromkeys(name for row in rows for name in row)
-    writer = csv.DictWriter(text, list(names), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(path, text.getvalue())
+    names = tuple(dict.fromkeys(name for row in rows for name in row))
+    write_whole(path, as_csv(names, [tuple(map(row.get, names)) for row in rows]))

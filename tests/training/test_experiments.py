@@ -1,3 +1,4 @@
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -6,6 +7,7 @@ import pytest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.training.experiments import (
+    Trial,
     experiment_table,
     experiments,
     find_experiment,
@@ -16,6 +18,13 @@ from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
 
 QUICK: dict[str, Any] = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 2}
+
+
+def planned(
+    name: str, store: Dataset, folder: Path, changes: Mapping[str, Any] = {}, **more: Any
+) -> list[Trial]:
+    asked = find_experiment(name)
+    return trials(asked, "dfd-net", store, "published", {**QUICK, **changes}, folder, **more)
 
 
 def test_the_thesis_experiments_are_there() -> None:
@@ -34,41 +43,29 @@ def test_the_thesis_experiments_are_there() -> None:
 
 
 def test_each_value_and_seed_is_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    noise, which = find_experiment("noise"), {"values": (0, 2), "repeats": 3}
-    found = trials(noise, "dfd-net", tiny_store, "published", QUICK, tmp_path, **which)  # type: ignore[arg-type]
+    found = planned("noise", tiny_store, tmp_path, values=(0, 2), repeats=3)
     names = [f"{value}-seed{seed}" for value in (0, 2) for seed in range(3)]
     assert [trial.folder.name for trial in found] == names
     assert [trial.task.configuration.noise for trial in found] == [0, 0, 0, 2, 2, 2]
-    folds = trials(
-        find_experiment("cross-validation"), "dfd-net", tiny_store, "published", QUICK, tmp_path
-    )
+    folds = planned("cross-validation", tiny_store, tmp_path)
     trained_on = [trial.task.trained_on for trial in folds]
     assert trained_on == ["tiny-1, all but K1", "tiny-1, all but K2"]
 
 
 def test_wrong_values_are_told_before_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    def planned(name: str, **more: Any) -> None:
-        changes = QUICK | more.pop("changes", {})
-        experiment = find_experiment(name)
-        trials(experiment, "dfd-net", tiny_store, "published", changes, tmp_path, **more)
-
-    with pytest.raises(InputError, match="noise"):
-        planned("noise", values=(1, -3))
-    with pytest.raises(InputError, match="varies the seed alone"):
-        planned("repeatability", values=(1,))
-    with pytest.raises(InputError, match="varies crop itself"):
-        planned("patch-size")
-    with pytest.raises(UnknownNameError, match="K1, K2"):
-        planned("cross-validation", values=("K9",))
+    for name, values, kind, told in (
+        ("noise", (1, -3), InputError, "noise"),
+        ("repeatability", (1,), InputError, "varies the seed alone"),
+        ("patch-size", None, InputError, "varies crop itself"),
+        ("cross-validation", ("K9",), UnknownNameError, "K1, K2"),
+    ):
+        with pytest.raises(kind, match=told):
+            planned(name, tiny_store, tmp_path, values=values)
 
 
 def test_a_training_that_has_ended_is_taken_over(tiny_store: Dataset, tmp_path: Path) -> None:
-    def one(**changes: Any) -> Any:
-        experiment = find_experiment("repeatability")
-        found = trials(
-            experiment, "dfd-net", tiny_store, "published", QUICK | changes, tmp_path, repeats=1
-        )
-        return found[0]
+    def one(**changes: Any) -> Trial:
+        return planned("repeatability", tiny_store, tmp_path, changes, repeats=1)[0]
 
     steps: list[int] = []
     first = run_trial(one(), None, "cpu", lambda step, total: steps.append(step))
@@ -80,8 +77,7 @@ def test_a_training_that_has_ended_is_taken_over(tiny_store: Dataset, tmp_path: 
 
 
 def test_time_that_was_too_short_is_given_more(tiny_store: Dataset, tmp_path: Path) -> None:
-    experiment = find_experiment("repeatability")
-    found = trials(experiment, "dfd-net", tiny_store, "published", QUICK, tmp_path, repeats=1)[0]
+    found = planned("repeatability", tiny_store, tmp_path, repeats=1)[0]
     assert run_trial(found, 1e-9, "cpu").steps == 1
     assert run_trial(found, 1e-9, "cpu").steps == 1
     assert run_trial(found, None, "cpu").steps == 2
@@ -102,32 +98,25 @@ def test_the_table_has_the_statistics_of_table_5_6() -> None:
 
 
 def test_both_expansions_get_as_many_examples_a_step(tiny_store: Dataset, tmp_path: Path) -> None:
-    changes = {**QUICK, "crops_per_step": 3}
-    asked = find_experiment("expansion")
-    assert asked.values == ("basic", "eight")
-    found = trials(asked, "dfd-net", tiny_store, "published", changes, tmp_path)
+    found = planned("expansion", tiny_store, tmp_path, {"crops_per_step": 3})
     choices = [trial.task.configuration for trial in found]
     assert [chosen.expansion for chosen in choices] == ["basic", "eight"]
     assert [chosen.crops_per_step for chosen in choices] == [24, 3]
 
 
 def test_trainings_are_known_again_by_their_weights(tiny_store: Dataset, tmp_path: Path) -> None:
-    def planned(folder: str, start: Path | None) -> Any:
-        asked = find_experiment("cross-validation")
+    def one(folder: str, start: Path | None) -> Trial:
+        place, which = tmp_path / folder, {"values": ("K1",), "start": start}
         # A precision that the processor chooses is known again, too.
-        changes = {**QUICK, "precision": "auto"}
-        return trials(
-            asked, "dfd-net", tiny_store, "published", changes, tmp_path / folder,
-            values=("K1",), start=start,
-        )[0]  # fmt: skip
+        return planned("cross-validation", tiny_store, place, {"precision": "auto"}, **which)[0]
 
-    first = planned("first", None)
+    first = one("first", None)
     run_trial(first, None, "cpu")
     weights = first.folder / "weights.safetensors"
-    second = planned("second", weights)
+    second = one("second", weights)
     begun = run_trial(second, None, "cpu")
     assert begun.started_from
     assert run_trial(second, None, "cpu") == begun
-    for other in (planned("second", None), planned("first", weights)):
+    for other in (one("second", None), one("first", weights)):
         with pytest.raises(InputError, match="another training"):
             run_trial(other, None, "cpu")

@@ -31,9 +31,13 @@ def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
     return task_of("dfd-net", store, choices, seed=seed)
 
 
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
 def losses(folder: Path) -> list[str]:
-    with (folder / "losses.csv").open() as file:
-        return [row["loss"] for row in csv.DictReader(file)]
+    return [row["loss"] for row in rows_of(folder / "losses.csv")]
 
 
 def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -52,13 +56,11 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
         network.state_dict()["pixels.means"].flatten().tolist()
     )
     assert len(losses(tmp_path / "t")) == 12
-    with (tmp_path / "t/scores.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "t/scores.csv")
     assert [row["step"] for row in rows] == ["5", "10"]
     assert all(float(row["train_nmae"]) > 0 and float(row["test_nrmse"]) > 0 for row in rows)
     assert all(float(row["test_thesis-networks-2_nrmse"]) > 0 for row in rows)
-    with (tmp_path / "t/depth_levels.csv").open() as file:
-        levels = list(csv.DictReader(file))
+    levels = rows_of(tmp_path / "t/depth_levels.csv")
     assert sum(int(row["trained"]) for row in levels) == 12 * 8 * 16 * 16
     assert sum(int(row["present"]) for row in levels) == 4 * 24 * 30
 
@@ -172,8 +174,6 @@ def test_with_fixed_normalization_the_means_stay(tiny_store: Dataset, tmp_path: 
     assert means
     assert all(torch.equal(before[name], after[name]) for name in means)
     assert any(not torch.equal(before[name], after[name]) for name in before)
-    with pytest.raises(InputError, match="needs weights to begin with"):
-        train(task(tiny_store, normalization="fixed"), tmp_path / "none", device="cpu")
 
 
 def noise_scenes(folder: Path) -> None:

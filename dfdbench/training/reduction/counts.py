@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from types import MappingProxyType
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -24,28 +24,26 @@ STATISTICS: tuple[Statistic, ...] = ("min", "mean", "max")
 #: 32, 24, 20, 12 and 8 the activation that follows, for 45, 37, 29, 17 and 5 the residual block's
 #: addition, for 42, 34, 27 and 15 the convolution that halves or doubles the resolution; 2 is the
 #: activation before the last layer.
-TAPS: Mapping[int, str] = MappingProxyType(
-    {
-        52: "entry.activate",
-        48: "encode_1.first.activate",
-        45: "encode_1",
-        42: "down_1",
-        40: "encode_2.first.activate",
-        37: "encode_2",
-        34: "down_2",
-        32: "bottom.first.activate",
-        29: "bottom",
-        27: "up_2",
-        24: "merge_2.activate",
-        20: "decode_2.first.activate",
-        17: "decode_2",
-        15: "up_1",
-        12: "merge_1.activate",
-        8: "decode_1.first.activate",
-        5: "decode_1",
-        2: "activate",
-    }
-)
+TAPS: Mapping[int, str] = {
+    52: "entry.activate",
+    48: "encode_1.first.activate",
+    45: "encode_1",
+    42: "down_1",
+    40: "encode_2.first.activate",
+    37: "encode_2",
+    34: "down_2",
+    32: "bottom.first.activate",
+    29: "bottom",
+    27: "up_2",
+    24: "merge_2.activate",
+    20: "decode_2.first.activate",
+    17: "decode_2",
+    15: "up_1",
+    12: "merge_1.activate",
+    8: "decode_1.first.activate",
+    5: "decode_1",
+    2: "activate",
+}
 
 
 @dataclass(frozen=True)
@@ -56,17 +54,17 @@ class Counts:
     ----------
     filters : mapping of int to int
         How many filters each layer has.
-    found : mapping of int to tuple of int
+    found : mapping of int to sequence of int
         Clusters of the layer's outputs, for each sample.
-    noise : mapping of int to tuple of int
+    noise : mapping of int to sequence of int
         Clusters of as many vectors of Gaussian noise, as long as the sample's feature maps.
     samples : tuple of str
         The pairs that were counted on.
     """
 
     filters: Mapping[int, int]
-    found: Mapping[int, tuple[int, ...]]
-    noise: Mapping[int, tuple[int, ...]]
+    found: Mapping[int, Sequence[int]]
+    noise: Mapping[int, Sequence[int]]
     samples: tuple[str, ...]
 
     def widths(self, statistic: Statistic) -> dict[int, int]:
@@ -150,12 +148,7 @@ def count_clusters(
             done += 1
             if on_map:
                 on_map(done, len(samples) * len(TAPS))
-    return Counts(
-        filters,
-        {layer: tuple(counts) for layer, counts in found.items()},
-        {layer: tuple(counts) for layer, counts in noise.items()},
-        tuple(pair.id for pair in samples),
-    )
+    return Counts(filters, found, noise, tuple(pair.id for pair in samples))
 
 
 def counts_table(counts: Counts, title: str) -> Table:
@@ -227,10 +220,15 @@ def tap(
     both = np.concatenate([infocus, defocus], axis=2)[:rows, :columns].transpose(2, 0, 1)
     device = next(network.parameters()).device
     pixels = torch.from_numpy(np.ascontiguousarray(both))[None].to(device).float()
+
+    def keep(layer: int, _module: nn.Module, _given: tuple[Tensor, ...], maps: Tensor) -> None:
+        vectors = maps[0].flatten(1).cpu().double()
+        found[layer] = Tapped((vectors @ vectors.T).numpy(), vectors.shape[1])
+
     with ExitStack() as hooks, torch.inference_mode():
         for layer, path in TAPS.items():
-            hook = network.get_submodule(path).register_forward_hook(_keeping(found, layer))
-            hooks.callback(hook.remove)
+            module = network.get_submodule(path)
+            hooks.enter_context(module.register_forward_hook(partial(keep, layer)))
         network(pixels)
     # Modules are called in their own order, which need not be that of the layers.
     found = {layer: found[layer] for layer in TAPS}
@@ -244,16 +242,6 @@ def tap(
         if taken.pixels < len(taken.gram)
     )
     return found
-
-
-def _keeping(
-    found: dict[int, Tapped], layer: int
-) -> Callable[[nn.Module, tuple[Tensor, ...], Tensor], None]:
-    def keep(module: nn.Module, given: tuple[Tensor, ...], maps: Tensor) -> None:
-        vectors = maps[0].flatten(1).cpu().double()
-        found[layer] = Tapped((vectors @ vectors.T).numpy(), vectors.shape[1])
-
-    return keep
 
 
 Matrix = NDArray[np.float64]

@@ -254,19 +254,9 @@ Numbers = NDArray[np.float64]
 COGNITIVE, SOCIAL = 2.4, 2.1
 
 
-def constriction(cognitive: float = COGNITIVE, social: float = SOCIAL) -> float:
-    """Return Clerc and Kennedy's factor kappa, Eq. C.1.
-
-    Examples
-    --------
-    >>> constriction()
-    0.5
-    """
-    phi = cognitive + social
-    return 2 / abs(2 - phi - math.sqrt(phi * phi - 4 * phi))
-
-
-KAPPA = constriction()
+_PHI = COGNITIVE + SOCIAL
+#: Clerc and Kennedy's factor, Eq. C.1.
+KAPPA = 2 / abs(2 - _PHI - math.sqrt(_PHI * _PHI - 4 * _PHI))
 
 
 @dataclass(frozen=True)

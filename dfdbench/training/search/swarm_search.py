@@ -157,13 +157,10 @@ class _Judge:
     def __call__(self, swarm: pso.Swarm) -> pso.Numbers:
         """Return a value for each position, each noted as soon as it is known."""
         places = [(swarm.iteration, number) for number in range(len(swarm.positions))]
-        for place, position in zip(places, swarm.positions, strict=True):
-            self._log.require_same(place, position)
-        left = [
-            (place, position)
-            for place, position in zip(places, swarm.positions, strict=True)
-            if self._log[place] is None
-        ]
+        particles = list(zip(places, swarm.positions, strict=True))
+        for particle in particles:
+            self._log.require_same(*particle)
+        left = [particle for particle in particles if self._log[particle[0]] is None]
 
         def note(particle: tuple[Place, pso.Numbers], outcome: Outcome | None) -> None:
             if outcome is not None:

@@ -32,10 +32,10 @@ def test_layers_are_counted_and_equal_filters_once(tiny_store: Dataset) -> None:
     counts = counting.count_clusters(
         network, tiny_store, samples, on_map=lambda *done: seen.append(done)
     )
-    assert counts.found[34] == (1, 1)
+    assert counts.found[34] == [1, 1]
     assert dict(counts.filters) == dict(zip(counting.TAPS, (*SMALL[:-1], SMALL[-2]), strict=True))
     for layer, filters in counts.filters.items():
-        assert all(1 <= count <= filters for count in counts.found[layer] + counts.noise[layer])
+        assert all(1 <= n <= filters for n in [*counts.found[layer], *counts.noise[layer]])
     assert counts.noise[34][0] > 1
     assert counts.samples == tuple(pair.id for pair in samples)
     assert seen[-1] == (36, 36)

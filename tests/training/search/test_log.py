@@ -17,7 +17,6 @@ from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.training.search import log as keeping
-from dfdbench.training.search import log as module
 from dfdbench.training.search.particle import COMPONENTS, position_of
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
@@ -177,7 +176,7 @@ def test_a_training_that_fails_is_infinitely_bad(
     said: str,
 ) -> None:
     if raised:
-        monkeypatch.setattr(module, "train", Mock(side_effect=raised))
+        monkeypatch.setattr(keeping, "train", Mock(side_effect=raised))
     outcome = evaluated(tiny_store, tmp_path, learning_rate=1e30, steps=5)
     assert outcome is not None
     assert outcome.value == math.inf
