@@ -130,18 +130,17 @@ class Trainee(Protocol):
         Steps done.
     started_from : str
         What the card says of the weights to begin with.
+    network : torch.nn.Module
+        What learns.
     """
 
     step: int
     started_from: str
+    network: nn.Module
 
     @property
     def steps(self) -> int | None:
         """Steps in all, if known."""
-
-    @property
-    def network(self) -> nn.Module:
-        """What learns."""
 
     @property
     def ended(self) -> str:

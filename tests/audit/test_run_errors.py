@@ -113,9 +113,9 @@ def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
     assert (content["training"], content["excess"]) == ("none", 0.5)
 
 
-def test_only_a_runs_own_predictions_are_joined(tiny_store: Dataset, tmp_path: Path) -> None:
-    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
-    record = compare_depths(*sides_of(tiny_store))
+def test_only_a_runs_own_predictions_are_joined(
+    tiny_store: Dataset, tmp_path: Path, run: RunDone, record: CoverageRecord
+) -> None:
     join = run_errors.join_errors(tiny_store, run.result, run.folder, record)
     assert list(join.pairs) == [pair.id for pair in run.result.pairs]
     truth = [tiny_store.read_levels(pair)[1].sum() for pair in tiny_store.pairs("test")]
@@ -192,26 +192,16 @@ def test_runs_of_different_pairs_are_refused(
 
 
 def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Dataset) -> None:
-    side = side_of(tiny_store, scene_histograms(tiny_store), "Three", ("Three",))
-    counts = side.histogram.counts
-    table = run_errors.level_count_table(side)
-    assert table.title == "depths of tiny-1, Three (3 pairs of 1 scene)"
-    assert [row[0] for row in table.rows][::15] == ["0-15", "240-255"]
-    assert [int(row[1].replace(",", "")) for row in table.rows] == [
-        counts[first : first + 16].sum() for first in range(0, 256, 16)
-    ]
-    assert [record["pixels"] for record in table.records] == counts.tolist()
-    assert np.isclose(sum(float(str(record["share"])) for record in table.records), 1)
-
-
-def test_levels_that_do_not_occur_are_named_and_absent_scenes(tiny_store: Dataset) -> None:
     histograms = scene_histograms(tiny_store)
     del histograms["Two"]
     side = side_of(tiny_store, histograms, "all", ("One", "Two", "Three"))
     counts = side.histogram.counts
+    bands = counts.reshape(16, 16).sum(axis=1)
     table = run_errors.level_count_table(side)
-    absent = [row[3] for row in table.rows]
-    assert [gaps == "all" for gaps in absent] == [
-        not counts[first : first + 16].any() for first in range(0, 256, 16)
-    ]
+    assert table.title == "depths of tiny-1, all (7 pairs of 2 scenes)"
+    assert [row[0] for row in table.rows][::15] == ["0-15", "240-255"]
+    assert [int(row[1].replace(",", "")) for row in table.rows] == bands.tolist()
+    assert [row[3] == "all" for row in table.rows] == (bands == 0).tolist()
+    assert [record["pixels"] for record in table.records] == counts.tolist()
+    assert np.isclose(sum(float(str(record["share"])) for record in table.records), 1)
     assert table.notes[-1] == "not in the store, so not counted: Two"

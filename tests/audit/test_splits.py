@@ -5,17 +5,6 @@ import pytest
 
 from dfdbench.audit import splits
 from dfdbench.audit.coverage import Criterion, DensityBound, uncovered
-from dfdbench.audit.splits import (
-    Folds,
-    Scenes,
-    folds_fragment,
-    folds_table,
-    hopeless_scenes,
-    propose_folds,
-    rank_tests,
-    ranked_splits_table,
-    settings_of,
-)
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError
@@ -24,19 +13,19 @@ from tests.conftest import TINY_TOML
 
 def make(
     number: int = 8, seed: int = 0, groups: tuple[tuple[str, ...], ...] = (), **more: float
-) -> Scenes:
+) -> splits.Scenes:
     random = np.random.default_rng(seed)
     names = tuple("ABCDEFGHIJKLMNOP"[:number])
     counts = np.zeros((number, 256), np.int64)
     for row in counts:
         first = random.integers(0, 150)
         row[first : first + 100] = random.integers(1, 500, 100)
-    return Scenes(names, counts, groups or tuple((name,) for name in names), **more)  # type: ignore[arg-type]
+    return splits.Scenes(names, counts, groups or tuple((name,) for name in names), **more)  # type: ignore[arg-type]
 
 
 def test_every_choice_is_judged_as_one_by_one() -> None:
     scenes = make()
-    ranking = rank_tests(scenes, 3)
+    ranking = splits.rank_tests(scenes, 3)
     assert ranking.exhaustive
     assert len(ranking.candidates) == 56
     for candidate in ranking.candidates:
@@ -56,7 +45,7 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
 
 def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
     scenes = make(6, groups=(("A", "D"), ("B",), ("C", "E"), ("F",)))
-    ranking = rank_tests(scenes, 3, also=("A", "B", "C"))
+    ranking = splits.rank_tests(scenes, 3, also=("A", "B", "C"))
     for candidate in ranking.candidates:
         if set(candidate.test) != {"A", "B", "C"}:
             assert ("A" in candidate.test) == ("D" in candidate.test)
@@ -64,15 +53,15 @@ def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
     assert ranking.rank(("A", "B", "C")) is not None
     assert len(ranking.candidates) == 5
     with pytest.raises(InputError, match="--test-scenes 2; A and B stay together; C and"):
-        rank_tests(make(4, groups=(("A", "B"), ("C", "D"))), 3)
+        splits.rank_tests(make(4, groups=(("A", "B"), ("C", "D"))), 3)
     with pytest.raises(InputError, match="no such split"):
-        rank_tests(scenes, 6)
+        splits.rank_tests(scenes, 6)
 
 
 def test_of_too_many_choices_some_are_drawn_by_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 30)
     scenes = make(10)
-    first, again, other = (rank_tests(scenes, 4, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (splits.rank_tests(scenes, 4, seed=seed) for seed in (1, 1, 2))
     assert not first.exhaustive
     assert first == again
     assert first != other
@@ -80,20 +69,24 @@ def test_of_too_many_choices_some_are_drawn_by_seed(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_allowed_share_counts_as_covered() -> None:
-    assert rank_tests(make(), 3, 0).covered < rank_tests(make(allowed=1.0), 3, 0).covered == 56
+    assert (
+        splits.rank_tests(make(), 3, 0).covered
+        < splits.rank_tests(make(allowed=1.0), 3, 0).covered
+        == 56
+    )
 
 
 def test_folds_part_the_scenes_and_repeat_for_a_seed() -> None:
     scenes = make(9, seed=3)
-    proposals = propose_folds(scenes, 3, seed=5)
-    assert proposals == propose_folds(scenes, 3, seed=5)
+    proposals = splits.propose_folds(scenes, 3, seed=5)
+    assert proposals == splits.propose_folds(scenes, 3, seed=5)
     for proposal in proposals:
         assert sorted(itertools.chain(*(fold.test for fold in proposal.folds))) == list("ABCDEFGHI")
         assert {len(fold.test) for fold in proposal.folds} == {3}
     costs = [proposal.cost for proposal in proposals]
     assert costs == sorted(costs)
     with pytest.raises(InputError, match="10 folds of 9 groups"):
-        propose_folds(scenes, 10)
+        splits.propose_folds(scenes, 10)
 
 
 def test_the_search_finds_the_best_of_all_partitions() -> None:
@@ -104,45 +97,49 @@ def test_the_search_finds_the_best_of_all_partitions() -> None:
         for b in itertools.combinations([n for n in scenes.names if n not in a], 2)
         for judged in [scenes.judge([a, b, tuple(n for n in scenes.names if n not in a + b)])]
     )
-    assert propose_folds(scenes, 3)[0].cost == pytest.approx(best)
+    assert splits.propose_folds(scenes, 3)[0].cost == pytest.approx(best)
 
 
 def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = np.full((6, 256), 100, np.int64)
     counts[2, 36:39] = 5_000
-    scenes = Scenes(tuple("ABCDEF"), counts, tuple((name,) for name in "ABCDEF"))
-    (found,) = hopeless_scenes(scenes, {2})
+    scenes = splits.Scenes(tuple("ABCDEF"), counts, tuple((name,) for name in "ABCDEF"))
+    (found,) = splits.hopeless_scenes(scenes, {2})
     assert (found.scene, found.levels) == ("C", "36-38")
     assert found.least > 0
     # Where there are too many choices to try, the scene alone is the proof.
     monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 10)
-    assert [item.scene for item in hopeless_scenes(scenes, {2})] == ["C"]
-    uncovered_folds = [fold for fold in propose_folds(scenes, 3)[0].folds if not fold.covered]
+    assert [item.scene for item in splits.hopeless_scenes(scenes, {2})] == ["C"]
+    uncovered_folds = [
+        fold for fold in splits.propose_folds(scenes, 3)[0].folds if not fold.covered
+    ]
     assert [("C" in fold.test) for fold in uncovered_folds] == [True]
 
 
-def scenes() -> Scenes:
+def scenes() -> splits.Scenes:
     counts = np.zeros((3, 256), np.int64)
     counts[:, 100] = 50
     counts[2, 36] = 20
-    return Scenes(("One", "Two", "Three"), counts, (("One",), ("Two",), ("Three",)))
+    return splits.Scenes(("One", "Two", "Three"), counts, (("One",), ("Two",), ("Three",)))
 
 
 def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) -> None:
-    ranking = rank_tests(scenes(), 2)
-    table = ranked_splits_table(tiny_manifest, ranking, ("Two", "Three"), "either")
+    ranking = splits.rank_tests(scenes(), 2)
+    table = splits.ranked_splits_table(tiny_manifest, ranking, ("Two", "Three"), "either")
     assert sum("(published)" in row[0] for row in table.rows) == 1
-    other = ranked_splits_table(tiny_manifest, rank_tests(scenes(), 1), ("Two", "Three"), "either")
+    other = splits.ranked_splits_table(
+        tiny_manifest, splits.rank_tests(scenes(), 1), ("Two", "Three"), "either"
+    )
     assert "has 2 scenes, not 1" in other.notes[-1]
-    none = ranked_splits_table(tiny_manifest, ranking, (), "either")
+    none = splits.ranked_splits_table(tiny_manifest, ranking, (), "either")
     assert "no published split" in none.notes[-1]
 
 
 def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Manifest) -> None:
-    proposals = propose_folds(scenes(), 3)
-    hopeless = hopeless_scenes(scenes(), {1})
-    published = Folds(tuple(scenes().judge([("One", "Two"), ("Three",)])))
-    notes = "\n".join(folds_table(tiny_manifest, proposals, hopeless, published).notes)
+    proposals = splits.propose_folds(scenes(), 3)
+    hopeless = splits.hopeless_scenes(scenes(), {1})
+    published = splits.Folds(tuple(scenes().judge([("One", "Two"), ("Three",)])))
+    notes = "\n".join(splits.folds_table(tiny_manifest, proposals, hopeless, published).notes)
     assert "published folds: 2 of 2 not covered" in notes
     assert "at least 1 of 3 folds" in notes
     assert "Three: rare in all other scenes: 36" in notes
@@ -151,8 +148,8 @@ def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Man
 def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
     counts = scenes().counts[:2]
     bound = DensityBound(4.0, 0.01)
-    chosen = Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
-    assert settings_of(tiny_manifest, "f" * 64, chosen, 7) == {
+    chosen = splits.Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
+    assert splits.settings_of(tiny_manifest, "f" * 64, chosen, 7) == {
         "dataset": "tiny-1",
         "fingerprint": "f" * 64,
         "criterion": "density",
@@ -167,5 +164,5 @@ def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
 
 def test_folds_complete_a_manifest() -> None:
     without = TINY_TOML[: TINY_TOML.index("[[folds]]")] + TINY_TOML[TINY_TOML.index("[[scenes]]") :]
-    folds = folds_fragment(propose_folds(scenes(), 3)[0], "why")
+    folds = splits.folds_fragment(splits.propose_folds(scenes(), 3)[0], "why")
     assert len(parse_manifest((without + folds).encode(), "tiny-1.toml").folds) == 3
