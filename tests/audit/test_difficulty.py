@@ -1,4 +1,5 @@
 import json
+import math
 
 import numpy as np
 import pytest
@@ -27,6 +28,17 @@ RECIPE = RECIPES["published"]
 def texture(contrast: float, seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     noise = np.random.default_rng(seed).integers(-127, 128, (24, 24, 3))
     return np.asarray(128 + contrast * noise, np.uint8)
+
+
+def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> None:
+    depth = np.full((24, 24), 120, np.uint8)
+    flat = smallest_step(texture(0), depth, depth > 0, RECIPE)
+    assert (flat.step == UNSEEN).all()
+    assert (flat.share_above(1), flat.share_above(UNSEEN)) == (1.0, 0.0)
+    near = np.full((24, 24), 250, np.uint8)
+    step = median_step([smallest_step(texture(1), near, near > 0, RECIPE)])
+    assert step is not None
+    assert step <= 2
 
 
 @pytest.mark.parametrize("noise", [0, 1, 3])
@@ -66,6 +78,18 @@ def test_less_contrast_and_more_noise_make_it_harder(contrast: float, seed: int)
     assert (quiet.step <= noisy.step).all()
     darker = smallest_step(texture(contrast / 8, seed), depth, depth > 0, RECIPE)
     assert darker.share_above(8) >= quiet.share_above(8)
+
+
+def test_only_known_pixels_count() -> None:
+    image = texture(1)
+    image[:, :12] = 128
+    depth = np.full((24, 24), 250, np.uint8)
+    valid = np.zeros((24, 24), bool)
+    valid[:, 18:] = True
+    step = median_step([smallest_step(image, depth, valid, RECIPE)])
+    assert step is not None
+    assert step <= 2
+    assert math.isnan(smallest_step(image, depth, ~(depth > 0), RECIPE).share_above(1))
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from dfdbench.rig.geometry import CaptureRig, Pose, beam_directions, depth_image_places
 from dfdbench.rig.lidar import UPSAMPLING, Beams
@@ -10,6 +11,20 @@ from dfdbench.rig.lidar import UPSAMPLING, Beams
 ANGLES = st.floats(-10, 10)
 POSES = st.builds(Pose, ANGLES, ANGLES, ANGLES)
 AHEAD = np.array([[0.3, -0.2, 1.5], [0.0, 0.0, 2.5], [-0.4, 0.1, 0.9]])
+
+
+def rotation(pose: Pose) -> Rotation:
+    return Rotation.from_euler("yxz", [pose.yaw, pose.pitch, pose.roll], degrees=True)
+
+
+@settings(max_examples=20)
+@given(pose=POSES)
+def test_a_turn_is_a_rotation_and_has_an_inverse(pose: Pose) -> None:
+    turned = pose.turn(AHEAD)
+    # Lengths and angles stay, and right-handed stays right-handed.
+    assert turned @ turned.T == pytest.approx(AHEAD @ AHEAD.T, abs=1e-12)
+    assert np.linalg.det(turned) == pytest.approx(np.linalg.det(AHEAD), abs=1e-12)
+    assert rotation(pose).inv().apply(turned) == pytest.approx(AHEAD, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -55,6 +70,8 @@ def test_the_crop_is_the_frames_middle() -> None:
     cropped = rig.crop(frame)
     assert cropped.shape == (630, 630)
     assert cropped[0, 0] == frame[49, 53]
+    # As much is cut at one side as at the other.
+    assert (728 - 49 - 630, 736 - 53 - 630) == (49, 53)
 
 
 def beams(altitude: list[float], azimuth: list[float]) -> Beams:

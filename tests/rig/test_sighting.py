@@ -91,6 +91,14 @@ def test_several_boards_turn_it_together() -> None:
     assert off(pose) < 2
 
 
+def test_rays_are_within_the_outline_where_they_hit() -> None:
+    seen = rays()
+    within, near = sights.near_outline(seen, np.array(SIDES), TRUE, RIG)
+    assert ((within > 0) == seen.hit).all()
+    assert near.any()
+    assert not near.all()
+
+
 def test_rays_are_parted_where_the_board_ends() -> None:
     scene = SimulatedScene(3, pose=Pose())
     rays = sights.board_rays(scene.scan(read_beams(), 0).astype(float), read_beams())

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -171,8 +172,17 @@ def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
     assert any(own)
 
 
+def sphere(x: pso.Numbers) -> pso.Numbers:
+    return np.asarray((x**2).sum(-1))
+
+
 def rastrigin(x: pso.Numbers) -> pso.Numbers:
     return np.asarray((x**2 - 10 * np.cos(2 * np.pi * x) + 10).sum(-1))
+
+
+def ackley(x: pso.Numbers) -> pso.Numbers:
+    distance, waves = np.sqrt((x**2).mean(-1)), np.cos(2 * np.pi * x).mean(-1)
+    return np.asarray(-20 * np.exp(-0.2 * distance) - np.exp(waves) + 20 + np.e)
 
 
 def cube(side: float, components: int, share: float = 1.0) -> pso.Box:
@@ -180,14 +190,41 @@ def cube(side: float, components: int, share: float = 1.0) -> pso.Box:
     return pso.Box(-sides, sides, share * sides, share * sides, np.zeros(components, bool))
 
 
-def test_with_the_thesis_s_constants_it_finds_the_minimum() -> None:
+def values(function: Callable[[pso.Numbers], pso.Numbers]) -> Callable[[pso.Swarm], pso.Numbers]:
+    return lambda swarm: function(swarm.positions)
+
+
+def test_kappa_is_a_half() -> None:
+    assert pso.KAPPA == 0.5
+
+
+@pytest.mark.parametrize(
+    ("function", "side", "components", "within"),
+    [(sphere, 100.0, 5, 1e-8), (rastrigin, 5.12, 2, 1.0), (ackley, 32.0, 4, 1e-5)],
+)
+def test_with_the_thesis_s_constants_it_finds_the_minimum(
+    function: Callable[[pso.Numbers], pso.Numbers], side: float, components: int, within: float
+) -> None:
     found = []
     for seed in range(5):
-        box = cube(5.12, 2, 0.25)
-        *_, last = pso.search(lambda swarm: rastrigin(swarm.positions), box, 20, 150, seed)
-        assert last.best_value == rastrigin(last.best)
+        *_, last = pso.search(values(function), cube(side, components, 0.25), 20, 150, seed)
+        assert last.best_value == function(last.best)
         found.append(last.best_value)
-    assert sorted(found)[2] < 1.0
+    assert sorted(found)[2] < within
+
+
+def test_an_iteration_is_eq_c2_and_c3_by_hand() -> None:
+    box = cube(10.0, 2, 0.1)
+    swarm = pso.judged(pso.begun(box, 2, 7), np.array([2.0, 1.0]))
+    swarm = pso.judged(pso.moved(swarm, box, 7), np.array([3.0, 3.0]))
+    after = pso.moved(swarm, box, 7)
+    for i in range(2):
+        r, s = np.random.default_rng((7, 2, i)).random((2, 2))
+        x, v = swarm.positions[i], swarm.velocities[i]
+        expected = 0.5 * (v + 2.4 * r * (swarm.own[i] - x) + 2.1 * s * (swarm.best - x))
+        expected = np.clip(expected, -1, 1)
+        assert np.allclose(after.velocities[i], expected, rtol=0, atol=1e-15)
+        assert np.allclose(after.positions[i], np.clip(x + expected, -10, 10), rtol=0, atol=1e-15)
 
 
 def mixed(whole: bool) -> pso.Box:

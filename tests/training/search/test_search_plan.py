@@ -3,10 +3,12 @@ from typing import Any
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, StoreError
+from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS
+from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
-from tests.training.search.made_searches import small_plan
+from dfdbench.training.search.search_plan import Choices, plan_search
+from tests.training.search.made_searches import BOUNDS, small_plan
 
 
 def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:
@@ -65,3 +67,12 @@ def test_what_cannot_be_searched_is_told(
 ) -> None:
     with pytest.raises(InputError, match=said):
         small_plan(tiny_store, configuration, **choices)
+
+
+def test_a_choice_of_the_particles_is_not_set(tiny_store: Dataset) -> None:
+    base = TrainingConfiguration.model_validate({"crop": 16})
+    with pytest.raises(InputError, match="chooses this itself"):
+        plan_search(tiny_store, base, {"crop": 16}, Choices(split="test"))
+    with pytest.raises(UnknownNameError, match="did you mean author"):
+        small_plan(tiny_store, variant="autor")
+    assert set(BOUNDS) == set(Bounds.model_fields)
