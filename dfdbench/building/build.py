@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.new_manifest import with_found_scenes
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
-from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role
+from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts
 from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -28,28 +29,6 @@ from dfdbench.system.parallel import Pool, Threads
 from dfdbench.tables.table import counted, listed
 
 
-@dataclass(frozen=True)
-class BuildPlan:
-    """What `plan_build` found to be one data set.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        What belongs to it.
-    place : UPath
-        The store to write.
-    recipe : str or None
-        The name of the blur recipe that was asked for; None for the manifest's.
-    steps : tuple of int, or None
-        The in-focus and the defocus voltage step that were asked for; None for the manifest's.
-    """
-
-    manifest: Manifest
-    place: UPath
-    recipe: str | None = None
-    steps: tuple[int, int] | None = None
-
-
 def plan_build(
     manifest: Manifest,
     store: Place | None = None,
@@ -57,8 +36,8 @@ def plan_build(
     steps: tuple[int, int] | None = None,
     cache: Path | None = None,
     source: Path | None = None,
-) -> BuildPlan:
-    """Return a build's plan; what is not the manifest's own data set needs a place of its own.
+) -> tuple[Manifest, UPath]:
+    """Return what to build and where; another set than the manifest's needs its own place.
 
     Parameters
     ----------
@@ -75,6 +54,13 @@ def plan_build(
     source : Path, optional
         The folder with the files, for a manifest whose scenes are found there.
 
+    Returns
+    -------
+    Manifest
+        With the scenes that were found, if they are to be found.
+    UPath
+        The store to write.
+
     Raises
     ------
     UnknownNameError
@@ -88,14 +74,15 @@ def plan_build(
     Examples
     --------
     >>> from dfdbench.datasets.catalog import find_manifest
-    >>> plan_build(find_manifest("demo"), "my.zarr", "text").recipe
-    'text'
+    >>> manifest, place = plan_build(find_manifest("demo"), "my.zarr", "text")
+    >>> manifest.stem, place.name
+    ('demo-1', 'my.zarr')
     """
     if recipe is not None:
         find_recipe(recipe)
     place = as_location(store or default_store(manifest, cache))
     refuse_another_set(manifest, place, recipe, steps, cache)
-    return BuildPlan(with_found_scenes(manifest, source), place, recipe, steps)
+    return with_found_scenes(manifest, source), place
 
 
 def refuse_another_set(
@@ -226,25 +213,24 @@ def build_store(
     left_out = [pair.id for pair in missing]
     with StoreWriter(place, manifest, _attributes(manifest, source, made_by)) as writer:
         writer.refuse_to_lose(left_out)
-        builder = _SceneBuilder(manifest, source, blur, writer.scenes)
-        outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
+        build = partial(_build_scene, manifest, source, blur, writer.scenes)
+        outcomes = (pool or Threads()).map(build, scenes, on_done=on_scene)
         _refuse_damage(outcomes, source, missing, writer)
-        whole = [outcome for outcome in outcomes if outcome.digest]
-        there = {outcome.scene for outcome in whole}
+        there = {outcome.scene: outcome.digest for outcome in outcomes if outcome.digest}
         missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
         left_out = [pair.id for pair in missing]
         writer.refuse_to_lose(left_out)
-        fingerprint = writer.finish({one.scene: one.digest for one in whole}, left_out)
+        fingerprint = writer.finish(there, left_out)
     return BuildReport(
         manifest,
         writer.path,
         fingerprint,
-        tuple(outcome.scene for outcome in whole if not outcome.kept),
-        tuple(outcome.scene for outcome in whole if outcome.kept),
+        tuple(outcome.scene for outcome in outcomes if outcome.digest and not outcome.kept),
+        tuple(outcome.scene for outcome in outcomes if outcome.kept),
         sum(pair.scene in there for pair in available),
         missing,
         _told_once(outcomes),
-        (*_found_fewer(manifest), *(text for outcome in whole for text in outcome.warnings)),
+        (*_found_fewer(manifest), *(text for outcome in outcomes for text in outcome.warnings)),
         source.missing_help(missing) if missing else "",
     )
 
@@ -266,29 +252,21 @@ class _Outcome:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _SceneBuilder:
-    """Makes one scene; travels to other processes."""
-
-    manifest: Manifest
-    source: Source
-    blur: BlurRecipe | None
-    writer: SceneWriter
-
-    def __call__(self, scene: str) -> _Outcome:
-        try:
-            signature = self.source.signature(scene)
-            digest = self.writer.digest_of_finished(scene, signature)
-            if digest:
-                return _Outcome(scene, digest, kept=True)
-            images = self.source.read(scene)
-            dataset = scene_dataset(self.manifest, scene, images, self.blur)
-            digest = self.writer.write(scene, dataset, signature)
-            return _Outcome(scene, digest, warnings=images.warnings)
-        except SourceError as error:
-            # Told together with those of the other scenes.
-            left_out = isinstance(error, SceneError)
-            return _Outcome(scene, problems=error.problems, left_out=left_out)
+def _build_scene(
+    manifest: Manifest, source: Source, blur: BlurRecipe | None, writer: SceneWriter, scene: str
+) -> _Outcome:
+    """Make one scene, perhaps in another process."""
+    try:
+        signature = source.signature(scene)
+        if digest := writer.digest_of_finished(scene, signature):
+            return _Outcome(scene, digest, kept=True)
+        images = source.read(scene)
+        digest = writer.write(scene, scene_dataset(manifest, scene, images, blur), signature)
+        return _Outcome(scene, digest, warnings=images.warnings)
+    except SourceError as error:
+        # Told together with those of the other scenes.
+        left_out = isinstance(error, SceneError)
+        return _Outcome(scene, problems=error.problems, left_out=left_out)
 
 
 def scene_dataset(
@@ -326,7 +304,7 @@ def scene_dataset(
         name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
     }
     coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
-    found: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
+    found = {"found": dict(images.found)} if images.found else None
     return xarray.Dataset(variables, coords=coordinates, attrs=found)
 
 
@@ -334,38 +312,35 @@ def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
     """Return what is known of the images: by the source, or else by the manifest."""
     rig = manifest.rig or Rig()
     by_role = {"infocus": rig.infocus_f_number, "defocus": rig.defocus_f_number}
-    stated: dict[str, Any] = {
-        "f_number": [_number(by_role[role]) for role in facts.roles],
-        "focus_distance": np.full(len(facts.roles), _number(rig.focus_distance)),
-        "focus_depth": np.nan,
-        "focal_length": _number(rig.focal_length),
-        "pixel_pitch": _number(rig.pixel_pitch),
+    stated = {
+        "f_number": [by_role[role] for role in facts.roles],
+        "focus_distance": [rig.focus_distance] * len(facts.roles),
+        "focus_depth": None,
+        "focal_length": rig.focal_length,
+        "pixel_pitch": rig.pixel_pitch,
     }
     known: dict[str, Any] = {}
     for name, value in stated.items():
         own = getattr(facts, name)
-        known[name] = np.where(np.isnan(own), value, own)
+        # As a number None is NaN.
+        known[name] = np.where(np.isnan(own), np.array(value, np.float64), own)
     if manifest.depth.scale is not None:
+        focus = known["focus_depth"]
         focused = manifest.depth.of_metres(known["focus_distance"])
-        known["focus_depth"] = np.where(
-            np.isfinite(known["focus_depth"]), known["focus_depth"], focused
-        )
+        known["focus_depth"] = np.where(np.isfinite(focus), focus, focused)
     return known
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
-
-
 def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict[str, Any]:
-    recipe = {"name": made_by, "parameters": find_recipe(made_by).as_dict()} if made_by else None
+    recipe: dict[str, Any] = {"name": "", "parameters": {}}
     track: dict[str, Any] = {}
     if manifest.on_track:
         # What a track's images were made by is what it does not tell.
-        recipe = None
         track = {"track_version": find_degradation(manifest.degradation).track.version}
+    elif made_by:
+        recipe = {"name": made_by, "parameters": find_recipe(made_by).as_dict()}
     return {
-        "recipe": recipe or {"name": "", "parameters": {}},
+        "recipe": recipe,
         "degradation": manifest.degradation,
         "depth_unit": manifest.depth.unit,
         "depth_grows_with": manifest.depth.grows_with,
@@ -448,8 +423,7 @@ def _synthesised(
     focus = np.array([np.nan, *focus_levels(planes)])
     if manifest.depth.grows_with == "distance":
         focus = LAST_LEVEL - focus
-    defocus: Role = "defocus"
-    roles: tuple[Role, ...] = ("infocus", *(defocus for _ in range(planes)))
+    roles = PAIR[:1] + PAIR[1:] * planes
     scale, first = manifest.depth.scale, 0 if on.formation.infocus else 1
     metres = np.full(len(focus), np.nan) if scale is None else scale.to_metres(focus)
     facts = replace(

@@ -218,8 +218,7 @@ class Fetcher:
         return Fate(file.name, "missing", (), tuple(lacking))
 
     def _set_aside(self, path: Path, name: str) -> None:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-        place = self._folder / SET_ASIDE / f"{name}.{digest}"
+        place = self._folder / SET_ASIDE / f"{name}.{sha256(path.read_bytes())[:12]}"
         place.parent.mkdir(parents=True, exist_ok=True)
         path.replace(place)
 
@@ -238,9 +237,7 @@ class Fetcher:
             self._failures[host] += 1
             raise
         except OSError as error:
-            what = f"cannot keep the download: {reason_of(error)}"
-            fix = room_or("choose another place with --cache DIR", error)
-            raise SourceError(what, where=str(part), fix=fix) from error
+            raise cannot_keep(part, error) from error
         self._failures[host] = 0
 
     def _receive(self, address: str, part: Path) -> None:
@@ -270,6 +267,13 @@ class Fetcher:
                     raise _UnreachableError("the download was stopped", answer.url, "")
                 out.write(block)
                 self._count(received=len(block))
+
+
+def cannot_keep(place: str | Path, error: OSError) -> SourceError:
+    """Return the error that says why the disk does not take a download."""
+    what = f"cannot keep the download: {reason_of(error)}"
+    fix = room_or("choose another place with --cache DIR", error)
+    return SourceError(what, where=str(place), fix=fix)
 
 
 def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dfdbench.building.build import BuildPlan, BuildReport, build_store, plan_build
+from dfdbench.building.build import BuildReport, build_store, plan_build
 from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
 from dfdbench.building.sources import Source, open_source
 from dfdbench.building.sources.middlebury import Download, download_middlebury
@@ -31,34 +31,32 @@ class Obtained:
     ----------
     source : Source
         The files.
-    folder : Path or None
-        Where they were downloaded to; None if nothing is fetched.
     done : Download or None
-        What was fetched.
+        What was fetched; None if nothing is.
     refused : int
         How many downloaded files were damaged and set aside.
     """
 
     source: Source
-    folder: Path | None = None
     done: Download | None = None
     refused: int = 0
 
 
 def obtain(
-    plan: BuildPlan,
+    manifest: Manifest,
     folder: Path | None = None,
     mirrors: Sequence[str] = (),
     offline: bool = False,
     cache: Path | None = None,
     on_progress: Progress | None = None,
+    steps: tuple[int, int] | None = None,
 ) -> Obtained:
-    """Find the files of a planned build, and fetch them first if they can be fetched.
+    """Find the files of a data set, and fetch them first if they can be fetched.
 
     Parameters
     ----------
-    plan : BuildPlan
-        The build.
+    manifest : Manifest
+        The data set.
     folder : Path, optional
         Where the files are; by default Middlebury's are downloaded into the cache.
     mirrors : sequence of str
@@ -69,13 +67,14 @@ def obtain(
         The cache folder.
     on_progress : callable, optional
         Called with (files done, files in all, bytes).
+    steps : tuple of int, optional
+        In-focus and defocus voltage step, in place of the manifest's.
 
     Raises
     ------
     InputError, SourceError
         If options contradict each other, or files cannot be had.
     """
-    manifest = plan.manifest
     if folder is not None or manifest.reader != "middlebury":
         given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
         if given:
@@ -83,7 +82,7 @@ def obtain(
             if folder is not None:
                 what = "--source reads a copy on disk: nothing is fetched"
             raise InputError(what, where=" and ".join(given), fix="leave it out")
-        return Obtained(open_source(manifest, folder, known_checksums(manifest), plan.steps))
+        return Obtained(open_source(manifest, folder, known_checksums(manifest), steps))
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
@@ -109,7 +108,7 @@ def obtain(
         fix += ", or name a copy on disk: --source DIR"
         raise InputError.of([Problem(what, where=str(place), fix=fix), *done.lacking])
     source = open_source(manifest, place, known_checksums(manifest, place))
-    return Obtained(source, place, done, _count_files(aside) - before)
+    return Obtained(source, done, _count_files(aside) - before)
 
 
 def build_dataset(
@@ -144,16 +143,17 @@ def build_dataset(
         As of `plan_build`, `obtain` and `build_store`; where the store would be written into
         something else.
     """
-    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache, source)
-    if is_local(plan.place):
+    found = find_manifest(of_seed(name, seed))
+    manifest, place = plan_build(found, store, recipe, steps, cache, source)
+    if is_local(place):
         # The cache may be inside the folder of the files; a place that the user names may not.
         read = source if store else None
-        output_place(plan.place.path, read, option="--store", replaces=True)
-    with shown(f"fetching {plan.manifest.short}") as step:
-        obtained = obtain(plan, source, mirrors, offline, cache, step)
+        output_place(place.path, read, option="--store", replaces=True)
+    with shown(f"fetching {manifest.short}") as step:
+        obtained = obtain(manifest, source, mirrors, offline, cache, step, steps)
     on_fetched(obtained)
     with shown(f"building {name}") as step:
-        return build_store(plan.manifest, obtained.source, plan.place, plan.recipe, pool, step)
+        return build_store(manifest, obtained.source, place, recipe, pool, step)
 
 
 def _count_files(folder: Path) -> int:

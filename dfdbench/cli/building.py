@@ -121,16 +121,15 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
 
 
 def _tell_fetched(obtained: Obtained) -> None:
-    done, folder = obtained.done, obtained.folder
-    if done is None or folder is None:
+    if (done := obtained.done) is None:
         return
     if obtained.refused:
         count = counted(obtained.refused, "file")
-        say(f"refused, and set aside in {folder / 'set-aside'}: {count}")
+        say(f"refused, and set aside in {done.folder / 'set-aside'}: {count}")
     for problem in done.lacking:
         say(f"warning: {problem}")
     if done.new:
-        say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
+        say(f"fetched {counted(done.new, 'file')} into {done.folder}, {done.kept} were there")
     if done.lock:
         say(f"their checksums are kept in {done.lock}")
 

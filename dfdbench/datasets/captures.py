@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -169,15 +169,8 @@ class Capture:
             name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
             for name in BY_IMAGE
         }
-        camera = {name: getattr(self.facts, name) for name in OF_CAMERA}
-        return Capture(
-            self.pair,
-            self.images[list(images)],
-            self.depth,
-            ImageFacts(PAIR, **facts, **camera),
-            self.about,
-            self.group,
-        )
+        known = replace(self.facts, roles=PAIR, **facts)
+        return replace(self, images=self.images[list(images)], facts=known)
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:

@@ -50,12 +50,13 @@ def array_digest(name: str, dimensions: tuple[str, ...], values: NDArray[Any]) -
 
 def scene_digests(scene: xarray.Dataset) -> dict[str, str]:
     """Return the digest of every variable and coordinate of a scene, by name, sorted."""
-    return {
-        str(name): array_digest(
-            str(name), tuple(map(str, scene[name].dims)), np.asarray(scene[name].values)
-        )
-        for name in sorted(map(str, scene.variables))
-    }
+    return {name: variable_digest(scene[name]) for name in sorted(map(str, scene.variables))}
+
+
+def variable_digest(variable: xarray.DataArray) -> str:
+    """Return the digest of one variable or coordinate of a scene, as of `array_digest`."""
+    dimensions = tuple(map(str, variable.dims))
+    return array_digest(str(variable.name), dimensions, np.asarray(variable.values))
 
 
 def attributes_digest(attributes: Mapping[str, Any]) -> str:

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
+from functools import partial
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import array_digest, combine
+from dfdbench.datasets.fingerprint import combine, variable_digest
 from dfdbench.errors import Problem, StoreError
 from dfdbench.system.parallel import Pool, Threads
 
@@ -74,7 +73,7 @@ def verify_store(
     on_scene : callable, optional
         Called with (scenes done, scenes in all).
     """
-    looked_at = (pool or Threads()).map(_SceneVerifier(store), store.scenes, on_done=on_scene)
+    looked_at = (pool or Threads()).map(partial(_verified, store), store.scenes, on_done=on_scene)
     missing = [
         StoreDifference(scene, "", "the scene is missing")
         for scene in _scenes_expected(store)
@@ -117,43 +116,35 @@ class _Scene:
     differences: tuple[StoreDifference, ...]
 
 
-@dataclass(frozen=True)
-class _SceneVerifier:
-    store: Dataset
-
-    def __call__(self, scene: str) -> _Scene:
+def _verified(store: Dataset, scene: str) -> _Scene:
+    try:
+        dataset = store.stored(scene)
+    except StoreError as error:
+        why = f"cannot be opened: {error.problems[0].got}"
+        return _Scene(scene, "", 0, (StoreDifference(scene, "", why),))
+    recorded = _recorded(dataset.attrs.get("array_digests"))
+    found: dict[str, str] = {}
+    differences = []
+    for name in sorted(map(str, dataset.variables)):
+        if name not in recorded:
+            differences.append(StoreDifference(scene, name, "was not there when it was built"))
         try:
-            dataset = self.store.stored(scene)
-        except StoreError as error:
-            why = f"cannot be opened: {error.problems[0].got}"
-            return _Scene(scene, "", 0, (StoreDifference(scene, "", why),))
-        recorded = _recorded(dataset.attrs.get("array_digests"))
-        found: dict[str, str] = {}
-        differences = []
-        for name in sorted(map(str, dataset.variables)):
-            variable = dataset[name]
-            if name not in recorded:
-                differences.append(StoreDifference(scene, name, "was not there when it was built"))
-            try:
-                values = np.asarray(variable.values)
-            except Exception as error:
-                if name in recorded:
-                    differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
-                continue
-            found[name] = array_digest(name, tuple(map(str, variable.dims)), values)
-            if name in recorded and found[name] != recorded[name]:
-                differences.append(StoreDifference(scene, name, "holds other values"))
-        unread = {difference.array for difference in differences}
-        differences += [
-            StoreDifference(scene, name, "is missing")
-            for name in sorted(set(recorded) - set(found) - unread)
-        ]
-        if found == recorded and combine(found) != dataset.attrs.get("digest"):
-            differences.append(
-                StoreDifference(scene, "", "its recorded digests contradict each other")
-            )
-        whole = len(found) == len(dataset.variables)
-        return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
+            found[name] = variable_digest(dataset[name])
+        except Exception as error:
+            if name in recorded:
+                differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
+            continue
+        if name in recorded and found[name] != recorded[name]:
+            differences.append(StoreDifference(scene, name, "holds other values"))
+    unread = {difference.array for difference in differences}
+    differences += [
+        StoreDifference(scene, name, "is missing")
+        for name in sorted(set(recorded) - set(found) - unread)
+    ]
+    if found == recorded and combine(found) != dataset.attrs.get("digest"):
+        differences.append(StoreDifference(scene, "", "its recorded digests contradict each other"))
+    whole = len(found) == len(dataset.variables)
+    return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
 
 
 def _recorded(digests: object) -> dict[str, str]:

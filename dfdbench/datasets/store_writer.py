@@ -166,14 +166,12 @@ class StoreWriter:
         StoreError
             Where finishing would lose pairs.
         """
-        found = _attributes_of(self.path) or {}
+        found = _attributes_of(self.path)
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
         if lost:
-            what = (
-                f"the store there holds {len(lost)} pairs that this build lacks: {listed(lost, 3)}"
-            )
+            what = f"the store there holds {len(lost)} pairs that this build lacks"
             fix = "build elsewhere with --store PATH, or delete that store; nothing was changed"
-            raise StoreError(what, where=str(self.path), fix=fix)
+            raise StoreError(f"{what}: {listed(lost, 3)}", where=str(self.path), fix=fix)
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""
@@ -193,13 +191,13 @@ class StoreWriter:
         for place in (self.path, self.partial):
             if not location.exists(place):
                 continue
-            found = _attributes_of(place) or {}
+            found = _attributes_of(place)
             ours = self._is_interrupted_move(place, found) or self._is_hardly_begun(place)
             if found.get("format") != FORMAT and not ours:
                 what = "the place is taken by something that is no dfdbench store"
                 fix = "choose another with --store PATH, or delete a store without zarr.json"
                 raise StoreError(what, where=str(place), fix=fix)
-        found = (_attributes_of(self.path) or {}) if location.exists(self.path) else {}
+        found = _attributes_of(self.path)
         for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
             if key in found and found[key] != self._attributes.get(key):
                 other = f"{found[key]}, not {self._attributes.get(key)}"
@@ -215,7 +213,7 @@ class StoreWriter:
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
-        twin = _attributes_of(self.partial) or {}
+        twin = _attributes_of(self.partial)
         return (
             place == self.path
             and not location.is_local(place)
@@ -250,13 +248,13 @@ def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
     )
 
 
-def _attributes_of(place: UPath) -> dict[str, Any] | None:
+def _attributes_of(place: UPath) -> dict[str, Any]:
     try:
         return dict(zarr.open_group(location.zarr_store(place), mode="r", zarr_format=3).attrs)
     except Exception:
-        return None
+        return {}
 
 
 def _says(place: UPath, attributes: Mapping[str, Any]) -> bool:
-    found = _attributes_of(place) or {}
+    found = _attributes_of(place)
     return {key: found.get(key) for key in attributes} == attributes

@@ -189,12 +189,9 @@ DEMO, CAPTURED = find_manifest("demo"), find_manifest("realworld")
 
 
 def test_a_build_lies_in_the_cache_unless_a_place_is_given(tmp_path: Path) -> None:
-    plan = plan_build(DEMO, cache=tmp_path)
-    assert Path(plan.place.path) == tmp_path / "stores/demo-1.zarr"
-    assert (plan.recipe, plan.steps) == (None, None)
-    there = plan_build(DEMO, "memory://mine.zarr", "text")
-    assert there.place.protocol == "memory"
-    assert there.recipe == "text"
+    manifest, place = plan_build(DEMO, cache=tmp_path)
+    assert (manifest, Path(place.path)) == (DEMO, tmp_path / "stores/demo-1.zarr")
+    assert plan_build(DEMO, "memory://mine.zarr", "text")[1].protocol == "memory"
 
 
 @pytest.mark.parametrize("named", [False, True])
@@ -207,8 +204,8 @@ def test_other_blur_or_steps_are_refused_in_the_sets_own_place(tmp_path: Path, n
     capture = CAPTURED.capture
     assert capture is not None
     usual = (capture.infocus_step, capture.defocus_step)
-    assert plan_build(CAPTURED, places[1], steps=usual, cache=tmp_path).steps == usual
-    assert plan_build(DEMO, places[0], "published", cache=tmp_path).recipe is not None
+    plan_build(CAPTURED, places[1], steps=usual, cache=tmp_path)
+    plan_build(DEMO, places[0], "published", cache=tmp_path)
 
 
 def test_a_link_to_the_sets_own_place_is_that_place(tmp_path: Path) -> None:

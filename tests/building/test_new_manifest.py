@@ -59,8 +59,8 @@ PLACES = ("Apartment1", "Bedroom_room2", "Bedroom_room3", "Lab 4", "Museum")
 
 def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     folder = make_idfd(tmp_path, PLACES)
-    plan = plan_build(find_manifest("idfd"), tmp_path / "one.zarr", source=folder)
-    report = build_store(plan.manifest, open_source(plan.manifest, folder), plan.place)
+    manifest, place = plan_build(find_manifest("idfd"), tmp_path / "one.zarr", source=folder)
+    report = build_store(manifest, open_source(manifest, folder), place)
     assert (report.problems, report.missing) == ((), ())
     assert report.warnings == ("13 scenes found; idfd has 764",)
     store = Dataset(tmp_path / "one.zarr")
@@ -68,8 +68,7 @@ def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     assert len(store.manifest.scenes_of("train")) == 10
     assert np.nanmax(store.captures("test")[0].depth) == pytest.approx(4)
     assert datasheet_of(store.manifest) is not None
-    again = plan_build(find_manifest("idfd"), tmp_path / "two.zarr", source=folder).manifest
-    assert again == store.manifest
+    assert with_found_scenes(find_manifest("idfd"), folder) == store.manifest
 
 
 def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:

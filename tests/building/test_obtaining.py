@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from dfdbench.building import obtaining
-from dfdbench.building.build import plan_build
 from dfdbench.building.obtaining import obtain, voltage_pair_sets
 from dfdbench.building.sources.interface import Source
 from dfdbench.datasets.catalog import default_store, find_manifest
@@ -16,14 +15,15 @@ from tests.conftest import write_png
 
 @pytest.mark.parametrize("mirror", ["/data/middlebury", "ftp://mirror.example", "https:///folder"])
 def test_a_mirror_is_an_address(tmp_path: Path, mirror: str) -> None:
-    plan = plan_build(find_manifest("middlebury"), cache=tmp_path)
     with pytest.raises(InputError, match=f"not an address.*{mirror}"):
-        obtain(plan, mirrors=["https://right.example", mirror], cache=tmp_path)
+        obtain(
+            find_manifest("middlebury"), mirrors=["https://right.example", mirror], cache=tmp_path
+        )
 
 
 def test_what_is_asked_about_fetching_is_refused_where_nothing_is_fetched(tmp_path: Path) -> None:
-    demo, middlebury = (plan_build(find_manifest(name)) for name in ("demo", "middlebury"))
-    assert obtain(demo).folder is None
+    demo, middlebury = (find_manifest(name) for name in ("demo", "middlebury"))
+    assert obtain(demo).done is None
     with pytest.raises(InputError, match="demo is not fetched here"):
         obtain(demo, offline=True)
     with pytest.raises(InputError, match="reads a copy on disk") as caught:
@@ -34,11 +34,10 @@ def test_what_is_asked_about_fetching_is_refused_where_nothing_is_fetched(tmp_pa
 def test_offline_what_lies_there_is_the_source(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:
-    plan = plan_build(tiny_manifest, cache=tmp_path / "cache")
     with pytest.raises(InputError, match=r"no file of tiny is there[^$]*without --offline"):
-        obtain(plan, offline=True, cache=tmp_path / "cache")
+        obtain(tiny_manifest, offline=True, cache=tmp_path / "cache")
     shutil.copytree(tiny_folder, tmp_path / "cache/downloads/tiny-1", dirs_exist_ok=True)
-    found = obtain(plan, offline=True, cache=tmp_path / "cache")
+    found = obtain(tiny_manifest, offline=True, cache=tmp_path / "cache")
     assert found.done is not None
     assert (found.done.new, found.done.kept) == (0, 17)
     assert len(found.source.available_pairs()) == 11

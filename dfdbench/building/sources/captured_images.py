@@ -1,6 +1,6 @@
 """One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.image_files import read_depth_file, read_photograph, sides
+from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
 from dfdbench.building.sources.interface import gathered
 from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
@@ -207,7 +207,9 @@ def captured_images(
             found = depth_of(values, files, about, depth[1])
     for image, where in sized[1:]:
         is_depth = depth is not None and where == depth[1]
-        problems += _odd_size(image, where, *sized[0], is_depth)
+        fix = "resample the depth map onto the image" * is_depth
+        with gathered(problems):
+            require_size(image.shape, sized[0][0].shape, where, sized[0][1], fix)
     SourceError.raise_if(problems)
     if found is None:
         found = np.full(read[0][0].shape[:2], np.nan, np.float32)
@@ -322,15 +324,6 @@ def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:
     if laplacian_energy(defocus) <= laplacian_energy(infocus):
         return ()
     return (f"{where}: the defocus image is the sharper one, are the two swapped?",)
-
-
-def _odd_size(
-    image: Image, where: str, first: Image, named: str, is_depth: bool
-) -> Iterator[Problem]:
-    if image.shape[:2] != first.shape[:2]:
-        expected, got = f"{sides(first.shape)} as {named}", sides(image.shape)
-        fix = "resample the depth map onto the image" * is_depth
-        yield Problem("size differs", where=where, expected=expected, got=got, fix=fix)
 
 
 def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice, slice]:

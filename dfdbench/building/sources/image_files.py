@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
+from dfdbench.building.sources.interface import gathered
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 from dfdbench.system.files import LARGEST_ARRAY, read_as
@@ -232,9 +233,8 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     (2, 3, 3)
     """
     image = decode_rgb(content, where)
-    if size is not None and image.shape[:2] != size:
-        got, expected = sides(image.shape), sides(size)
-        raise SourceError("size differs", where=where, expected=expected, got=got)
+    if size is not None:
+        require_size(image.shape, size, where)
     if not image.any():
         raise SourceError("the image is black all over", where=where, fix="fetch it again")
     return image
@@ -265,24 +265,29 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
     """Return a problem for each image file that is damaged or not of `size` (y, x)."""
     problems: list[Problem] = []
     for path in files:
-        try:
+        with gathered(problems):
             content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
-            damage = _damage(content)
-            if damage:
+            if damage := _damage(content):
                 raise SourceError("the image file is damaged", where=str(path), got=damage)
             with Pillow.open(io.BytesIO(content)) as file:
-                found = file.size[::-1]
-            if found != size:
-                got, expected = sides(found), sides(size)
-                raise SourceError("size differs", where=str(path), expected=expected, got=got)
-        except SourceError as error:
-            problems += error.problems
+                require_size(file.size[::-1], size, str(path))
     return problems
 
 
-def sides(shape: tuple[int, ...]) -> str:
-    """Return an image's size in words."""
-    return f"{shape[0]} rows, {shape[1]} columns"
+def require_size(
+    found: tuple[int, ...], size: tuple[int, ...], where: str, like: str = "", fix: str = ""
+) -> None:
+    """Refuse an image of other rows and columns than `size`, which is that of the file `like`.
+
+    Raises
+    ------
+    SourceError
+        Where they differ; `where` is the image's file.
+    """
+    if found[:2] != size[:2]:
+        got, expected = (f"{shape[0]} rows, {shape[1]} columns" for shape in (found, size))
+        expected += f" as {like}" * bool(like)
+        raise SourceError("size differs", where=where, expected=expected, got=got, fix=fix)
 
 
 def average_frames(frames: list[Image]) -> Image:

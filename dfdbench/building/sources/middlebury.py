@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from dfdbench.building.fetching import archive_members, check_checksum, read_mem
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
-from dfdbench.errors import Problem, SourceError, reason_of, room_or
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.files import LARGEST_ARRAY, hold, read_as
 from dfdbench.tables.table import listed
 
@@ -275,7 +275,8 @@ def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
 
 _NAMES_SHOWN = 10
 
-_Check = Callable[[str, Path, str], None]
+#: Of a file, what it holds and where it came from.
+_Inspection = Callable[[Path, bytes, str], None]
 
 
 @dataclass(frozen=True)
@@ -351,9 +352,7 @@ def download_middlebury(
             fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
-        what = f"cannot keep the download: {reason_of(error)}"
-        fix = room_or("choose another place with --cache DIR", error)
-        raise SourceError(what, where=str(error.filename or folder), fix=fix) from error
+        raise fetching.cannot_keep(error.filename or folder, error) from error
     lacking = fetching.mirrors_lacking(fates, mirrors)
     _refuse(fates, folder, lacking)
     return Download(
@@ -377,51 +376,46 @@ class _Site:
 
     def depths(self, scene: Scene) -> list[fetching.WantedFile]:
         names = [depth_name({"view": view}) for view in self.manifest.axes["view"]]
-        return [self._file(scene, name, self._check_depth) for name in names]
+        return [self._file(scene, f"{scene.name}/{name}", self._inspect_depth) for name in names]
 
     def images(self, scene: Scene) -> list[fetching.WantedFile]:
-        return [
-            self._file(scene, image_name(pair.at), self._check_image)
-            for pair in self.manifest.pairs_of_scene(scene.name)
-        ]
+        names = [image_name(pair.at) for pair in self.manifest.pairs_of_scene(scene.name)]
+        return [self._file(scene, f"{scene.name}/{name}", self._inspect_image) for name in names]
 
     def archive(self, scene: Scene) -> fetching.WantedFile:
         name = f"{scene.name}-2views.zip"
-        addresses = self._addresses(scene, f"zip-2views/{name}")
-        return fetching.WantedFile(name, addresses, partial(self._check_archive, name))
+        return self._file(scene, name, _inspect_archive, f"zip-2views/{name}")
 
-    def _file(self, scene: Scene, name: str, check: _Check) -> fetching.WantedFile:
-        full = f"{scene.name}/{name}"
-        addresses = self._addresses(scene, full)
-        return fetching.WantedFile(full, addresses, partial(check, full))
-
-    def _addresses(self, scene: Scene, path: str) -> tuple[str, ...]:
+    def _file(
+        self, scene: Scene, name: str, inspect: _Inspection, address: str = ""
+    ) -> fetching.WantedFile:
         url = next(s.url for s in self.manifest.sources if s.name == scene.source).rstrip("/")
         below = "/".join(url.split("/")[-2:])
         bases = [*(f"{mirror.rstrip('/')}/{below}" for mirror in self.mirrors), url]
-        return tuple(f"{base}/{path}" for base in bases)
 
-    def _check_depth(self, name: str, path: Path, where: str) -> None:
-        content = path.read_bytes()
-        if not self._is_known(name, content, where):
-            decode_levels(content, where, self.manifest.depth.unknown)
+        def check(file: Path, where: str) -> None:
+            content = file.read_bytes()
+            fetching.check_checksum(name, content, self.known, where)
+            if name not in self.known:
+                inspect(file, content, where)
 
-    def _check_image(self, name: str, path: Path, where: str) -> None:
-        content = path.read_bytes()
-        if self._is_known(name, content, where):
-            return
-        view = path.name.removeprefix("view").split(".")[0]
-        depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
+        return fetching.WantedFile(
+            name, tuple(f"{base}/{address or name}" for base in bases), check
+        )
+
+    def _inspect_depth(self, file: Path, content: bytes, where: str) -> None:
+        decode_levels(content, where, self.manifest.depth.unknown)
+
+    def _inspect_image(self, file: Path, content: bytes, where: str) -> None:
+        view = file.name.removeprefix("view").split(".")[0]
+        scene = file.relative_to(self.folder).parts[0]
+        depth = self.folder / scene / depth_name({"view": int(view)})
         size = decode_file(depth.read_bytes(), str(depth)).shape[:2] if depth.exists() else None
         decode_image(content, where, size)
 
-    def _check_archive(self, name: str, path: Path, where: str) -> None:
-        if not self._is_known(name, path.read_bytes(), where):
-            archive_members(path, where)
 
-    def _is_known(self, name: str, content: bytes, where: str) -> bool:
-        fetching.check_checksum(name, content, self.known, where)
-        return name in self.known
+def _inspect_archive(file: Path, content: bytes, where: str) -> None:
+    archive_members(file, where)
 
 
 def _bring_all(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:

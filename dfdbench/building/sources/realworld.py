@@ -13,7 +13,7 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
 from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
-from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
 from dfdbench.rig.geometry import CaptureRig
 from dfdbench.rig.lidar import Beams, average_scans, depth_image, read_beams, read_ranges, warp
@@ -23,8 +23,8 @@ from dfdbench.rig.registration import read_registration
 LevelsAndKnown = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 
 
-class PublishedScene:
-    """A scene as published: ``left/exp_30/image_141_30.00.png``, ``lidar/..._8bit_x6.png``.
+class CapturedScene:
+    """What both layouts of a scene have in common.
 
     Parameters
     ----------
@@ -34,18 +34,35 @@ class PublishedScene:
         Of the manifest.
     """
 
+    #: Where its images are, a folder an exposure.
+    inside: str
+
     def __init__(self, folder: Path, capture: Recording) -> None:
         self.folder = folder
         self._capture = capture
 
     def exposures(self) -> tuple[int, ...]:
         """Return the exposure times, in ms, of which there are images."""
-        return _exposures(self.folder / "left")
+        places = (self.folder / self.inside).glob("exp_*")
+        names = (place.name.removeprefix("exp_") for place in places if place.is_dir())
+        return tuple(sorted({int(name) for name in names if name.isdigit()}))
+
+    def _place_of(self, exposure_ms: int) -> Path:
+        # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
+        inside = self.folder / self.inside
+        padded = inside / f"exp_{exposure_ms:02d}"
+        return padded if padded.is_dir() else inside / f"exp_{exposure_ms}"
+
+
+class PublishedScene(CapturedScene):
+    """A scene as published: ``left/exp_30/image_141_30.00.png``, ``lidar/..._8bit_x6.png``."""
+
+    inside = "left"
 
     def images(self, exposure_ms: int, step: int) -> list[Path]:
         """Return the one file of an image; none where it is missing."""
-        path = _exposure_folder(self.folder / "left", exposure_ms)
-        return [file for file in [path / f"{_image_name(exposure_ms, step)}.png"] if file.exists()]
+        file = self._place_of(exposure_ms) / f"{_image_name(exposure_ms, step)}.png"
+        return [file] if file.exists() else []
 
     def image(self, exposure_ms: int, step: int) -> Image:
         """Return one image, RGB."""
@@ -55,8 +72,9 @@ class PublishedScene:
         """Return all that is published of an image's frame: what was left of it by the crop."""
         return self.image(exposure_ms, step)
 
+    @property
     def depth(self) -> LevelsAndKnown:
-        """Return depth levels in centimetres and where they are known."""
+        """Depth levels in centimetres and where they are known."""
         levels = np.ascontiguousarray(read_rgb(self.depth_files()[0])[..., 0])
         return levels, (levels > 0) & (levels < LAST_LEVEL)
 
@@ -78,7 +96,7 @@ class PublishedScene:
         return image_problems(files, (self._capture.crop_size,) * 2)
 
 
-class RawScene:
+class RawScene(CapturedScene):
     """A scene as captured: ``frames/exp_30/image_141_30.00_0.png``, ``lidar/lidar_rng_00000.bin``.
 
     Parameters
@@ -89,26 +107,22 @@ class RawScene:
         Of the manifest.
     """
 
+    inside = "frames"
+
     def __init__(self, folder: Path, capture: Recording) -> None:
-        self.folder = folder
-        self._capture = capture
+        super().__init__(folder, capture)
         height, width = capture.frame_size
         self.rig = CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
-        self._depth: LevelsAndKnown | None = None
-
-    def exposures(self) -> tuple[int, ...]:
-        """Return the exposure times, in ms, of which there are frames."""
-        return _exposures(self.folder / "frames")
 
     def images(self, exposure_ms: int, step: int) -> list[Path]:
         """Return the frames of one image."""
-        folder = _exposure_folder(self.folder / "frames", exposure_ms)
-        return sorted(folder.glob(f"{_image_name(exposure_ms, step)}_*.png"))
+        names = f"{_image_name(exposure_ms, step)}_*.png"
+        return sorted(self._place_of(exposure_ms).glob(names))
 
     def steps(self, exposure_ms: int) -> tuple[int, ...]:
         """Return the voltage steps of which there are frames at an exposure."""
-        folder = _exposure_folder(self.folder / "frames", exposure_ms)
-        names = [path.name.split("_") for path in folder.glob("image_*_*.png")]
+        files = self._place_of(exposure_ms).glob("image_*_*.png")
+        names = [path.name.split("_") for path in files]
         return tuple(sorted({int(parts[1]) for parts in names if parts[1].isdigit()}))
 
     def frame(self, exposure_ms: int, step: int) -> Image:
@@ -128,14 +142,12 @@ class RawScene:
         """Return where the beams point: the scene's calibration, the folder's, or the thesis's."""
         return read_beams(self.beams_file())
 
+    @cached_property
     def depth(self) -> LevelsAndKnown:
-        """Return depth levels in centimetres and where they are known; worked out once."""
-        if self._depth is None:
-            levels, valid = depth_image(self.ranges(), self.beams())
-            size = self._capture.crop_size
-            matrix = read_registration(self.registration)
-            self._depth = warp(levels, valid, matrix, (size, size))
-        return self._depth
+        """Depth levels in centimetres and where they are known; worked out once."""
+        levels, valid = depth_image(self.ranges(), self.beams())
+        matrix = read_registration(self.registration)
+        return warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
 
     def scans(self) -> list[Path]:
         """Return the LIDAR's range files."""
@@ -162,8 +174,7 @@ class RawScene:
         files = self.images(exposure_ms, step)
         problems = image_problems(files, tuple(self._capture.frame_size))
         if len(files) != self._capture.frames:
-            name = _image_name(exposure_ms, step)
-            place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
+            place = self._place_of(exposure_ms) / f"{_image_name(exposure_ms, step)}_*.png"
             what = f"only {len(files)} of {self._capture.frames} frames"
             problems.append(Problem(what, where=str(place)))
         return problems
@@ -196,7 +207,7 @@ class RawScene:
         else:
             with gathered(problems):
                 read_registration(self.registration)
-        if not problems and not self.depth()[1].any():
+        if not problems and not self.depth[1].any():
             what = "no LIDAR return falls on the image"
             problems.append(Problem(what, where=where, fix=f"{fix} --fresh"))
         return problems
@@ -210,17 +221,6 @@ def find_captured_scene(
     if (place / "frames").is_dir():
         return RawScene(place, capture)
     return PublishedScene(place, capture) if place.is_dir() else None
-
-
-def _exposures(folder: Path) -> tuple[int, ...]:
-    names = (place.name.removeprefix("exp_") for place in folder.glob("exp_*") if place.is_dir())
-    return tuple(sorted({int(name) for name in names if name.isdigit()}))
-
-
-def _exposure_folder(folder: Path, exposure_ms: int) -> Path:
-    # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
-    padded = folder / f"exp_{exposure_ms:02d}"
-    return padded if padded.is_dir() else folder / f"exp_{exposure_ms}"
 
 
 def _image_name(exposure_ms: int, step: int) -> str:
@@ -309,10 +309,7 @@ class RealworldFolder:
     def read(self, scene: str) -> SceneImages:
         """Read one scene."""
         files = self._scenes[scene]
-        try:
-            levels, valid = files.depth()
-        except DfdbenchError as error:
-            raise SourceError.of(error.problems) from error
+        levels, valid = files.depth
         exposures = self._manifest.axes["exposure_ms"]
         shape = (len(exposures), *levels.shape, 3)
         infocus, defocus = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)

@@ -146,7 +146,7 @@ def test_synthetic_blur_takes_the_sharpest_step(captures: Path, tmp_path: Path) 
     images = store.read(pair)
     scene = raw_scene(captures, "k03")
     assert (images.infocus == scene.image(40, 135)).all()
-    levels, valid = scene.depth()
+    levels, valid = scene.depth
     assert (images.levels == 255 - levels).all()
     assert (images.valid == valid).all()
     expected = synthesize(images.infocus, images.levels, RECIPES["published"])
@@ -270,7 +270,7 @@ def test_of_published_depth_maps_the_scaled_one_is_taken(tmp_path: Path) -> None
     levels[0, :3] = (0, 255, 254)
     write_png(tmp_path / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
     assert scene.depth_problems() == []
-    found, valid = scene.depth()
+    found, valid = scene.depth
     assert np.array_equal(found, levels)
     # 0 and 255 say that nothing came back.
     assert np.argwhere(~valid).tolist() == [[0, 0], [0, 1]]
