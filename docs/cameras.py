@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 import dfdbench
 from dfdbench.building import SceneImages, build_store
-from dfdbench.building.sources.interface import Made
+from dfdbench.building.sources import Made
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest

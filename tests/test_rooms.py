@@ -129,8 +129,6 @@ TESTED_ELSEWHERE = {
     "dfdbench.metrics.similarity": "metrics/test_scores.py",
     "dfdbench.results.environment": "cli/test_datasets.py",
     "dfdbench.system.array_files": "evaluation/test_prediction_files.py",
-    # A protocol: what fulfils it is tested against it.
-    "dfdbench.building.sources.interface": "building/test_sources.py",
 }
 
 

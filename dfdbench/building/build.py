@@ -16,7 +16,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.new_manifest import with_found_scenes
-from dfdbench.building.sources.interface import SceneError, SceneImages, Source
+from dfdbench.building.sources import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts
 from dfdbench.datasets.catalog import default_store

@@ -32,6 +32,7 @@ _TRY_AGAIN = (408, 425, 429, *range(500, 600))
 _NOT_THERE = (403, 404, 410)
 _FAILURES_TO_GIVE_UP = 3
 _CONNECTION = re.compile(r"^<?\w*Connection\w*[(]?[^:]*: ")
+_NOT_SENT = "the server does not send the file"
 _LATER = "try again later: files that are whole are kept; or name a --mirror URL"
 
 #: Told of (files done, files in all, bytes received).
@@ -80,6 +81,11 @@ class Fate:
     kind: Literal["new", "kept", "missing", "unreachable", "damaged"]
     problems: tuple[Problem, ...] = ()
     lacking: tuple[str, ...] = ()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the file lies in its place."""
+        return self.kind in ("new", "kept")
 
 
 @dataclass(frozen=True)
@@ -199,7 +205,7 @@ class Fetcher:
                 lacking.append(f"{error} {address}")
                 continue
             except _UnreachableError as error:
-                unreachable.append(error.problem)
+                unreachable += error.problems
                 continue
             refused = _refusal(file, part, address)
             if not refused:
@@ -229,7 +235,7 @@ class Fetcher:
             raise _unreachable(address, requests.exceptions.InvalidURL(error)) from error
         if self._failures[host] >= _FAILURES_TO_GIVE_UP:
             got = f"{self._failures[host]} files in a row could not be fetched from it"
-            raise _UnreachableError("the server was given up", address, got)
+            raise _UnreachableError("the server was given up", where=address, got=got, fix=_LATER)
         try:
             part.parent.mkdir(parents=True, exist_ok=True)
             self._receive(address, part)
@@ -253,18 +259,18 @@ class Fetcher:
                     raise _NotThereError(str(answer.status_code))
                 if answer.status_code >= 400:
                     status = f"{answer.status_code} {answer.reason}"
-                    raise _UnreachableError("the server refuses", address, status, fix="")
+                    raise _UnreachableError("the server refuses", where=address, got=status)
                 try:
                     return self._write(answer, part)
                 except requests.exceptions.RequestException as error:
                     reason = _short(error)
-        raise _UnreachableError("the server does not send the file", address, reason)
+        raise _UnreachableError(_NOT_SENT, where=address, got=reason, fix=_LATER)
 
     def _write(self, answer: requests.Response, part: Path) -> None:
         with part.open("wb") as out:
             for block in answer.iter_content(_BLOCK):
                 if self._stopped.is_set():
-                    raise _UnreachableError("the download was stopped", answer.url, "")
+                    raise _UnreachableError("the download was stopped", where=answer.url)
                 out.write(block)
                 self._count(received=len(block))
 
@@ -288,12 +294,8 @@ class _NotThereError(Exception):
     """The server has no such file; the text is the status that it answers with."""
 
 
-class _UnreachableError(Exception):
-    """The file may be there but could not be fetched; `problem` says why."""
-
-    def __init__(self, what: str, where: str, got: str, fix: str = _LATER) -> None:
-        self.problem = Problem(what, where=where, got=got, fix=fix)
-        super().__init__(str(self.problem))
+class _UnreachableError(SourceError):
+    """The file may be there but could not be fetched."""
 
 
 def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
@@ -309,7 +311,7 @@ def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Prob
 
 
 def _unreachable(address: str, error: requests.exceptions.RequestException) -> _UnreachableError:
-    what, fix = "the server does not send the file", _LATER
+    what, fix = _NOT_SENT, _LATER
     if isinstance(error, requests.exceptions.SSLError):
         what = f"the certificate of {urlsplit(address).hostname} cannot be verified"
         fix = (
@@ -322,7 +324,7 @@ def _unreachable(address: str, error: requests.exceptions.RequestException) -> _
     # InvalidURL, InvalidSchema and MissingSchema.
     elif isinstance(error, ValueError):
         what, fix = "not an address", "write it as https://HOST/FOLDER"
-    return _UnreachableError(what, address, _short(error), fix)
+    return _UnreachableError(what, where=address, got=_short(error), fix=fix)
 
 
 def _short(error: Any) -> str:

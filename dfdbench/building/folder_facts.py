@@ -112,7 +112,7 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
-    keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
+    keys = spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
     tell_photographs(folder, fitting, keys, facts)
     _tell_focus(folder, fitting, keys, facts)
     if len(depths) > 1:
@@ -170,7 +170,8 @@ def _is_depth(folder: Path, group: Group) -> bool:
     return flat and (group.is_depth or image.dtype != np.uint8)
 
 
-def _spread(keys: Sequence[Key], most: int) -> list[Key]:
+def spread(keys: Sequence[Key], most: int) -> list[Key]:
+    """Return some of the scenes, so many at most, spread over all."""
     return list(keys[:: max(1, math.ceil(len(keys) / most))])
 
 
@@ -250,7 +251,7 @@ def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = F
     group = facts.roles["depth"]
     some: list[NDArray[Any]] = []
     sizes: dict[Key, tuple[int, ...]] = {}
-    for key, _, image in _decoded(folder, group, _spread(keys, _DEPTH_MAPS)):
+    for key, _, image in _decoded(folder, group, spread(keys, _DEPTH_MAPS)):
         flat = (image if image.ndim == 2 else image[..., 0]).ravel()
         some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
         sizes[key] = image.shape[:2]

@@ -4,6 +4,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path, PurePosixPath
 
@@ -148,7 +149,7 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    layouts = [_layout(paths, _name_reading(form)) for form in _FORMS]
+    layouts = [_layout(paths, partial(_by_name, form)) for form in _FORMS]
     whole = [*folder_layouts(paths), *(layout for layout in layouts if layout)]
     # A scene with a depth file and two others cannot be a kind of files read as a scene.
     order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
@@ -158,7 +159,7 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
 def folder_layouts(paths: tuple[str, ...], least: int = _ROLES) -> list[Layout]:
     """Return how files go together if a folder's name tells the scene, of `least` files or more."""
     depth = max((path.count("/") for path in paths), default=0)
-    layouts = [_layout(paths, _folder_reading(level), least) for level in range(depth)]
+    layouts = [_layout(paths, partial(_by_folder, level), least) for level in range(depth)]
     return [layout for layout in layouts if layout]
 
 
@@ -176,30 +177,23 @@ def _with_depth(groups: tuple[Group, ...]) -> int:
     return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
-Reading = Callable[[PurePosixPath], tuple[str, str] | None]
+def _by_folder(level: int, path: PurePosixPath) -> tuple[str, str] | None:
+    """Return a file's pattern and its scene, told by a folder's name; None if it has none."""
+    parts = list(path.parts)
+    if level >= len(parts) - 1 or parts[level] == "{split}":
+        return None
+    scene, parts[level] = parts[level], "{scene}"
+    return "/".join(parts), scene
 
 
-def _folder_reading(level: int) -> Reading:
-    def read(path: PurePosixPath) -> tuple[str, str] | None:
-        parts = list(path.parts)
-        if level >= len(parts) - 1 or parts[level] == "{split}":
-            return None
-        scene, parts[level] = parts[level], "{scene}"
-        return "/".join(parts), scene
-
-    return read
-
-
-def _name_reading(form: str) -> Reading:
-    def read(path: PurePosixPath) -> tuple[str, str] | None:
-        match = re.fullmatch(form, path.stem, re.DOTALL)
-        if match is None:
-            return None
-        start, end = match.span("scene")
-        stem = f"{path.stem[:start]}{{scene}}{path.stem[end:]}"
-        return str(path.with_name(stem + path.suffix)), match["scene"]
-
-    return read
+def _by_name(form: str, path: PurePosixPath) -> tuple[str, str] | None:
+    """Return a file's pattern and its scene, told by its own name."""
+    match = re.fullmatch(form, path.stem, re.DOTALL)
+    if match is None:
+        return None
+    start, end = match.span("scene")
+    stem = f"{path.stem[:start]}{{scene}}{path.stem[end:]}"
+    return str(path.with_name(stem + path.suffix)), match["scene"]
 
 
 def _split_of(path: str) -> tuple[PurePosixPath, str]:
@@ -211,7 +205,11 @@ def _split_of(path: str) -> tuple[PurePosixPath, str]:
     return PurePosixPath(path), ""
 
 
-def _layout(paths: tuple[str, ...], reading: Reading, least: int = _ROLES) -> Layout | None:
+def _layout(
+    paths: tuple[str, ...],
+    reading: Callable[[PurePosixPath], tuple[str, str] | None],
+    least: int = _ROLES,
+) -> Layout | None:
     found: dict[str, dict[Key, str]] = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)

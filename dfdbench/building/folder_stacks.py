@@ -1,5 +1,6 @@
 """Find focal stacks in a folder: photographs that differ by a number or by cells of a table."""
 
+import json
 import math
 import re
 from collections import defaultdict
@@ -7,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from dfdbench.building.folder_facts import Facts, tell_depth, tell_photographs
+from dfdbench.building.folder_facts import Facts, spread, tell_depth, tell_photographs
 from dfdbench.building.folder_layout import (
     DEPTH,
     Group,
@@ -197,7 +198,7 @@ def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
     likely = (named or (sharp if len(sharp) == 1 else []))[:1]
     facts = Facts(dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
-    keys = list(layout.scenes[:: max(1, math.ceil(len(layout.scenes) / _LOOKED_AT))])
+    keys = spread(layout.scenes, _LOOKED_AT)
     first = Group(stack.pattern, {key: stacks.images[stack.files[key]][0] for key in keys})
     tell_photographs(folder, [*likely, first], keys, facts)
     counts = sorted({len(stacks.images[stack.files[key]]) for key in layout.scenes})
@@ -235,7 +236,7 @@ def _tell_table(folder: Path, layout: Layout, stack: Group, stacks: Stacks, fact
             folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
             pattern = str(PurePosixPath(*folders, table.path.name))
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
-            _tell_columns(table.rows, table.columns, stack, facts)
+            _tell_columns(table, stack, facts)
             return
     facts.open.append(
         "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
@@ -260,11 +261,10 @@ def _rows_of(path: Path) -> tuple[list[dict[str, str]], list[str]]:
     return [], []
 
 
-def _tell_columns(
-    rows: list[dict[str, str]], columns: list[str], stack: Group, facts: Facts
-) -> None:
-    if columns:
-        facts.more.append(f"columns = [{', '.join(map(repr, columns))}]".replace("'", '"'))
+def _tell_columns(table: _Table, stack: Group, facts: Facts) -> None:
+    rows = table.rows
+    if table.columns:
+        facts.more.append(f"columns = {json.dumps(table.columns)}")
     facts.found.append(f"a table with a row per image: {facts.roles['metadata'].pattern}")
     if set(BY_IMAGE) & set(rows[0]):
         return

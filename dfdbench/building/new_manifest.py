@@ -6,6 +6,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import get_args
 
@@ -26,23 +27,13 @@ _NAMED = 6
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
 _COUNTED = re.compile(r"[-_.]?\d+$")
 _ROW = 96
-_TAIL = """\
-# What is known of lens and camera, lengths in metres; methods may ask for it.
-[rig]
-# focal_length = 0.05
-# infocus_f_number = 8.0
-# defocus_f_number = 2.8
-# pixel_pitch = 5e-6
-# focus_distance = 1.5
+_SCALE = """\
+# Metres become levels linearly in 1/z; law = "linear" would make them linear in z.
+[depth.scale]
+law = "inverse"
+near = {near}
+far = {far}
 
-[table]
-blocks = "capture"
-
-[[sources]]
-name = "mine"
-url = "not published"
-licence = "not stated"
-citations = ["not stated"]
 """
 
 
@@ -107,11 +98,9 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
                 raise
     if stacks is not None:
         return stacks.layout, look_into_stacks(folder, stacks)
-    what = (
-        "no scene with two photographs and a depth map that share a name or a folder, and no stack"
-    )
+    what = "no scene with two photographs and a depth map that share a name or a folder"
     there = "; ".join(filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder))))
-    raise InputError(f"{what} ({', '.join(SUFFIXES)})", where=str(folder), got=there)
+    raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
 
 
 def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
@@ -302,7 +291,7 @@ def _text(value: str) -> str:
 
 def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits; what nobody can tell from files says so."""
-    count, shortest = len(scenes), min(map(min, facts.shapes.values()))
+    count = len(scenes)
     what = "A focal stack" if "images" in facts.roles else "Two photographs"
     unit = "levels, as in the files"
     if facts.depth_ends is not None:
@@ -313,35 +302,18 @@ def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
         unit = "metres"
     elif facts.near is not None:
         unit = f"linear in 1/z from {facts.near:g} m (255) to {facts.far:g} m (1)"
-    parts = [
-        f"""\
-# Written by dfdbench new-dataset from what lies in the folder: read it, and mend what is wrong.
-schema_version = 1
-name = "{name}"
-short = "{name}"
-version = 1
-title = "{name}" # what people read in lists
-description = "{what}{" and a depth map" * ("depth" in facts.roles)} of {counted(count, "scene")}."
-reader = "folder"
-degradation = "clean"
-network_crop = {shortest} # the square that protocol thesis-networks scores
-scene_count = {count}
-pair_count = {count}
-{_pair_images(facts)}
-[axes]
-capture = [1] # several captures a scene: list them, and put {{capture}} into the pattern
-
-[depth]
-axes = []
-unknown = 0
-grows_with = "nearness" # brighter is nearer
-unit = "{unit}"
-"""
-    ]
-    parts += _scale(facts)
-    parts.append(_files(facts, scenes))
-    parts.append(_TAIL)
-    return "\n".join(parts)
+    template = resources.files("dfdbench.building").joinpath("new_manifest.toml").read_text("utf-8")
+    return template.format(
+        name=name,
+        what=what + " and a depth map" * ("depth" in facts.roles),
+        scenes=counted(count, "scene"),
+        crop=min(map(min, facts.shapes.values())),
+        count=count,
+        pair_images=_pair_images(facts),
+        unit=unit,
+        scale="" if facts.near is None else _SCALE.format(near=facts.near, far=facts.far),
+        files=_files(facts, scenes),
+    )
 
 
 def _pair_images(facts: Facts) -> str:
@@ -349,20 +321,6 @@ def _pair_images(facts: Facts) -> str:
         return ""
     first = "in focus all over" if "infocus" in facts.roles else "focused farthest"
     return f"pair_images = [0, 1] # for methods of pairs; 0 is {first}, the others go on to near\n"
-
-
-def _scale(facts: Facts) -> list[str]:
-    if facts.near is None:
-        return []
-    return [
-        f"""\
-# Metres become levels linearly in 1/z; law = "linear" would make them linear in z.
-[depth.scale]
-law = "inverse"
-near = {facts.near}
-far = {facts.far}
-"""
-    ]
 
 
 def _files(facts: Facts, scenes: list[_Scene]) -> str:

@@ -17,7 +17,6 @@ from dfdbench.rig import geometry, lidar, registration
 from dfdbench.rig.sighting import Sighting, board_rays
 from dfdbench.system.parallel import Shown, one_by_one
 
-_Problems = dict[str, tuple[Problem, ...]]
 _T = TypeVar("_T")
 
 
@@ -113,7 +112,7 @@ def register_scenes(
     """
     there = {name: find_captured_scene(source, name, capture) for name in names}
     there = {name: files for name, files in there.items() if files or not only_there}
-    problems: _Problems = {}
+    problems: dict[str, tuple[Problem, ...]] = {}
 
     def each(what: str, names: Sequence[str], work: Callable[[str], _T]) -> dict[str, _T]:
         done = {}

@@ -218,13 +218,10 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
         raise InputError(what, where=name, expected="uint8 or uint16", got=str(stack.dtype))
     count = stack.sizes["image"]
     roles = stack["role"].values if "role" in stack.coords else ["defocus"] * count
+    by_image = {key: stack[key].values.astype(float) for key in BY_IMAGE if key in stack.coords}
     facts = ImageFacts(
         tuple("infocus" if role == "infocus" else "defocus" for role in roles),
-        **{
-            key: np.asarray(stack[key].values, np.float64)
-            for key in BY_IMAGE
-            if key in stack.coords
-        },
+        **by_image,
         **{key: np.array(float(stack.attrs[key])) for key in OF_CAMERA if key in stack.attrs},
     )
     about = LEVELS

@@ -74,11 +74,10 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
         raise UnknownNameError(what, fix=fix)
     found = find_degradation(label)
     if manifest.recipe is None:
-        what = (
-            f"{manifest.short} has no tracks: a track makes defocus images, and these are captured"
-        )
+        what = f"{manifest.short} has no tracks: a track makes defocus images"
         fix = f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`"
-        raise InputError(what, where=f"{manifest.short}{AT}{label}", fix=fix)
+        where = f"{manifest.short}{AT}{label}"
+        raise InputError(f"{what}, and these are captured", where=where, fix=fix)
     if found.label == CLEAN:
         return manifest
     return manifest.model_copy(

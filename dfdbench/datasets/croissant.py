@@ -85,6 +85,7 @@ def croissant_of(manifest: Manifest) -> dict[str, Any]:
     description = manifest.description.strip()
     if manifest.on_track:
         description += f" On the track {find_degradation(manifest.degradation).text}."
+    cited = [text for source in manifest.sources for text in source.citations]
     content: dict[str, Any] = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -96,9 +97,7 @@ def croissant_of(manifest: Manifest) -> dict[str, Any]:
         "version": f"{manifest.version}.0.0",
         "license": list(dict.fromkeys(source.licence for source in manifest.sources)),
         "creator": {"@type": "sc:Organization", "name": "The dfdbench authors"},
-        "citeAs": "; ".join(
-            dict.fromkeys(cited for source in manifest.sources for cited in source.citations)
-        ),
+        "citeAs": "; ".join(dict.fromkeys(cited)),
         "keywords": ["depth from defocus", "depth estimation", "benchmark"],
         "isLiveDataset": False,
         "distribution": [_file(manifest)],
@@ -117,14 +116,8 @@ def _responsible(sheet: Datasheet) -> Iterator[tuple[str, Any]]:
     yield "rai:dataSocialImpact", sheet.social_impact
     yield "rai:hasSyntheticData", sheet.synthetic
     yield "prov:wasDerivedFrom", [{"@id": address} for address in sheet.derived_from]
-    yield (
-        "prov:wasGeneratedBy",
-        {
-            "@type": "prov:Activity",
-            "prov:label": "dfdbench build",
-            "description": sheet.generated_by,
-        },
-    )
+    building = {"@type": "prov:Activity", "prov:label": "dfdbench build"}
+    yield "prov:wasGeneratedBy", {**building, "description": sheet.generated_by}
 
 
 def _file(manifest: Manifest) -> dict[str, Any]:
@@ -146,6 +139,7 @@ def _records(manifest: Manifest) -> dict[str, Any]:
         "scene": ("sc:Text", "The scene that it shows."),
         **dict.fromkeys(manifest.axes, ("sc:Integer", "Its value on this axis.")),
     }
+    rows = [{"id": pair.id, "scene": pair.scene, **pair.at} for pair in manifest.pairs()]
     return {
         "@type": "cr:RecordSet",
         "@id": _PAIRS,
@@ -162,11 +156,5 @@ def _records(manifest: Manifest) -> dict[str, Any]:
             }
             for name, (kind, text) in what.items()
         ],
-        "data": [
-            {
-                f"{_PAIRS}/{name}": value
-                for name, value in {"id": pair.id, "scene": pair.scene, **pair.at}.items()
-            }
-            for pair in manifest.pairs()
-        ],
+        "data": [{f"{_PAIRS}/{name}": row[name] for name in row} for row in rows],
     }

@@ -145,10 +145,8 @@ class Dataset:
     def pairs(self, split: str) -> tuple[Pair, ...]:
         """Return the pairs of a split that the store holds, in the manifest's order."""
         wanted = self.manifest.pairs(split)
-        there = {}
-        for name in {pair.scene for pair in wanted} & set(self.scenes):
-            with self.reading(f"{name}/available"):
-                there[name] = np.asarray(self._array(name, "available")[...])
+        scenes = {pair.scene for pair in wanted} & set(self.scenes)
+        there = {name: self._part(name, "available", ...) for name in scenes}
         return tuple(
             pair
             for pair in wanted

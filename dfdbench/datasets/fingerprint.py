@@ -208,11 +208,8 @@ def open_scene(location: UPath, name: str) -> xarray.Dataset:
     """
     import xarray  # a run of pairs has no need of it
 
+    arrays = WholeArrays(zarr_store(location))
     scene: xarray.Dataset = xarray.open_zarr(
-        WholeArrays(zarr_store(location)),
-        group=name,
-        consolidated=False,
-        chunks=None,
-        zarr_format=3,
+        arrays, group=name, consolidated=False, chunks=None, zarr_format=3
     )
     return scene

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import combine, variable_digest
@@ -122,7 +123,8 @@ def _verified(store: Dataset, scene: str) -> _Scene:
     except StoreError as error:
         why = f"cannot be opened: {error.problems[0].got}"
         return _Scene(scene, "", 0, (StoreDifference(scene, "", why),))
-    recorded = _recorded(dataset.attrs.get("array_digests"))
+    digests = dataset.attrs.get("array_digests")
+    recorded: dict[str, Any] = digests if isinstance(digests, dict) else {}
     found: dict[str, str] = {}
     differences = []
     for name in sorted(map(str, dataset.variables)):
@@ -145,12 +147,6 @@ def _verified(store: Dataset, scene: str) -> _Scene:
         differences.append(StoreDifference(scene, "", "its recorded digests contradict each other"))
     whole = len(found) == len(dataset.variables)
     return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
-
-
-def _recorded(digests: object) -> dict[str, str]:
-    if not isinstance(digests, dict):
-        return {}
-    return {str(name): str(digest) for name, digest in digests.items()}
 
 
 def _scenes_expected(store: Dataset) -> tuple[str, ...]:

@@ -213,13 +213,9 @@ class StoreWriter:
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
-        twin = _attributes_of(self.partial)
-        return (
-            place == self.path
-            and not location.is_local(place)
-            and not found
-            and "fingerprint" in twin
-        )
+        if place != self.path or location.is_local(place) or found:
+            return False
+        return "fingerprint" in _attributes_of(self.partial)
 
 
 @contextlib.contextmanager

@@ -26,15 +26,6 @@ MIDDLEBURY_DEFAULT_FINGERPRINT = "9fab6db828842cf7f14055f9e36de3c02d5827903017ab
 DFD_INDOOR_FINGERPRINT = "85b87133aae2e657fa201e11659ecbec9b808f1859d79eed2e170331f9755ef7"
 
 
-@pytest.mark.parametrize("workers", [1, 2, 4])
-def test_the_fingerprint_does_not_depend_on_the_workers(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path, workers: int
-) -> None:
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(tiny_manifest, source, tmp_path / "again.zarr", pool=Threads(workers))
-    assert report.fingerprint == tiny_store.fingerprint
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "where",
@@ -58,31 +49,17 @@ def test_the_fingerprint_does_not_depend_on_where_it_is_built(
         place = f"{request.getfixturevalue('object_store')}/{tmp_path.name}/again.zarr"
     if where != "processes":
         pool = Cluster(request.getfixturevalue("cluster"))
-    seen: list[int] = []
+    seen: list[tuple[int, ...]] = []
     source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(
-        tiny_manifest, source, place, None, pool, lambda done, total: seen.append(done)
-    )
+    report = build_store(tiny_manifest, source, place, None, pool, lambda *step: seen.append(step))
     assert report.fingerprint == tiny_store.fingerprint
-    assert seen == [1, 2, 3]
+    assert seen == [(1, 3), (2, 3), (3, 3)]
     again = build_store(tiny_manifest, source, place, None, pool)
     assert again.scenes_kept == tiny_store.scenes
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:
     assert demo_store.fingerprint == DEMO_FINGERPRINT
-
-
-def test_a_second_build_keeps_what_is_finished(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
-    steps: list[tuple[int, int]] = []
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(
-        tiny_manifest, source, tiny_store.path, on_scene=lambda d, n: steps.append((d, n))
-    )
-    assert report.scenes_kept == ("One", "Two", "Three")
-    assert steps == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_a_changed_image_is_seen(
@@ -128,17 +105,6 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
         assert part in text
     assert not (tmp_path / "s.zarr").exists()
     assert not (tmp_path / "s.zarr.partial").exists()
-
-
-def test_scenes_that_a_failed_build_keeps_are_named(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    (tiny_folder / "Two/Illum1/Exp0/view1.png").write_bytes(b"GIF89a and so on")
-    kept = tmp_path / "s.zarr.partial"
-    with pytest.raises(SourceError) as caught:
-        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tmp_path / "s.zarr")
-    assert f"2 scenes that can be used are kept for the same command ({kept})" in str(caught.value)
-    assert kept.is_dir()
 
 
 def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:

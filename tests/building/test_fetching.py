@@ -3,6 +3,7 @@ import struct
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trustme
@@ -29,28 +30,18 @@ def site(tmp_path: Path) -> Iterator[Site]:
         yield site
 
 
-def fetch(
-    wanted: list[fetching.WantedFile],
-    folder: Path,
-    on_progress: fetching.Progress | None = None,
-    patience: fetching.Patience | None = None,
-    offline: bool = False,
-) -> list[fetching.Fate]:
-    return fetching.Fetcher(folder, on_progress, patience, offline).bring(wanted)
+def fetch(wanted: list[fetching.WantedFile], folder: Path, **options: Any) -> list[fetching.Fate]:
+    return fetching.Fetcher(folder, **{"patience": QUICK, **options}).bring(wanted)
 
 
 def wanted(*addresses: str) -> list[fetching.WantedFile]:
-    def check(name: str, path: Path, where: str) -> None:
-        fetching.check_checksum(name, path.read_bytes(), KNOWN, where)
+    def file(name: str) -> fetching.WantedFile:
+        def check(path: Path, where: str) -> None:
+            fetching.check_checksum(name, path.read_bytes(), KNOWN, where)
 
-    return [
-        fetching.WantedFile(
-            name,
-            tuple(f"{address}/{name}" for address in addresses),
-            lambda path, where, name=name: check(name, path, where),  # type: ignore[misc]
-        )
-        for name in FILES
-    ]
+        return fetching.WantedFile(name, tuple(f"{each}/{name}" for each in addresses), check)
+
+    return [file(name) for name in FILES]
 
 
 def kinds(fates: list[fetching.Fate]) -> dict[str, str]:
@@ -59,14 +50,16 @@ def kinds(fates: list[fetching.Fate]) -> dict[str, str]:
 
 def test_all_files_come_and_are_kept(site: Site, tmp_path: Path) -> None:
     steps: list[tuple[int, int, int]] = []
-    fates = fetch(wanted(site.address), tmp_path / "out", lambda *step: steps.append(step), QUICK)
+    fates = fetch(
+        wanted(site.address), tmp_path / "out", on_progress=lambda *step: steps.append(step)
+    )
     assert [fate.name for fate in fates] == list(FILES)
     assert set(kinds(fates).values()) == {"new"}
     assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES
     assert steps[-1] == (8, 8, 40_000)
     assert not list((tmp_path / "out").rglob("*.part*"))
     asked = len(site.requests)
-    again = fetch(wanted(site.address), tmp_path / "out", None, QUICK)
+    again = fetch(wanted(site.address), tmp_path / "out")
     assert set(kinds(again).values()) == {"kept"}
     assert len(site.requests) == asked
 
@@ -74,7 +67,7 @@ def test_all_files_come_and_are_kept(site: Site, tmp_path: Path) -> None:
 def test_a_bad_file_is_set_aside_and_fetched_once_more(site: Site, tmp_path: Path) -> None:
     site.faults["/Art/1"] = ["wrong"]
     site.faults["/Art/2"] = ["wrong", "wrong"]
-    fates = fetch(wanted(site.address), tmp_path / "out", None, QUICK)
+    fates = fetch(wanted(site.address), tmp_path / "out")
     assert kinds(fates)["Art/1"] == "new"
     assert kinds(fates)["Art/2"] == "damaged"
     assert site.asked_for("/Art/1") == site.asked_for("/Art/2") == 2
@@ -84,14 +77,14 @@ def test_a_bad_file_is_set_aside_and_fetched_once_more(site: Site, tmp_path: Pat
 
 
 def test_a_file_damaged_on_disk_is_replaced(site: Site, tmp_path: Path) -> None:
-    fetch(wanted(site.address), tmp_path / "out", None, QUICK)
+    fetch(wanted(site.address), tmp_path / "out")
     (tmp_path / "out/Art/3").write_bytes(b"rot")
-    offline = fetch(wanted(), tmp_path / "out", None, QUICK, offline=True)
+    offline = fetch(wanted(), tmp_path / "out", offline=True)
     assert kinds(offline)["Art/3"] == "damaged"
     assert "SHA-256" in str(offline[3].problems[0])
     assert [path.read_bytes() for path in (tmp_path / "out/set-aside/Art").iterdir()] == [b"rot"]
     assert kinds(fetch(wanted(), tmp_path / "out", offline=True))["Art/3"] == "missing"
-    online = fetch(wanted(site.address), tmp_path / "out", None, QUICK)
+    online = fetch(wanted(site.address), tmp_path / "out")
     assert kinds(online)["Art/3"] == "new"
     assert (tmp_path / "out/Art/3").read_bytes() == FILES["Art/3"]
 
@@ -99,7 +92,7 @@ def test_a_file_damaged_on_disk_is_replaced(site: Site, tmp_path: Path) -> None:
 def test_missing_and_unreachable_are_told_apart(site: Site, tmp_path: Path) -> None:
     (site.folder / "Art/4").unlink()
     site.faults["/Art/5"] = ["500"] * 9
-    fates = fetch(wanted(site.address), tmp_path / "out", None, QUICK)
+    fates = fetch(wanted(site.address), tmp_path / "out")
     assert kinds(fates)["Art/4"] == "missing"
     assert kinds(fates)["Art/5"] == "unreachable"
     assert "500" in str(fates[5].problems[0])
@@ -112,7 +105,7 @@ def test_mirrors_are_asked_in_their_order(site: Site, tmp_path: Path) -> None:
         (mirror / name).write_bytes(FILES[name])
     (mirror / "Art/0").write_bytes(b"another version")
     with served(mirror) as first:
-        fates = fetch(wanted(first.address, site.address), tmp_path / "out", None, QUICK)
+        fates = fetch(wanted(first.address, site.address), tmp_path / "out")
     assert set(kinds(fates).values()) == {"new"}
     # The mirror's bad file came from the site instead; the mirror was not asked for it twice.
     assert first.asked_for("/Art/0") == site.asked_for("/Art/0") == 1
@@ -121,16 +114,14 @@ def test_mirrors_are_asked_in_their_order(site: Site, tmp_path: Path) -> None:
 
 
 def test_a_server_that_is_gone_costs_no_hours(tmp_path: Path) -> None:
-    fates = fetch(wanted("http://127.0.0.1:9"), tmp_path / "out", None, QUICK)
+    fates = fetch(wanted("http://127.0.0.1:9"), tmp_path / "out")
     assert set(kinds(fates).values()) == {"unreachable"}
     assert any("given up" in str(fate.problems[0]) for fate in fates)
 
 
-def fetched(address: str, folder: Path, patience: fetching.Patience = PATIENT) -> fetching.Fate:
-    (fate,) = fetch(
-        [fetching.WantedFile("file", (address,), lambda *_: None)], folder, None, patience
-    )
-    return fate
+def fetched(address: str, folder: Path) -> fetching.Fate:
+    file = fetching.WantedFile("file", (address,), lambda *_: None)
+    return fetch([file], folder, patience=PATIENT)[0]
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,11 @@
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import find_layout, image_files
@@ -21,11 +24,10 @@ def folder(tmp_path: Path) -> Path:
     return make_folder(tmp_path)
 
 
-def rewrite(folder: Path, name: str, change: object) -> None:
+def rewrite(folder: Path, name: str, change: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
     for scene in SCENES:
         path = str(folder / scene / name)
         image = np.asarray(cv2.imread(path, cv2.IMREAD_UNCHANGED))
-        assert callable(change)
         cv2.imwrite(path, change(image))
 
 
@@ -50,7 +52,7 @@ def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path)
 
 
 def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
-    rewrite(folder, "depth.png", lambda depth: np.uint8(depth // 20))
+    rewrite(folder, "depth.png", lambda depth: (depth // 20).astype(np.uint8))
     facts = facts_of(folder)
     assert (facts.depth_unit, facts.near) == (None, None)
     assert any("taken for levels" in text for text in facts.open)

@@ -6,7 +6,7 @@ import pytest
 
 from dfdbench.building import obtaining
 from dfdbench.building.obtaining import obtain, voltage_pair_sets
-from dfdbench.building.sources.interface import Source
+from dfdbench.building.sources import Source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError

@@ -57,8 +57,6 @@ def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
         open_source(find_manifest("middlebury"))
     with pytest.raises(SourceError, match="made, not read"):
         open_source(find_manifest("demo"), tmp_path)
-    with pytest.raises(SourceError, match="has no voltage steps"):
-        open_source(find_manifest("middlebury"), tmp_path, pair=(141, 129))
     unknown = find_manifest("demo").model_copy(update={"reader": "tapes"})
     with pytest.raises(SourceError, match="no reader tapes for the files"):
         open_source(unknown)

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -6,29 +5,6 @@ from dfdbench.errors import ManifestError
 from tests.conftest import TINY_TOML
 from tests.made_folder import FOLDER_TOML
 from tests.made_stack_folder import STACK_TOML
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        # Fields that are wrong by themselves, then what they contradict one another in.
-        (
-            {'reader = "middlebury"': "reader = 5", 'title = "Tiny set"': "", "[axes]": "[axis]"},
-            ["reader", "title", "axes", "axis"],
-        ),
-        (
-            {"pairs = 7": "pairs = 6", 'test_scenes = ["Three"]': 'test_scenes = ["Four"]'},
-            ["splits[1].pairs", "Four", "folds"],
-        ),
-    ],
-)
-def test_every_problem_is_in_one_message(changes: dict[str, str], said: list[str]) -> None:
-    text = TINY_TOML
-    for old, new in changes.items():
-        text = text.replace(old, new)
-    found = problems_of(text)
-    assert all(part in found for part in said)
-
 
 EXCLUSION = """[[exclusions]]
 scenes = ["Three"]
@@ -42,6 +18,14 @@ SCALED = TINY_TOML.replace(
 LINE = 'infocus = "{scene}/sharp.png"'
 IMAGES = 'images = "{scene}/f_{image}.png"'
 SCALE = "[depth.scale]\nnear = 0.5\nfar = 5.0\n"
+
+
+FILES = slice(FOLDER_TOML.index("[files]"), FOLDER_TOML.index("[table]"))
+COLOURS = "3 lists of the light, for red, green and blue"
+
+
+def flat_field(row: str, count: int) -> str:
+    return f"flat_field = [{', '.join([row] * count)}]\n\n[table]"
 
 
 def problems_of(text: str) -> str:
@@ -105,6 +89,16 @@ def problems_of(text: str) -> str:
             'name = "desk"\nnames = { capture = "a" }\n',
             ["capture stands for something else", "scenes[0].names"],
         ),
+        (FOLDER_TOML, FOLDER_TOML[FILES], "", ["mine-1.toml: files"]),
+        *(
+            (FOLDER_TOML, "[table]", flat_field(f"[{row}]", 3), ["flat_field"])
+            for row in ("", "1.0", "1.0, 0.0", "1.0, nan", "1.0, -0.5")
+        ),
+        *(
+            (FOLDER_TOML, "[table]", flat_field("[1.0, 0.9]", count), [f"{COLOURS}; got {count}"])
+            for count in (0, 2, 4)
+        ),
+        (STACK_TOML, IMAGES, f"{IMAGES}\nflat_field = [[1.0, 0.5]]", ["it is for pairs"]),
         (STACK_TOML, IMAGES, "", ["neither a pair", "got depth, infocus, metadata"]),
         (STACK_TOML, IMAGES, f'{IMAGES}\ndefocus = "a"', ["neither a pair"]),
         (STACK_TOML, IMAGES, f'{IMAGES}\nmoved = "infocus"', ["laid on the first", "moved"]),
@@ -125,24 +119,14 @@ def test_a_broken_manifest_says_where(toml: str, old: str, new: str, parts: list
         assert part in text
 
 
-def test_a_manifest_says_what_levels_are_in_metres_and_what_took_them() -> None:
-    manifest = parse_manifest(
-        (SCALED + "\n[rig]\nfocal_length = 0.025\ndefocus_f_number = 2.8\n").encode(), "tiny-1.toml"
-    )
-    assert manifest.depth.scale is not None
-    assert manifest.depth.scale.to_metres(np.array([255])).tolist() == [0.5]
-    assert manifest.rig is not None
-    assert (manifest.rig.focal_length, manifest.rig.pixel_pitch) == (0.025, None)
-    plain = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
-    assert (plain.depth.scale, plain.rig) == (None, None)
-
-
-def test_a_captured_set_needs_no_voltage_steps_but_its_section() -> None:
-    manifest = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml")
-    assert manifest.capture is None
-    assert manifest.pairs()[0].id == "desk/capture1"
-    start, end = FOLDER_TOML.index("[files]"), FOLDER_TOML.index("[table]")
-    assert "mine-1.toml: files" in problems_of(FOLDER_TOML[:start] + FOLDER_TOML[end:])
+def test_every_problem_is_in_one_message() -> None:
+    wrong = TINY_TOML.replace('reader = "middlebury"', "reader = 5").replace("[axes]", "[axis]")
+    found = problems_of(wrong.replace('title = "Tiny set"', ""))
+    assert all(part in found for part in ("reader", "title", "axes", "axis"))
+    # What fields contradict one another in is told once they are sound.
+    wrong = TINY_TOML.replace("pairs = 7", "pairs = 6")
+    found = problems_of(wrong.replace('test_scenes = ["Three"]', 'test_scenes = ["Four"]'))
+    assert all(part in found for part in ("splits[1].pairs", "Four", "folds"))
 
 
 def test_columns_that_are_known_must_be_the_ones_that_patterns_name() -> None:

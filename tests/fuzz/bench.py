@@ -2,7 +2,7 @@
 
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import resources
 from pathlib import Path
 
@@ -96,6 +96,13 @@ class Bench:
             shutil.copytree(source, target, dirs_exist_ok=True)
         elif not target.exists():
             shutil.copyfile(source, target)
+
+    def laid_out(self, folder: Path, items: Iterable[str]) -> Path:
+        """Make a folder with copies, and return it."""
+        folder.mkdir()
+        for item in items:
+            self.copy(item, folder)
+        return folder
 
     def call(self, arguments: list[str]) -> None:
         """Make something by a command, in the folder of sound files."""

@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from random import Random
 from typing import Any
 
@@ -117,7 +118,7 @@ def _nested(random: Random) -> Any:
 
 def changed_tree(random: Random, value: Any) -> Any:
     """Change parts of what JSON or TOML says: values, keys, what is listed, where it stands."""
-    value = _copy(value)
+    value = deepcopy(value)
     for _ in range(random.choice((1, 1, 1, 2, 3))):
         places = [place for place in _places(value) if place]
         if not places:
@@ -130,11 +131,11 @@ def changed_tree(random: Random, value: Any) -> Any:
             case 1 if isinstance(parent, dict):
                 parent[random.choice(STRANGE_TEXTS)] = parent.pop(key)
             case 2 if isinstance(parent, dict):
-                parent[random.choice(STRANGE_TEXTS)] = _copy(parent[key])
+                parent[random.choice(STRANGE_TEXTS)] = deepcopy(parent[key])
             case 2:
-                parent.insert(random.randrange(len(parent) + 1), _copy(parent[key]))
+                parent.insert(random.randrange(len(parent) + 1), deepcopy(parent[key]))
             case 3:
-                parent[key] = _copy(_at(value, random.choice(places)))
+                parent[key] = deepcopy(_at(value, random.choice(places)))
             case 4 if isinstance(parent[key], list):
                 parent[key] = parent[key] * random.choice((2, 300))
             case 5 if random.random() < 0.1:
@@ -144,12 +145,6 @@ def changed_tree(random: Random, value: Any) -> Any:
             case _:
                 parent[key] = _strange(random, parent[key])
     return value
-
-
-def _copy(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _copy(part) for key, part in value.items()}
-    return [_copy(part) for part in value] if isinstance(value, list) else value
 
 
 def as_json(value: Any) -> bytes:

@@ -12,6 +12,8 @@ import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from dfdbench.errors import DfdbenchError
 from tests.fuzz.bench import ITEMS, Bench
 from tests.fuzz.guard import LIBRARIES, Guard
@@ -34,26 +36,24 @@ def call(folder: Path, arguments: list[str]) -> tuple[int, str]:
     """
     from dfdbench.cli import main
 
-    before = os.getcwd(), sys.argv, sys.stdout, sys.stderr, sys.path.copy()
     texts = [io.BytesIO(), io.BytesIO()]
-    os.chdir(folder)
-    sys.argv = ["dfdbench", *arguments]
-    sys.path.insert(0, str(folder))
     # As main() makes those of a terminal.
     streams = [
         io.TextIOWrapper(text, "utf-8", "backslashreplace", write_through=True) for text in texts
     ]
-    sys.stdout, sys.stderr = streams
     status = 0
-    try:
-        main()
-    except SystemExit as ended:
-        status = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
-    finally:
-        os.chdir(before[0])
-        sys.argv, sys.stdout, sys.stderr, sys.path[:] = before[1:]
-        for stream in streams:
-            stream.detach()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["dfdbench", *arguments])
+        patch.setattr(sys, "path", [str(folder), *sys.path])
+        patch.setattr(sys, "stdout", streams[0])
+        patch.setattr(sys, "stderr", streams[1])
+        try:
+            main()
+        except SystemExit as ended:
+            status = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    for stream in streams:
+        stream.detach()
     return status, "".join(text.getvalue().decode("utf-8", "replace") for text in texts)
 
 
@@ -161,20 +161,14 @@ def _left_behind(folder: Path, before: set[Path], spoiled: set[str]) -> Iterator
 
 @contextlib.contextmanager
 def _environment(folder: Path) -> Iterator[None]:
-    own = {"DFDBENCH_CACHE": str(folder / "cache"), "TMPDIR": str(folder), "COLUMNS": "100"}
-    before = {name: os.environ.get(name) for name in own}
-    os.environ.update(own)
-    # Python looks up the place of temporary files once, which may have been before.
-    here, temporary = os.getcwd(), tempfile.tempdir
-    tempfile.tempdir = str(folder)
-    os.chdir(folder)
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DFDBENCH_CACHE", str(folder / "cache"))
+        patch.setenv("TMPDIR", str(folder))
+        patch.setenv("COLUMNS", "100")
+        # Python looks up the place of temporary files once, which may have been before.
+        patch.setattr(tempfile, "tempdir", str(folder))
+        patch.chdir(folder)
         yield
-    finally:
-        os.chdir(here)
-        tempfile.tempdir = temporary
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 def main() -> None:

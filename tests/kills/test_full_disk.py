@@ -4,7 +4,7 @@ The disk is a small tmpfs, which only root may make: elsewhere these tests are s
 """
 
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -65,11 +65,7 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     bench = Bench(tmp_path / "bench", call)
-    folder = tmp_path / "work"
-    folder.mkdir()
-    for item in ("tiny-1.toml", "site", "tiny.zarr"):
-        bench.copy(item, folder)
-    return folder
+    return bench.laid_out(tmp_path / "work", ("tiny-1.toml", "site", "tiny.zarr"))
 
 
 def _fingerprint(place: Path) -> object:
@@ -90,9 +86,8 @@ def _scores(place: Path) -> object:
     ids=["build", "run"],
 )
 def test_a_disk_full_at_any_write_is_told_and_gone_on_with(
-    command: str, outcome: object, disk: Disk, folder: Path
+    command: str, outcome: Callable[[Path], object], disk: Disk, folder: Path
 ) -> None:
-    assert callable(outcome)
     place = disk.place / "made.zarr"
     words = command.replace("PLACE", str(place)).split()
     assert call(folder, words)[0] == 0

@@ -214,11 +214,7 @@ def test_killed_at_random_moments_it_ends_the_same(name: str, bench: Bench, tmp_
     work = WORKS[name]
 
     def laid_out(place: str) -> Path:
-        folder = tmp_path / place
-        folder.mkdir()
-        for item in work.needs:
-            bench.copy(item, folder)
-        return folder
+        return bench.laid_out(tmp_path / place, work.needs)
 
     killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
     kill_and_compare(killer, laid_out, work.words, work.outcome)

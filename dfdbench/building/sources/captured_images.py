@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.building.sources import gathered
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
-from dfdbench.building.sources.interface import gathered
 from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits

@@ -8,19 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.interface import Made, SceneImages
+from dfdbench.building.sources import Made, SceneImages
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, View, look
 from dfdbench.tables.table import listed
 
-_WARM, _COOL, _GREEN, _ROSE = (
-    (1.0, 0.85, 0.7),
-    (0.75, 0.88, 1.0),
-    (0.8, 1.0, 0.75),
-    (1.0, 0.8, 0.85),
-)
+_WARM, _COOL = (1.0, 0.85, 0.7), (0.75, 0.88, 1.0)
+_GREEN, _ROSE = (0.8, 1.0, 0.75), (1.0, 0.8, 0.85)
 
 _ASTRONAUT = Texture("astronaut", 260)
 _BRICK = Texture("brick", 200, _WARM)

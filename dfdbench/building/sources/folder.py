@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
+from dfdbench.building.sources import SceneError, SceneImages, gathered
 from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
-from dfdbench.building.sources.interface import SceneError, SceneImages, gathered
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, CapturedFiles, fill
 from dfdbench.datasets.captures import ImageFacts
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -92,12 +92,9 @@ class FolderScenes:
                 taken[pair] = self._taken(pair)
                 photographs = [self._file(image.path) for image in taken[pair]]
                 depth = self._named("depth", pair)
-                captured[pair] = captured_images(
-                    photographs,
-                    self._file(depth) if depth else None,
-                    self._files,
-                    self._manifest.depth,
-                )
+                truth = self._file(depth) if depth else None
+                about = self._manifest.depth
+                captured[pair] = captured_images(photographs, truth, self._files, about)
         kinds = {
             pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
             for pair, found in captured.items()
@@ -203,12 +200,10 @@ class FolderScenes:
             yield Problem(what, where=str(self._folder), fix=fix)
             return
         for what, pattern in self._files.patterns.items():
-            # Of a stack the images are checked with its table, scene by scene.
-            paths = (
-                []
-                if what == "images"
-                else [self._named(what, p) or "" for p in self._manifest.pairs()]
-            )
+            if what == "images":
+                # They are checked with the table, scene by scene.
+                continue
+            paths = [self._named(what, pair) or "" for pair in self._manifest.pairs()]
             if paths and not any(self._fitting(path) for path in paths):
                 what = f"no file matches files.{what}, {pattern}, as {paths[0]}"
                 fix = "mend the pattern in the manifest, or name another folder"

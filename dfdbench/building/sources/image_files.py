@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.building.sources.interface import gathered
+from dfdbench.building.sources import gathered
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 from dfdbench.system.files import LARGEST_ARRAY, read_as

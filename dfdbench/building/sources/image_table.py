@@ -76,9 +76,8 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
     """
     try:
         text = content.decode("utf-8")
-        rows = (
-            _json_rows(json.loads(text)) if where.endswith(".json") else _text_rows(text, columns)
-        )
+        is_json = where.endswith(".json")
+        rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
     except ValueError as error:
         what = f"no table of the images: {error}"
         fix = "" if columns else "a text without a heading needs `columns` under [files]"

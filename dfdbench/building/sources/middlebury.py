@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dfdbench.building import fetching
 from dfdbench.building.fetching import archive_members, check_checksum, read_member, sha256
+from dfdbench.building.sources import SceneImages, gathered
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
-from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.files import LARGEST_ARRAY, hold, read_as
@@ -22,6 +22,8 @@ from dfdbench.tables.table import listed
 Levels = NDArray[np.uint8]
 
 _FOLDERS = {"illumination": "Illum", "exposure": "Exp"}
+# Where archives lie below the scenes' folder: downloaded, and on the site.
+_ZIPPED = ("", "zip-2views")
 
 
 class MiddleburyScenes:
@@ -45,6 +47,7 @@ class MiddleburyScenes:
         Where the folder holds no scene of the manifest.
     """
 
+    options: Mapping[str, Any] = {}
     captures_defocus = False
 
     def __init__(
@@ -61,11 +64,6 @@ class MiddleburyScenes:
             what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
             got = "" if folder.is_dir() else "no such folder"
             raise SourceError(what, where=str(folder), got=got)
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """Nothing: the files alone decide."""
-        return {}
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there."""
@@ -259,17 +257,9 @@ def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
         parent.
     """
     above = (place, place / "ThirdSize", place / source / "ThirdSize")
-    archive_name = f"{name}-2views.zip"
-    folder = next((p for base in above if (p := base / name).is_dir()), None)
-    archive = next(
-        (
-            p
-            for base in above
-            for p in (base / archive_name, base / "zip-2views" / archive_name)
-            if p.is_file()
-        ),
-        None,
-    )
+    archives = (base / below / f"{name}-2views.zip" for base in above for below in _ZIPPED)
+    folder = next((there for base in above if (there := base / name).is_dir()), None)
+    archive = next((file for file in archives if file.is_file()), None)
     return SceneFiles(name, folder, archive) if folder or archive else None
 
 
@@ -430,27 +420,22 @@ def _bring_all(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:
 
 
 def _bring_default(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:
-    single = {
-        scene.name: (site.depths(scene), site.images(scene)) for scene in site.manifest.scenes
-    }
-    whole = [
-        scene.name
-        for scene in site.manifest.scenes
-        if all((site.folder / file.name).exists() for kind in single[scene.name] for file in kind)
-    ]
-    archives = [scene for scene in site.manifest.scenes if scene.name not in whole]
-    fates = fetcher.bring([site.archive(scene) for scene in archives])
-    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
-    alone = [scene.name for scene in archives if site.archive(scene).name not in had] + whole
-    depths = [file for name in alone for file in single[name][0]]
-    images = [file for name in alone for file in single[name][1]]
-    later = fetcher.bring(depths, len(images)) + fetcher.bring(images)
-    return [fate for fate in fates if fate.name in had] + later
+    packed, alone = list[Scene](), list[Scene]()
+    for scene in site.manifest.scenes:
+        single = [*site.depths(scene), *site.images(scene)]
+        whole = all((site.folder / file.name).exists() for file in single)
+        (alone if whole else packed).append(scene)
+    fates = fetcher.bring([site.archive(scene) for scene in packed])
+    had = [fate for fate in fates if fate.is_there]
+    alone = [scene for scene, fate in zip(packed, fates, strict=True) if fate not in had] + alone
+    depths = [file for scene in alone for file in site.depths(scene)]
+    images = [file for scene in alone for file in site.images(scene)]
+    return had + fetcher.bring(depths, len(images)) + fetcher.bring(images)
 
 
 def _write_lock(manifest: Manifest, folder: Path, fates: list[fetching.Fate]) -> Path | None:
     path = folder / fetching.lock_name(manifest)
-    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
+    had = {fate.name for fate in fates if fate.is_there}
     locked = fetching.read_checksums(path)
     if len(had) < len(fates) or had <= set(locked):
         return None
@@ -467,7 +452,7 @@ def _refuse(fates: list[fetching.Fate], folder: Path, lacking: tuple[Problem, ..
     ]
     damaged = sum(fate.kind == "damaged" for fate in fates)
     if damaged:
-        whole = sum(fate.kind in ("new", "kept") for fate in fates)
+        whole = sum(fate.is_there for fate in fates)
         what = f"{damaged} damaged files in all, set aside; the other {whole} are whole and kept"
         fix = "the same command asks for them again, here or with another --mirror"
         problems.append(Problem(what, where=str(folder / fetching.SET_ASIDE), fix=fix))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.building.sources import SceneImages, gathered
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
-from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest

@@ -4,8 +4,8 @@ import hashlib
 
 import numpy as np
 
-from dfdbench.building.sources.interface import Made, SceneImages
-from dfdbench.datasets.captures import PAIR, ImageFacts, Role
+from dfdbench.building.sources import Made, SceneImages
+from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
 
@@ -29,36 +29,29 @@ class Rooms(Made):
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 of the seed, the room and the generator's version."""
-        return hashlib.sha256(
-            repr((self._family, self._seed, scene, GENERATOR)).encode()
-        ).hexdigest()
+        made_of = (self._family, self._seed, scene, GENERATOR)
+        return hashlib.sha256(repr(made_of).encode()).hexdigest()
 
     def read(self, scene: str) -> SceneImages:
         """Render one scene."""
         from dfdbench.simulation.unseen import render_pair, render_stack  # they compile
 
         number = scene_number(scene)
-        roles: tuple[Role, ...] = PAIR
         if self._family == "unseen":
             pair = render_pair(self._seed, number)
-            images, depth, about = np.stack([pair.infocus, pair.defocus]), pair.depth, pair.facts
-            distance = [np.nan, about["focus_distance"]]
+            images, depth, about = [pair.infocus, pair.defocus], pair.depth, pair.facts
+            focus = [about["focus_distance"]]
         else:
             stack = render_stack(self._seed, number)
-            images, depth, about = (
-                np.stack([stack.infocus, *stack.images]),
-                stack.depth,
-                stack.facts,
-            )
-            distance = [np.nan, *stack.focus_distances]
-            roles = ("infocus", *(PAIR[1] for _ in stack.focus_distances))
-        f_number = [about["infocus_f_number"], *[about["f_number"]] * (len(roles) - 1)]
+            images, depth, about = [stack.infocus, *stack.images], stack.depth, stack.facts
+            focus = [*stack.focus_distances]
+        distance = np.array([np.nan, *focus])
         facts = ImageFacts(
-            roles,
-            focus_distance=np.array(distance),
-            focus_depth=np.array(distance),
-            f_number=np.array(f_number),
+            PAIR[:1] + PAIR[1:] * len(focus),
+            focus_distance=distance,
+            focus_depth=distance,
+            f_number=np.array([about["infocus_f_number"], *[about["f_number"]] * len(focus)]),
             focal_length=np.array(about["focal_length"]),
             pixel_pitch=np.array(about["pixel_pitch"]),
         )
-        return SceneImages(images[np.newaxis], depth, np.ones(1, bool), facts, about)
+        return SceneImages(np.stack(images)[np.newaxis], depth, np.ones(1, bool), facts, about)

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.building.sources import SceneImages
 from dfdbench.building.sources.image_files import average_frames
-from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.realworld import in_direction_of
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
@@ -80,22 +80,12 @@ class SimulatedRig:
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 of photograph, lens, beams, scene, and what is simulated of them."""
-        simulated = self._scene(scene)
-        facts = (
-            _VERSION,
-            simulated,
-            simulated.board,
-            self._capture.model_dump(),
-            self._manifest.axes,
-            self._manifest.scene_names,
-        )
+        simulated, manifest = self._scene(scene), self._manifest
+        board, capture = simulated.board, self._capture.model_dump()
+        facts = (_VERSION, simulated, board, capture, manifest.axes, manifest.scene_names)
         digest = hashlib.sha256(repr(facts).encode())
-        arrays = (
-            photograph(simulated.board.texture.photograph),
-            read_lens_table().radius,
-            *astuple(read_beams()),
-        )
-        for values in arrays:
+        shown = photograph(board.texture.photograph)
+        for values in (shown, read_lens_table().radius, *astuple(read_beams())):
             digest.update(np.ascontiguousarray(values).tobytes())
         return digest.hexdigest()
 
@@ -112,12 +102,8 @@ class SimulatedRig:
         simulated = self._scene(scene)
         view = simulated.look()
         steps = (self._capture.infocus_step, self._capture.defocus_step)
-        infocus, blurred = (
-            np.stack(
-                [self._rig.crop(frame) for frame in self._frames(simulated, view, step)]
-            ).astype(np.uint8)
-            for step in steps
-        )
+        whole = [self._frames(simulated, view, step) for step in steps]
+        infocus, blurred = (np.array([*map(self._rig.crop, frames)], np.uint8) for frames in whole)
         size = (self._capture.crop_size,) * 2
         seen = depth_image(self._ranges(simulated), read_beams())
         levels, valid = warp(*seen, matrices[scene], size)

@@ -94,14 +94,11 @@ def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset)
 
 
 def test_training_and_test_share_no_photograph(demo_store: Dataset) -> None:
-    manifest: Manifest = demo_store.manifest
-    used = {
-        split: {
-            surface.texture.photograph
-            for scene in manifest.scenes_of(split)
-            for surface in SCENES[scene]
-        }
-        for split in ("train", "test")
-    }
-    assert not used["train"] & used["test"]
+    manifest = demo_store.manifest
+
+    def photographs(split: str) -> set[str]:
+        surfaces = [surface for scene in manifest.scenes_of(split) for surface in SCENES[scene]]
+        return {surface.texture.photograph for surface in surfaces}
+
+    assert not photographs("train") & photographs("test")
     assert set(SCENES) == set(manifest.scene_names)

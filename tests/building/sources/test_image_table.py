@@ -17,10 +17,16 @@ from tests.conftest import store_of
 from tests.made_folder import depth_in_millimetres, photograph
 from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
 
+WITHOUT_TABLE = ('metadata = "{scene}/focus.csv"\n', "")
+WITHOUT_INFOCUS = ('infocus = "{scene}/sharp.png"\n', "")
 
-def manifest_of(old: str = "", new: str = "") -> Manifest:
-    assert old in STACK_TOML
-    return parse_manifest(STACK_TOML.replace(old, new).encode(), "mine-1.toml")
+
+def manifest_of(*changes: tuple[str, str]) -> Manifest:
+    text = STACK_TOML
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return parse_manifest(text.encode(), "mine-1.toml")
 
 
 @pytest.fixture
@@ -47,7 +53,7 @@ def test_a_stack_is_in_focus_first_and_then_the_farthest_first(folder: Path) -> 
 
 
 def test_a_stack_without_a_table_is_in_order_of_its_numbers(folder: Path) -> None:
-    manifest = manifest_of('metadata = "{scene}/focus.csv"\n')
+    manifest = manifest_of(WITHOUT_TABLE)
     images = open_source(manifest, folder).read("desk")
     np.testing.assert_array_equal(images.images[0, 1, ..., ::-1], _read(folder / "desk/f_001.png"))
     assert np.isnan(images.facts.focus_distance).all()
@@ -68,10 +74,12 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
         f'[[files.image]]\nnumber = "{number:03}"\nmetres = {metres}'
         for number, metres in ((1, 1.0), (2, 2), (3, 4))
     )
-    text = STACK_TOML.replace('metadata = "{scene}/focus.csv"', 'focus_distance = "{metres}"')
-    text = text.replace("f_{image}.png", "f_{number}.*").replace("[table]", f"{rows}\n\n[table]")
-    text = text.replace("[files]", "[files]\nf_number = 2.8")
-    facts = open_source(parse_manifest(text.encode(), "mine-1.toml"), folder).read("desk").facts
+    manifest = manifest_of(
+        ('metadata = "{scene}/focus.csv"', 'focus_distance = "{metres}"\nf_number = 2.8'),
+        ("f_{image}.png", "f_{number}.*"),
+        ("[table]", f"{rows}\n\n[table]"),
+    )
+    facts = open_source(manifest, folder).read("desk").facts
     np.testing.assert_array_equal(facts.focus_distance[0], [np.nan, 4, 2, 1])
     np.testing.assert_array_equal(facts.f_number[0], [np.nan, 2.8, 2.8, 2.8])
 
@@ -98,23 +106,20 @@ def test_a_table_that_fits_no_images_is_told(folder: Path, rows: list[str], said
 
 
 def test_one_image_is_no_stack_and_none_is_told(folder: Path) -> None:
-    manifest = manifest_of('infocus = "{scene}/sharp.png"\n')
+    manifest = manifest_of(WITHOUT_INFOCUS)
     for number in (2, 3):
         (folder / f"desk/f_{number:03}.png").unlink()
     table(folder, "1,1")
     assert "a stack of one image" in problems_of(manifest, folder)
     (folder / "desk/f_001.png").unlink()
-    text = STACK_TOML.replace('metadata = "{scene}/focus.csv"\n', "")
-    manifest = parse_manifest(
-        text.replace('infocus = "{scene}/sharp.png"\n', "").encode(), "mine-1.toml"
-    )
+    manifest = manifest_of(WITHOUT_TABLE, WITHOUT_INFOCUS)
     assert "no image fits the pattern" in problems_of(manifest, folder)
 
 
 def test_a_column_that_is_not_there_and_a_pair_beyond_the_end(folder: Path) -> None:
-    manifest = manifest_of("[files]", '[files]\nf_number = "{aperture}"')
+    manifest = manifest_of(("[files]", '[files]\nf_number = "{aperture}"'))
     assert "the table has no column aperture" in problems_of(manifest, folder)
-    manifest = manifest_of("[axes]", "pair_images = [0, 4]\n\n[axes]")
+    manifest = manifest_of(("[axes]", "pair_images = [0, 4]\n\n[axes]"))
     assert "pair_images are [0, 4], and there are 4 images" in problems_of(manifest, folder)
 
 
@@ -146,25 +151,22 @@ def test_images_of_16_bits_are_kept_and_those_of_8_join_them(folder: Path) -> No
 
 
 def test_captures_of_a_scene_have_images_alike(folder: Path) -> None:
-    text = STACK_TOML.replace("capture = [1]", "capture = [1, 2]").replace("pairs = 2", "pairs = 4")
-    text = text.replace("pair_count = 4", "pair_count = 8").replace(
-        "f_{image}", "{capture}_{image}"
-    )
-    text = text.replace('metadata = "{scene}/focus.csv"\n', "")
+    twice = (("capture = [1]", "capture = [1, 2]"), ("pairs = 2", "pairs = 4"))
+    named = ("f_{image}", "{capture}_{image}")
+    manifest = manifest_of(*twice, ("pair_count = 4", "pair_count = 8"), named, WITHOUT_TABLE)
     for capture in (1, 2):
         for number in (1, 2, 3):
-            image = photograph(number)[8:-8, 8:-8].astype(np.uint8 if capture == 1 else np.uint16)
-            write_image(
-                folder / f"desk/{capture}_{number}.png", image * (257 if capture == 2 else 1)
-            )
+            image = photograph(number)[8:-8, 8:-8]
+            deep = image.astype(np.uint16) * 257 if capture == 2 else image
+            write_image(folder / f"desk/{capture}_{number}.png", deep)
     with pytest.raises(SourceError, match="differ in the number, size, bits or roles"):
-        open_source(parse_manifest(text.encode(), "mine-1.toml"), folder).read("desk")
+        open_source(manifest, folder).read("desk")
 
 
 def test_each_image_of_a_stack_is_laid_on_the_first_one(folder: Path) -> None:
     sharp = photograph(0)
     write_image(folder / "desk/f_002.png", (0.9 * sharp[7:-9, 6:-10]).astype(np.uint8)[..., ::-1])
-    manifest = manifest_of("[files]", '[files]\nalign = "translation"\nmatch_gain = true')
+    manifest = manifest_of(("[files]", '[files]\nalign = "translation"\nmatch_gain = true'))
     images = open_source(manifest, folder).read("desk")
     # The farthest is first: f_002 is the second of the three.
     found = images.found["desk/capture1/image2"]
@@ -175,7 +177,7 @@ def test_each_image_of_a_stack_is_laid_on_the_first_one(folder: Path) -> None:
 
 
 def test_a_set_without_depth_is_built_and_says_so(folder: Path, tmp_path: Path) -> None:
-    manifest = manifest_of('depth = "{scene}/depth.npy"\n')
+    manifest = manifest_of(('depth = "{scene}/depth.npy"\n', ""))
     store = store_of(manifest, folder, tmp_path / "mine.zarr")
     assert not store.manifest.has_truth
     assert not store.captures()[0].valid.any()
@@ -195,8 +197,7 @@ def _read(path: Path) -> NDArray[Any]:
 
 def test_a_mistake_in_a_table_of_all_scenes_is_told_once(folder: Path, tmp_path: Path) -> None:
     (folder / "focus.csv").write_text("image,focus_distance\n1,1\n2,far\n3,4\n")
-    text = STACK_TOML.replace('"{scene}/focus.csv"', '"focus.csv"')
-    manifest = parse_manifest(text.encode(), "mine-1.toml")
+    manifest = manifest_of(('"{scene}/focus.csv"', '"focus.csv"'))
     with pytest.raises(SourceError) as caught:
         build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
     assert len(caught.value.problems) == 1

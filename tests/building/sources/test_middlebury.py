@@ -11,6 +11,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.fetching import Patience, known_checksums
 from dfdbench.building.sources import middlebury, open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
@@ -136,14 +137,8 @@ def fingerprint(manifest: Manifest, done: middlebury.Download, tmp_path: Path) -
     return build_store(manifest, source, tmp_path / "built.zarr").fingerprint
 
 
-@pytest.fixture
-def reference(manifest: Manifest, site: Site, tmp_path: Path) -> str:
-    source = open_source(manifest, site.folder / BELOW)
-    return build_store(manifest, source, tmp_path / "reference.zarr").fingerprint
-
-
 def test_everything_comes_and_later_builds_ask_nobody(
-    manifest: Manifest, site: Site, reference: str, tmp_path: Path
+    manifest: Manifest, site: Site, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
     assert (done.new, done.kept, done.missing) == (FILES, 0, ())
@@ -151,7 +146,7 @@ def test_everything_comes_and_later_builds_ask_nobody(
     assert len(done.lock.read_text().splitlines()) == FILES
     check = ["sha256sum", "--check", "--quiet", done.lock.name]
     assert subprocess.run(check, cwd=done.folder, check=False).returncode == 0
-    assert fingerprint(manifest, done, tmp_path) == reference
+    assert fingerprint(manifest, done, tmp_path) == tiny_store.fingerprint
     asked = len(site.requests)
     again = middlebury.download_middlebury(manifest, tmp_path / "in", offline=True)
     assert (again.new, again.kept, again.lock) == (0, FILES, None)

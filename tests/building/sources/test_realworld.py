@@ -22,6 +22,7 @@ from tests.conftest import store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
+CAPTURE = CAPTURED.capture or pytest.fail("the rig captured it")
 
 
 @pytest.fixture
@@ -69,7 +70,6 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
 def test_another_pair_of_voltage_steps(published: Path) -> None:
     images = RealworldFolder(CAPTURED, published, (141, 130)).read("k34")
     path = published / "k34/left/exp_10/image_130_10.00.png"
-    assert images.defocus is not None
     assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
     for wrong in ((141, 141), (141, 99)):
         with pytest.raises(SourceError, match="are not two steps"):
@@ -103,8 +103,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
 @pytest.mark.slow
 def test_the_board_at_1_5_m_is_brighter_than_at_2_5_m(captures: Path, tmp_path: Path) -> None:
     raw = tmp_path / "raw"
-    assert CAPTURED.capture is not None
-    write_captures(raw, ("k00",), CAPTURED.capture, CaptureSettings((129, 141), (40,)))
+    write_captures(raw, ("k00",), CAPTURE, CaptureSettings((129, 141), (40,)))
     shutil.copy(raw / "truth/k00" / REGISTRATION, raw / "k00" / REGISTRATION)
     (raw / "k03").symlink_to(captures / "k03")
     store = store_of(CAPTURED, raw, tmp_path / "s.zarr")
@@ -224,9 +223,6 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
         open_source(CAPTURED, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
         open_source(CAPTURED, tmp_path / "none")
-
-
-CAPTURE = find_manifest("realworld").capture or pytest.fail("the rig captured it")
 
 
 def touch(*paths: Path) -> None:

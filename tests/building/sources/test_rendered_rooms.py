@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
+from dfdbench.building.sources import SceneImages
 from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -48,9 +49,7 @@ def test_a_set_of_another_generator_is_refused(tmp_path: Path) -> None:
     older = parse_manifest(text.encode(), "unseen-5-1.toml")
 
     class Blank(Rooms):
-        def read(self, scene: str):  # type: ignore[no-untyped-def]
-            from dfdbench.building.sources.interface import SceneImages
-
+        def read(self, scene: str) -> SceneImages:
             image, depth = np.zeros((1, 2, 4, 4, 3), np.uint8), np.ones((4, 4), np.float32)
             return SceneImages(image, depth, np.ones(1, bool))
 
