@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from xarray import DataArray
 
     from dfdbench.methods.measured_law import Calibration
-    from dfdbench.methods.spread import Posterior, Spread
+    from dfdbench.methods.spread import Posterior
     from dfdbench.methods.view_change import ViewChange
 
 
@@ -187,7 +187,7 @@ class Solver(Calibrated):
     """
 
     _farther_is_higher = False
-    _spread: Spread | None = None
+    _factor: float | None = None
 
     def __init__(
         self,
@@ -255,7 +255,7 @@ class Solver(Calibrated):
 
         if raw is None:
             return levels
-        return levels, spread_of(self._spread, raw, type(self).__name__)
+        return levels, spread_of(self._factor, raw, type(self).__name__)
 
     def _require(self, count: int) -> None:
         known = len(self.blurs)
@@ -292,14 +292,14 @@ class Solver(Calibrated):
             assert raw is not None  # it is sure
             return levels, raw
 
-        return learned | spread_on(answer, pairs, type(self).__name__).as_learned()
+        return learned | spread_on(answer, pairs, type(self).__name__)
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        from dfdbench.methods.spread import Spread
+        from dfdbench.methods.spread import factor_from
 
         learned = dict(learned)
-        self._spread = Spread.taken_from(learned)
+        self._factor = factor_from(learned)
         self._farther_is_higher = bool(learned.pop(_TURNED, False))
         if self._told is None:
             super().restore(learned)

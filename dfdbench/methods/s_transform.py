@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -15,9 +15,6 @@ from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
-
-if TYPE_CHECKING:
-    from dfdbench.methods.spread import Spread
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no
@@ -93,7 +90,7 @@ class STransform:
         problems += [] if isinstance(sure, bool) else [fitted.wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)
         self._sure = sure
-        self._spread: Spread | None = None
+        self._factor: float | None = None
         self._recipe = recipe
         self._smoothing = float(smoothing)
         self._window = (window, window)
@@ -127,14 +124,14 @@ class STransform:
         def answer(pair: TrainingPair) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
             return trial._depth(pair.infocus, pair.defocus)
 
-        return table | spread_on(answer, pairs, _NAME).as_learned()
+        return table | spread_on(answer, pairs, _NAME)
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
-        from dfdbench.methods.spread import Spread
+        from dfdbench.methods.spread import factor_from
 
         learned = dict(learned)
-        self._spread = Spread.taken_from(learned)
+        self._factor = factor_from(learned)
         if self._recipe is not None:
             return
         self._variances = fitted.learned_array(learned, "measure", _NAME, 1)
@@ -148,7 +145,7 @@ class STransform:
         from dfdbench.methods.spread import spread_of
 
         depth, raw = self._depth(infocus, defocus)
-        return (depth, spread_of(self._spread, raw, _NAME)) if self._sure else depth
+        return (depth, spread_of(self._factor, raw, _NAME)) if self._sure else depth
 
     def _depth(
         self, infocus: fitted.Image, defocus: fitted.Image

@@ -6,7 +6,6 @@ captures, by which nine truths in ten lie within 1.645 standard deviations.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -90,48 +89,27 @@ class Posterior:
         return np.asarray(np.sqrt(np.maximum(around, 0) + _ROUNDING), np.float32)
 
 
-@dataclass(frozen=True)
-class Spread:
-    """By what a method's spread is multiplied to be a standard deviation.
-
-    Parameters
-    ----------
-    factor : float
-        Above 0.
-    """
-
-    factor: float
-
-    def of(self, raw: Array) -> NDArray[np.float32]:
-        """Return sigma of a method's own spread, shape (y, x)."""
-        return np.asarray(self.factor * raw, np.float32)
-
-    def as_learned(self) -> Learned:
-        """Return it as a method's fit returns it."""
-        return {_NAME: self.factor}
-
-    @classmethod
-    def taken_from(cls, learned: Learned) -> "Spread | None":
-        """Take it out of what a fit learned; None without it."""
-        found = learned.pop(_NAME, None)
-        return None if found is None else cls(float(found))
+def factor_from(learned: Learned) -> float | None:
+    """Take the factor of `spread_on` out of what a fit learned; None without it."""
+    found = learned.pop(_NAME, None)
+    return None if found is None else float(found)
 
 
-def spread_of(spread: Spread | None, raw: Array, method: str) -> NDArray[np.float32]:
-    """Return sigma of a method's own spread, shape (y, x).
+def spread_of(factor: float | None, raw: Array, method: str) -> NDArray[np.float32]:
+    """Return sigma, shape (y, x): a method's own spread, times the factor that was fitted.
 
     Raises
     ------
     MethodError
         If no factor was fitted.
     """
-    if spread is None:
+    if factor is None:
         what = "the method has seen no training captures, and cannot say how sure it is"
         raise MethodError(what, where=f"{method}: sure", fix="fit it, or leave out sure=true")
-    return spread.of(raw)
+    return np.asarray(factor * raw, np.float32)
 
 
-def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> Spread:
+def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:
     """Fit the factor by which nine truths in ten lie within 1.645 standard deviations.
 
     Parameters
@@ -150,7 +128,7 @@ def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> Spread:
     Examples
     --------
     >>> errors = np.arange(1, 1001) / 1000
-    >>> round(1.645 * fit_spread([(errors, np.ones(1000))], "mine").factor, 2)
+    >>> round(1.645 * fit_spread([(errors, np.ones(1000))], "mine"), 2)
     0.9
     """
     ratios, weights = [], []
@@ -166,15 +144,15 @@ def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> Spread:
     reached = np.cumsum(weight[order]) / len(ratios)
     place = min(int(np.searchsorted(reached, _HELD)), ratio.size - 1)
     # A method that is never wrong, as on made images, still has to name a number above 0.
-    return Spread(max(float(ratio[order[place]]) / REACH_90, 1e-3))
+    return max(float(ratio[order[place]]) / REACH_90, 1e-3)
 
 
 def spread_on(
     answer: Callable[[TrainingPair], tuple[Array, Array]],
     captures: Sequence[TrainingPair],
     method: str,
-) -> Spread:
-    """Fit the factor on whole training captures, evenly among all.
+) -> Learned:
+    """Learn the factor on whole training captures, evenly among all.
 
     Parameters
     ----------
@@ -193,4 +171,5 @@ def spread_on(
         known = capture.valid
         return np.abs(depth.astype(np.float64) - capture.levels)[known], raw[known]
 
-    return fit_spread(map(found, evenly_spread(len(captures), MOST_CAPTURES)), method)
+    chosen = evenly_spread(len(captures), MOST_CAPTURES)
+    return {_NAME: fit_spread(map(found, chosen), method)}
