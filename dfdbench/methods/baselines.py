@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit
+from dfdbench.methods.fitted import Image, Solver, learned_array, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 
-Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
 
 #: Rows and columns of what `PositionalPrior` learns.

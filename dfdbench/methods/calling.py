@@ -185,14 +185,9 @@ def check_answer(
     if returned is None:
         return None, None, "returned None; expected depth levels: is a `return` missing?"
     if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
-        return (
-            None,
-            None,
-            (
-                "returned a depth map and numbers; expected the depth map alone: "
-                "keep numbers in the method's attribute `numbers`, from which a result takes them"
-            ),
-        )
+        got = "returned a depth map and numbers; expected the depth map alone"
+        fix = "keep numbers in the method's attribute `numbers`, from which a result takes them"
+        return None, None, f"{got}: {fix}"
     # A tuple of two rows is no depth map that anyone returns.
     if not isinstance(returned, tuple) or len(returned) != 2:
         depth, wrong = _checked_depth(returned, shape, unit)

@@ -14,13 +14,11 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
 from dfdbench.methods.calling import UNIT_LEVELS, TorchMethod, call, difference, in_unit_range
-from dfdbench.methods.method import Learned, Method, Prediction, restore, teach
+from dfdbench.methods.method import Image, Learned, Method, Prediction, restore, teach
 from dfdbench.methods.process_state import seeded
 from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.system.parallel import Processes
-
-Image = NDArray[np.uint8]
 
 _ORDINARY = "an ordinary pair, 240 × 320"
 if TYPE_CHECKING:

@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
-__all__ = ["data_cost"]
-
 # Largest sum of absolute differences between a label's kernel and what stands for it: at most
 # 0.013 grey levels where black meets white, a hundredth of that in photographs.
 KERNEL_TOLERANCE = 1e-4

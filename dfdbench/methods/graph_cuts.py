@@ -16,12 +16,10 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Solver
+from dfdbench.methods.fitted import Image, Solver
 from dfdbench.methods.information import information
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, law_cost
 from dfdbench.methods.spread import Posterior
-
-Image = NDArray[np.uint8]
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
 SOLVERS = ("split", "expansion")

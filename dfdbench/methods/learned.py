@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import odd_window, wrong
+from dfdbench.methods.fitted import Image, odd_window, wrong
 from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
 
-Image = NDArray[np.uint8]
 _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
 
 

@@ -94,7 +94,11 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     >>> files_sha256({"window": 9, "weights": "no/such/file"})
     {}
     """
-    return {name: _digest(Path(text)) for name, text in _strings(parameters) if _is_there(text)}
+    return {
+        name: _digest(Path(value))
+        for name, value in _leaves(parameters)
+        if isinstance(value, str) and (os.path.isfile(value) or os.path.isdir(value))
+    }
 
 
 def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
@@ -169,10 +173,6 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
     MethodError.raise_if(problems)
 
 
-def _strings(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    return ((name, text) for name, text in _leaves(parameters) if isinstance(text, str))
-
-
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(value, Mapping | list):
         parts = value.items() if isinstance(value, Mapping) else enumerate(value)
@@ -180,10 +180,6 @@ def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield from _leaves(part, f"{name}.{key}" if name else str(key))
     else:
         yield name, value
-
-
-def _is_there(text: str) -> bool:
-    return os.path.isfile(text) or os.path.isdir(text)
 
 
 def _digest(path: Path) -> str:

@@ -13,7 +13,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import part_of_pair, require_pair
-from dfdbench.methods.fitted import Solver
+from dfdbench.methods.fitted import Image, Solver
 from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
@@ -209,12 +209,8 @@ def _add_four(factors: Array, at: Array, out: Array) -> None:
         a0, a1, a2, a3 = at[half, 0], at[half, 1], at[half, 2], at[half, 3]
         b0, b1, b2, b3 = at[half + 1, 0], at[half + 1, 1], at[half + 1, 2], at[half + 1, 3]
         for label in range(out.shape[1]):
-            f0, f1, f2, f3 = (
-                factors[0, label],
-                factors[1, label],
-                factors[2, label],
-                factors[3, label],
-            )
+            f0, f1 = factors[0, label], factors[1, label]
+            f2, f3 = factors[2, label], factors[3, label]
             out[half, label] += f0 * a0 + f1 * a1 + f2 * a2 + f3 * a3
             out[half + 1, label] += f0 * b0 + f1 * b1 + f2 * b2 + f3 * b3
 
@@ -237,8 +233,6 @@ def _costs(unary: Array, entry: float, slope: float, limit: int) -> int:
                 row[label] = np.uint16(min(cost - least, most))
     return offset
 
-
-Image = NDArray[np.uint8]
 
 # Integer costs of one nat (a factor e of probability), and of a level's difference between
 # neighbours.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import evenly_spread
+from dfdbench.methods.fitted import Image, evenly_spread
 from dfdbench.methods.shape_from_focus import ShapeFromFocus
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from dfdbench.methods.method import TrainingPair
 
-Image = NDArray[np.uint8]
 # Captures of which it is asked whether they are alike: the first, which go through the values of
 # axes, and as many evenly among all, which alone might always meet the same value.
 _LOOKED_AT = 8

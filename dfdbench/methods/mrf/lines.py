@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from dfdbench.system.compiled import compiled
 
-__all__ = ["best_lines"]
-
 # The labels that a pixel chooses from: so many around its own, those of its four neighbours, and
 # the one that its own costs favour; together as many as fill a processor's widest register.
 AROUND = 11

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
-__all__ = ["DOWN", "LEFT", "RIGHT", "SINK", "UP", "GridGraph"]
-
 # Directions of the four edges that leave a node; `direction ^ 1` is the way back.
 RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
 

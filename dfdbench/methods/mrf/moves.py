@@ -21,8 +21,6 @@ from dfdbench.methods.mrf.lines import best_lines
 from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
 from dfdbench.system.compiled import compiled
 
-__all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
-
 Array = NDArray[Any]
 #: The table of the smoothness, and the weights of edges to the right and down.
 Edges = tuple[Array, Array, Array]
