@@ -18,6 +18,19 @@ def python(
     return _run([sys.executable, *words], cwd, variables)
 
 
+def dfdbench_without(
+    package: str, *words: str, cwd: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the command line where a package cannot be imported, as if it were not installed."""
+    code = (
+        f"import sys; sys.modules['{package}'] = None\n"
+        "from dfdbench.cli import main\n"
+        "sys.argv = ['dfdbench', *sys.argv[1:]]\n"
+        "main()\n"
+    )
+    return python("-c", code, *words, cwd=cwd)
+
+
 def _run(
     words: list[str | bytes | Path], cwd: Path | None, variables: dict[str, str]
 ) -> subprocess.CompletedProcess[str]:

@@ -1,5 +1,6 @@
 """Fronto-parallel planes and slopes of made texture, as pairs to predict and to fit to."""
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -8,10 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.calibration import calibrate
 from dfdbench.methods.check import MadePair
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, check_learned
 
 Image = NDArray[np.uint8]
@@ -40,6 +44,25 @@ def slope(seed: int, height: int = 96, width: int = 256) -> MadePair:
     """Return a pair whose depth rises by less than a level a pixel, over nearly all levels."""
     levels = np.linspace(4, 251, width).astype(np.uint8)
     return pair_of(texture(seed, height, width), np.broadcast_to(levels, (height, width)).copy())
+
+
+def in_layers(
+    sharp: Image, levels: NDArray[Any], focus: Sequence[float]
+) -> tuple[list[BlurLaw], list[Image]]:
+    """Return images focused at some levels, whose near surfaces cover the far, and their laws."""
+    laws = [
+        BlurLaw(tuple(0.1 + 0.02 * np.abs(np.arange(256) - at)), kernel_size=27, noise=(0.29,))
+        for at in focus
+    ]
+    kernels = [without_tails(law.kernels()) for law in laws]
+    images = [composite_layers(sharp.astype(float), levels, each) for each in kernels]
+    return laws, [np.rint(image).astype(np.uint8) for image in images]
+
+
+def unmeasured(laws: Sequence[BlurLaw]) -> tuple[Calibration, ...]:
+    """Return laws as if fitted, without what they were measured from."""
+    nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
+    return tuple(Calibration(law, *nothing) for law in laws)
 
 
 def inside(depth: NDArray[Any], margin: int = 14) -> NDArray[Any]:

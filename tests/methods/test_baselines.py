@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import MethodError
-from dfdbench.methods.baselines import Constant, Local, PositionalPrior
+from dfdbench.methods.baselines import Local, PositionalPrior
 from dfdbench.methods.check import MadePair
 from dfdbench.metrics.scores import nmae
 
@@ -45,11 +45,6 @@ def test_local_on_a_real_pair(shared_data: Path, read_image: Callable[[Path], Im
     mismatched = nmae(depth, Local(RECIPES["text"])(infocus, defocus))
     assert matched < 0.05
     assert mismatched > 1.5 * matched
-
-
-def test_constant_is_constant() -> None:
-    image = np.zeros((3, 4, 3), np.uint8)
-    assert Constant(33.5)(image, image).tolist() == [[33.5] * 4] * 3
 
 
 def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() -> None:

@@ -15,7 +15,7 @@ from dfdbench.methods.networks.weights import build_network, load_weights, save_
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
-from tests.process import python
+from tests.process import dfdbench_without
 
 
 @pytest.mark.slow
@@ -54,16 +54,17 @@ def test_other_weights_under_the_same_name_are_another_run(
     assert done.set_aside is not None
 
 
+PAIR = np.random.default_rng(4).integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
+
+
+def levels(path: Path, **parameters: Any) -> Any:
+    return load("dfd-net", weights=str(path), device="cpu", **parameters)(*PAIR)
+
+
 def test_weights_are_read_out_as_they_were_made_for(weights: Path, tmp_path: Path) -> None:
     other = tmp_path / "median.safetensors"
     made_for_median = card(configuration={"readout": "median"})
     save_weights(other, load_weights(weights, "dfd-net")[0], made_for_median)
-    random = np.random.default_rng(4)
-    pair = random.integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
-
-    def levels(path: Path, **parameters: Any) -> Any:
-        return load("dfd-net", weights=str(path), device="cpu", **parameters)(*pair)
-
     mode, median = levels(weights), levels(other)
     assert not np.array_equal(mode, median)
     assert np.array_equal(levels(weights, readout="median"), median)
@@ -71,18 +72,12 @@ def test_weights_are_read_out_as_they_were_made_for(weights: Path, tmp_path: Pat
 
 
 def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
-    random = np.random.default_rng(4)
-    pair = random.integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
-
-    def levels(**parameters: Any) -> Any:
-        return load("dfd-net", weights=str(weights), device="cpu", **parameters)(*pair)
-
-    plain, smooth = levels(), levels(median_window=5)
-    assert np.array_equal(levels(median_window=1), plain)
+    plain, smooth = levels(weights), levels(weights, median_window=5)
+    assert np.array_equal(levels(weights, median_window=1), plain)
     assert smooth[10, 10] == np.median(plain[8:13, 8:13])
     assert smooth.std() < plain.std()
     # Of an image smaller than the window, its edge is repeated.
-    assert levels(median_window=61).shape == plain.shape
+    assert levels(weights, median_window=61).shape == plain.shape
 
 
 def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weights: Path) -> None:
@@ -92,11 +87,11 @@ def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weight
         load("dfd-net", weights=str(weights), device="cpu", orientations=number)
         for number in (1, 8)
     )
-    levels = mean(*pair)
-    assert levels.dtype == np.float32
-    assert levels.shape == (24, 31)
+    found = mean(*pair)
+    assert found.dtype == np.float32
+    assert found.shape == (24, 31)
     turned = np.ascontiguousarray(np.rot90(pair, axes=(1, 2))[:, :, ::-1])
-    assert np.array_equal(mean(*turned), np.rot90(levels)[:, ::-1])
+    assert np.array_equal(mean(*turned), np.rot90(found)[:, ::-1])
     assert not np.array_equal(one(*turned), np.rot90(one(*pair))[:, ::-1])
     answers = [
         np.rot90(one(*(np.ascontiguousarray(np.rot90(image, k)) for image in images)), -k)[:, ::way]
@@ -104,7 +99,7 @@ def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weight
         for images in [[np.ascontiguousarray(image[:, ::way]) for image in pair]]
         for k in range(4)
     ]
-    assert np.array_equal(levels, np.mean(answers, 0, np.float32))
+    assert np.array_equal(found, np.mean(answers, 0, np.float32))
 
 
 def test_wrong_numbers_are_named_together(weights: Path) -> None:
@@ -117,15 +112,8 @@ def test_wrong_numbers_are_named_together(weights: Path) -> None:
 
 @pytest.mark.slow
 def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
-    # A module of that name that cannot be imported, as where it is not installed.
-    code = (
-        "import sys; sys.modules['torch'] = None\n"
-        "from dfdbench.cli import main\n"
-        "sys.argv = ['dfdbench', *sys.argv[1:]]\n"
-        "main()\n"
-    )
     for arguments in (["check-method", "dfd-net"], ["train", "dfd-net", "--dataset", "demo"]):
-        done = python("-c", code, *arguments, cwd=tmp_path)
+        done = dfdbench_without("torch", *arguments, cwd=tmp_path)
         assert done.returncode == 2, done.stderr
         assert "torch is not installed" in done.stderr
         assert "pip install 'dfdbench[nets]'" in done.stderr

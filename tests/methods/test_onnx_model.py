@@ -23,7 +23,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.check import check_method
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
-from tests.process import python
+from tests.process import dfdbench_without
 
 RANDOM = np.random.default_rng(3)
 SHARP, BLURRED = RANDOM.integers(0, 256, (2, 21, 30, 3)).astype(np.uint8)
@@ -243,13 +243,7 @@ def test_it_computes_on_one_thread_so_that_rounding_depends_on_no_number(
 
 
 def test_without_onnxruntime_the_error_says_what_to_install(mean: str) -> None:
-    code = (
-        "import sys; sys.modules['onnxruntime'] = None\n"
-        "from dfdbench.cli import main\n"
-        "sys.argv = ['dfdbench', *sys.argv[1:]]\n"
-        "main()\n"
-    )
-    done = python("-c", code, "check-method", mean)
+    done = dfdbench_without("onnxruntime", "check-method", mean)
     assert done.returncode == 2, done.stderr
     assert "onnxruntime is not installed" in done.stderr
     assert "pip install 'dfdbench[onnx]'" in done.stderr
