@@ -10,18 +10,12 @@ def test_the_minimum_of_a_parabola_is_found_exactly(where: float) -> None:
     assert least_label(costs)[0, 0] == pytest.approx(where)
 
 
-def test_the_ends_stay_as_they_are() -> None:
-    costs = np.array([[0, 5], [1, 3], [9, 1]], np.uint16)[:, np.newaxis]
-    assert least_label(costs).tolist() == [[0, 2]]
-
-
-@pytest.mark.parametrize("labels", [1, 2])
-def test_fewer_labels_than_a_parabola_needs(labels: int) -> None:
-    assert least_label(np.arange(labels)[::-1].reshape(-1, 1, 1)).tolist() == [[labels - 1]]
-
-
-def test_equal_costs_give_the_first() -> None:
-    assert least_label(np.full((5, 1, 1), 7, np.uint16)).tolist() == [[0]]
+# At either end, of fewer labels than a parabola needs, and of equal costs the first.
+@pytest.mark.parametrize(
+    ("costs", "label"), [([0, 1, 9], 0), ([5, 3, 1], 2), ([0], 0), ([1, 0], 1), ([7] * 5, 0)]
+)
+def test_a_label_without_a_parabola_stays_whole(costs: list[int], label: int) -> None:
+    assert least_label(np.array(costs, np.uint16).reshape(-1, 1, 1)).tolist() == [[label]]
 
 
 @pytest.mark.parametrize("sharpness", [0.5, 1, 4])

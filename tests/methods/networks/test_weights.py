@@ -6,12 +6,18 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import safetensors.torch
 import torch
+from torch import nn
 
 from dfdbench.errors import MethodError
 from dfdbench.methods.networks import weights as files
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
+
+
+@pytest.fixture
+def network() -> nn.Module:
+    return files.build_network("dfd-net", {"filters": list(SMALL)})
 
 
 def test_weights_come_back_with_their_card(weights: Path) -> None:
@@ -50,9 +56,8 @@ def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> N
     assert len(caught.value.problems) > 5
 
 
-def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
+def test_numbers_that_are_none_are_refused(tmp_path: Path, network: nn.Module) -> None:
     path = tmp_path / "nan.safetensors"
-    network = files.build_network("dfd-net", {"filters": list(SMALL)})
     with torch.no_grad():
         next(network.parameters()).fill_(float("nan"))
     files.save_weights(path, network, card())
@@ -62,9 +67,8 @@ def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
         load("dfd-net", weights=5)
 
 
-def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
+def test_tensors_of_another_kind_are_refused(tmp_path: Path, network: nn.Module) -> None:
     path = tmp_path / "odd.safetensors"
-    network = files.build_network("dfd-net", {"filters": list(SMALL)})
     files.save_weights(path, network, card())
     tensors = safetensors.torch.load_file(path)
     with safetensors.safe_open(path, "pt") as file:
@@ -91,10 +95,9 @@ def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_an_architecture_that_cannot_be_built_is_told(
-    tmp_path: Path, architecture: dict[str, Any]
+    tmp_path: Path, network: nn.Module, architecture: dict[str, Any]
 ) -> None:
     path = tmp_path / "bogus.safetensors"
-    network = files.build_network("dfd-net", {"filters": list(SMALL)})
     files.save_weights(path, network, card(architecture=architecture))
     with pytest.raises(MethodError, match="architecture cannot be built"):
         files.load_weights(path, "dfd-net")
