@@ -242,7 +242,7 @@ def train_on_cameras(
     Raises
     ------
     InputError
-        If the checkpoint is damaged or of another training.
+        If the checkpoint is damaged or of another training, or another training writes there.
     DivergedError
         If the loss became NaN or infinite.
     """
@@ -256,9 +256,9 @@ def train_on_cameras(
         "start": weights_sha256(start) if start else None,
     }
     learner = _Learner(course, examples, seed, steps, start)
-    ended, seconds, log = drive(
-        learner, TrainingFolder(folder), identity, max_seconds, on_step, fresh
-    )
+    place = TrainingFolder(folder)
+    with place.held():
+        ended, seconds, log = drive(learner, place, identity, max_seconds, on_step, fresh)
     last = (log.scores or [{}])[-1]
     scores = [value for name, value in last.items() if name != "step"]
     card = card_of(

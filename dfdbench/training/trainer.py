@@ -6,7 +6,8 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,7 +19,7 @@ from dfdbench.errors import InputError, ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.system.files import read_as, whole_files, write_whole
+from dfdbench.system.files import hold, read_as, whole_files, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.tables.render import as_csv
@@ -73,7 +74,8 @@ def train(
     Raises
     ------
     InputError
-        If choices do not fit each other, or the checkpoint is damaged or of another training.
+        If choices do not fit each other, the checkpoint is damaged or of another training, or
+        another training writes there.
     ResultError
         If the folder cannot be written.
 
@@ -86,15 +88,15 @@ def train(
     # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
     task = replace(task, configuration=settled(task.configuration, found))
     learner = Learner(task, found)
+    place = TrainingFolder(folder)
     try:
-        ended, seconds, log = drive(
-            learner, TrainingFolder(folder), task.identity, max_seconds, on_step, fresh
-        )
+        with place.held():
+            ended, seconds, log = drive(learner, place, task.identity, max_seconds, on_step, fresh)
         choices = task.configuration
         hardly = choices.schedule == "cosine" and learner.step < choices.warm_up
         if ended == EndedBy.TIME_LIMIT and hardly:
-            place = f"at step {learner.step:,} of {choices.warm_up:,}"
-            ended = f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, {place}"
+            after = f"at step {learner.step:,} of {choices.warm_up:,}"
+            ended = f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, {after}"
         scores = learner.mean_scores(task.test)
         card = card_of(
             learner,
@@ -292,6 +294,15 @@ class TrainingFolder:
     def holds_files(self) -> bool:
         """True if a training left anything here, even only a log."""
         return any((self.path / name).exists() for name in _OWN)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Lock it for one training; raise an InputError if another process is at one there."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        fix = "wait for it to end, or choose another folder with --out"
+        taken = InputError("another training writes here", where=str(self.path), fix=fix)
+        with hold(self.path.with_name(f".{self.path.name}.lock"), taken):
+            yield
 
     def clear(self) -> None:
         """Remove the files of an earlier training, and no others."""

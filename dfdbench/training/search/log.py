@@ -19,7 +19,7 @@ from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
-from dfdbench.system.files import hold, whole_files, write_whole
+from dfdbench.system.files import whole_files, write_whole
 from dfdbench.system.text import parse_json, require_same
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
 from dfdbench.training.search.search_plan import SearchPlan
@@ -288,24 +288,20 @@ class Evaluation:
         if self.threads is not None:
             torch.set_num_threads(self.threads)
         folder = training_folder(self.folder, particle[0])
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        what = "another process is training this particle"
-        taken = InputError(what, where=str(folder), fix="wait for it to end")
-        with hold(folder.with_name(f".{folder.name}.lock"), taken):
-            try:
-                return self._trained_and_scored(folder, *particle)
-            except _TimeUpError:
-                return None
-            except DivergedError as error:
-                problem = error.problems[0]
-                return Outcome(failed=f"diverged: {problem.what}, {problem.where}")
-            except MethodError as error:
-                # Its last step broke the weights, after a loss that was still a number.
-                return Outcome(failed=f"diverged: {error.problems[0].what}")
-            except (MemoryError, RuntimeError) as error:
-                # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
-                why = str(error).partition("\n")[0][:200]
-                return Outcome(failed=f"failed: {why or type(error).__name__}")
+        try:
+            return self._trained_and_scored(folder, *particle)
+        except _TimeUpError:
+            return None
+        except DivergedError as error:
+            problem = error.problems[0]
+            return Outcome(failed=f"diverged: {problem.what}, {problem.where}")
+        except MethodError as error:
+            # Its last step broke the weights, after a loss that was still a number.
+            return Outcome(failed=f"diverged: {error.problems[0].what}")
+        except (MemoryError, RuntimeError) as error:
+            # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
+            why = str(error).partition("\n")[0][:200]
+            return Outcome(failed=f"failed: {why or type(error).__name__}")
 
     def _trained_and_scored(self, folder: Path, place: Place, position: Numbers) -> Outcome:
         plan, store, choices = self.plan, self.plan.store, self.plan.choices

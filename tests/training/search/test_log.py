@@ -194,7 +194,7 @@ def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path:
     (tmp_path / "particles").mkdir()
     with (
         hold(tmp_path / "particles/.000-001.lock", InputError("taken")),
-        pytest.raises(InputError, match="another process is training this particle"),
+        pytest.raises(InputError, match="another training writes here"),
     ):
         evaluated(tiny_store, tmp_path)
 
