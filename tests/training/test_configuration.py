@@ -104,6 +104,12 @@ def test_what_a_particle_describes_is_a_choice() -> None:
             "middlebury-default-1, split train, 24,000 steps",
         ),
         (
+            *("u-net", "middlebury", "demo-u-net"),
+            "normalized=true readout=median crop=128 crops_per_step=2 normalization=fixed "
+            "label_width=2 learning_rate=8e-4 steps=16000 evaluate_every=4000",
+            "middlebury-default-1, split train, 36,000 steps",
+        ),
+        (
             *("dfd-net", "dfd-indoor", "demo-fine"),
             "redraw_depth=false tilt=0 crop=128 crops_per_step=1 label_width=5 learning_rate=5e-4 "
             "unknown=ignore readout=median steps=9000 evaluate_every=3000",

@@ -119,6 +119,7 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
         ("dfd-net", "demo", "demo-1, split train", "test, 54 pairs"),
         ("u-net", "demo", "demo-1, split train", "test, 54 pairs"),
         ("dfd-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
+        ("u-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
         ("dfd-net", "robust", "demo-1, split train, random tracks", "test, 54 pairs"),
         ("dfd-net", "dfd-indoor", "dfd-indoor-1, split train", "test, 29 pairs"),
         (
