@@ -116,9 +116,14 @@ def test_what_a_particle_describes_is_a_choice() -> None:
             "dfd-indoor-1, split train, 9,000 steps",
         ),
         (
-            # What the first filters would have been: the weights that it began from have them.
-            *("dfd-net", "robust", "robust", "initial_filters=differences"),
-            "demo-1, split train, 45,000 steps",
+            *("dfd-net", "robust", "robust"),
+            "recipe=published steps=12000 evaluate_every=4000",
+            "demo-1, split train, random tracks, 14,000 steps",
+        ),
+        (
+            *("u-net", "robust", "robust"),
+            "crop=96 normalized=true steps=12000 evaluate_every=4000",
+            "middlebury-default-1, split train, 16,000 steps",
         ),
     ],
 )

@@ -120,7 +120,8 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
         ("u-net", "demo", "demo-1, split train", "test, 54 pairs"),
         ("dfd-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
         ("u-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
-        ("dfd-net", "robust", "demo-1, split train, random tracks", "test, 54 pairs"),
+        ("dfd-net", "robust", "unseen-0-1, split train, random tracks", "test, 24 pairs"),
+        ("u-net", "robust", "middlebury-default-1, split train, random tracks", "test, 6 pairs"),
         ("dfd-net", "dfd-indoor", "dfd-indoor-1, split train", "test, 29 pairs"),
         (
             *("stack-net", "unseen"),
