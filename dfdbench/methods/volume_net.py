@@ -176,7 +176,9 @@ class VolumeNetMethod(Solver):
         network, self.card = load_weights(path, "volume-net")
         assert isinstance(network, VolumeNet)
         self._device = find_device(device)
-        self._network = network.to(self._device)
+        # Its volumes come with the levels of a pixel side by side.
+        last = torch.channels_last
+        self._network = network.to(self._device, memory_format=last)  # type: ignore[call-overload]
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
         self.trained_on = self.card.trained_on

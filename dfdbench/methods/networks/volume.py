@@ -93,12 +93,12 @@ class VolumeNet(nn.Module):
         """
         seen = [_seen(volume), _seen(paths), told / 3 - 1, functional.pixel_unshuffle(guide, 2)]
         x = torch.cat(seen, 1)
-        x = functional.relu(self.stem(x) + self.prior(prior / 4 + 1)[:, :, None, None])
+        x = functional.relu_(self.stem(x) + self.prior(prior / 4 + 1)[:, :, None, None])
         x = self.blocks[0](x)
         scales, costs = [x], volume
         for down, look, block in zip(self.down, self.costs, self.blocks[1:], strict=True):
             costs = functional.avg_pool2d(costs, 2)
-            x = functional.relu(down(x) + look(_seen(costs - costs.amin(1, keepdim=True))))
+            x = functional.relu_(down(x) + look(_seen(costs - costs.amin(1, keepdim=True))))
             x = block(x)
             scales.append(x)
         x = scales.pop()
@@ -106,8 +106,8 @@ class VolumeNet(nn.Module):
             x = self.blocks[-1](x)
         for up, joined in zip(reversed(self.up), reversed(self.joined), strict=True):
             finer = functional.interpolate(up(x), scale_factor=2, mode="bilinear")
-            x = functional.relu(joined(torch.cat([scales.pop(), finer], 1)))
-        x = functional.relu(self.last(x))
+            x = functional.relu_(joined(torch.cat([scales.pop(), finer], 1)))
+        x = functional.relu_(self.last(x))
         own, along, before = self.weights
         logits = self.logits(x).float() - own * volume - along * paths
         return logits + before * prior[:, :, None, None], self.mask(x).float()
@@ -163,8 +163,8 @@ class _Residual(nn.Module):
         self.first, self.second = _convolution(width, width), _convolution(width, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        inner: Tensor = self.second(functional.relu(self.first(x)))
-        return functional.relu(x + inner)
+        inner: Tensor = self.second(functional.relu_(self.first(x)))
+        return functional.relu_(x + inner)
 
 
 def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
@@ -173,5 +173,4 @@ def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
 
 def _seen(costs: Tensor) -> Tensor:
     # Of costs that differ by hundredths of a nat the root shows more.
-    seen: Tensor = costs.sqrt() * (2 / MOST**0.5) - 1
-    return seen
+    return costs.sqrt().mul_(2 / MOST**0.5).sub_(1)
