@@ -199,19 +199,21 @@ class GraphCuts(Solver):
             right, down = mrf.adaptive_potts_weights(np.asarray(grey), self._threshold)
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            unary, offset = self._law_cost(infocus, images, self._room(shape))
-            return mrf.Energy(unary, self._table, right, down, offset)
-        # Of a recipe's residuals nothing is known but that images are rounded.
-        self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
-        cost = partial(
-            data_cost,
-            self._channels(infocus),
-            self._channels(images[0]),
-            blur.sigmas[self._levels],
-            self._weight,
-            self._limit,
-            blur.kernel_size,
-        )
+            cost = self._law_cost(infocus, images)
+            # A stack's are of many images, each blurred for all rows at once.
+            held = held or len(images) > 1
+        else:
+            # Of a recipe's residuals nothing is known but that images are rounded.
+            self._memory.nat = 2 * ROUNDING_VARIANCE * self._weight
+            cost = partial(
+                data_cost,
+                self._channels(infocus),
+                self._channels(images[0]),
+                blur.sigmas[self._levels],
+                self._weight,
+                self._limit,
+                blur.kernel_size,
+            )
         if held or 2 * math.prod(shape) <= mrf.MOST_HELD:
             unary, offset = cost(out=self._room(shape))
             return mrf.Energy(unary, self._table, right, down, offset)
@@ -225,29 +227,31 @@ class GraphCuts(Solver):
             self._memory.costs = memory = np.empty(shape, np.uint16)
         return memory
 
-    def _law_cost(
-        self, infocus: Image, images: Sequence[Image], memory: NDArray[np.uint16]
-    ) -> tuple[NDArray[np.uint16], int]:
-        """Return what levels cost pixels under the laws, and the sum of the least costs."""
+    def _law_cost(self, infocus: Image, images: Sequence[Image]) -> Callable[..., tuple[Any, int]]:
+        """Return what gives the costs of a part under the laws, and the sum of the least costs."""
         blurred = partial(all_blurred, self.blurs, infocus, images, self._levels)
+        pair = len(images) == 1
         # Of a stack it is made twice, as nobody could hold it all.
-        held = list(blurred()) if len(images) == 1 else []
+        held = list(blurred()) if pair else []
         told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
         self._memory.nat = nat = self._nat(told) / self.chosen.smoothing
-        pair = len(images) == 1
-        most = _MOST_NATS if pair else MOST_NATS
-        limit = min(math.ceil(most * nat), self._limit)
+        limit = min(math.ceil((_MOST_NATS if pair else MOST_NATS) * nat), self._limit)
         ceiling = math.inf if pair else limit
-        unary, offset, add = memory, 0, False
-        for one in held or blurred():
-            offset += law_cost(one, nat, limit, memory, add, ceiling)[1]
-            add = True
-            # Before the next is made: they are large.
-            del one
-        if self.chosen.weight:
-            energy = nat * self.chosen.energy[self._levels]
-            offset += add_energy(unary, energy, self._limit)
-        return unary, offset
+        energy = nat * self.chosen.energy[self._levels] if self.chosen.weight else None
+
+        def cost(
+            rows: slice = slice(None), columns: slice = slice(None), out: Any = None
+        ) -> tuple[Any, int]:
+            offset, add = 0, False
+            for one in held or blurred():
+                part = one.part(rows, columns)
+                out, more = law_cost(part, nat, limit, out, add, ceiling)
+                offset, add = offset + more, True
+                # Before the next is made: they are large.
+                del one, part
+            return out, offset + (0 if energy is None else add_energy(out, energy, self._limit))
+
+        return cost
 
     def _nat(self, told: float) -> float:
         """Return the integer cost of a nat, where a pixel has so much information on its level."""

@@ -10,9 +10,9 @@ as large to either side, which the sRGB curve makes it not.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any
 
 import cv2
@@ -38,7 +38,6 @@ def level_costs(
     infocus: NDArray[np.uint8],
     images: Sequence[NDArray[np.uint8]],
     limit: float,
-    rows: slice = slice(None),
 ) -> NDArray[np.uint16]:
     """Return a capture's cost volume: minus the logarithm of each level's probability, cut off.
 
@@ -58,8 +57,6 @@ def level_costs(
     limit : float
         Nats above a pixel's least cost at which costs are cut off. An image of a stack says no
         more than 5 against any level: where surfaces end, many of them explain nothing.
-    rows : slice
-        The rows whose costs are asked for, all without a step.
 
     Returns
     -------
@@ -75,20 +72,36 @@ def level_costs(
     >>> costs.shape, int(costs.max())
     ((2, 3, 256), 0)
     """
+    return level_costs_by_rows(blurs, infocus, images, limit)(rows=slice(None))
+
+
+def level_costs_by_rows(
+    blurs: Sequence[BlurRecipe | BlurLaw],
+    infocus: NDArray[np.uint8],
+    images: Sequence[NDArray[np.uint8]],
+    limit: float,
+) -> Callable[..., NDArray[np.uint16]]:
+    """Return what gives the `level_costs` of some ``rows``, a slice without a step.
+
+    Of a pair no more is held than the in-focus image blurred by few kernels.
+    """
     most = max(round(UNIT * (limit if len(images) == 1 else min(limit, MOST_NATS))), 1)
     if isinstance(blurs[0], BlurRecipe):
         # Of a recipe's residuals nothing is known but that images are rounded.
         weight = UNIT / (2 * ROUNDING_VARIANCE)
         sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(images[0])
         size = blurs[0].kernel_size
-        return data_cost(sharp, blurred, blurs[0].sigmas, weight, most, size, rows=rows)[0]
+        cost = partial(data_cost, sharp, blurred, blurs[0].sigmas, weight, most, size)
+        return lambda rows: cost(rows=rows)[0]
+    if len(images) == 1:
+        pair = next(all_blurred(blurs, infocus, images))
+        return lambda rows: law_cost(pair.part(rows), UNIT, most)[0]
     costs: NDArray[np.uint16] | None = None
-    ceiling = most if len(images) > 1 else math.inf
     for one in all_blurred(blurs, infocus, images):
-        costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=ceiling)[0]
+        costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=most)[0]
         del one  # Before the next is made: they are large.
     assert costs is not None
-    return costs[rows]
+    return lambda rows: costs[rows].copy()
 
 
 def all_blurred(
@@ -171,6 +184,12 @@ class Blurred:
     factors: NDArray[np.float32]
     noise: NDArray[np.float32]
     spread: NDArray[np.float64]
+
+    def part(self, rows: slice, columns: slice = slice(None)) -> Blurred:
+        """Return it of a part of the image."""
+        each = (self.nodes, self.aim, self.noise)
+        nodes, aim, noise = (np.ascontiguousarray(one[rows, columns]) for one in each)
+        return replace(self, nodes=nodes, aim=aim, noise=noise)
 
     def squares(self) -> Iterator[NDArray[np.float32]]:
         """Yield what each level costs at every pixel, two a nat: float32, shape (y, x).

@@ -11,7 +11,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fitted import Image, Solver, number_within
-from dfdbench.methods.law_cost import UNIT, level_costs
+from dfdbench.methods.law_cost import UNIT, level_costs_by_rows
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
@@ -205,10 +205,10 @@ class SemiGlobal(Solver):
     """Depth by the sum of eight paths' least costs: smoothness along lines, not over the image.
 
     What a level costs a pixel is the squared difference between the defocus image and the
-    in-focus image blurred at it (`level_costs`). Along each of eight directions the least cost of
-    a path that ends at a pixel with a level is found by dynamic programming; a step of one level
-    costs `small_step`, a larger one `large_step`. A pixel takes the level of the least sum over
-    the eight, and the minimum of a parabola.
+    in-focus image blurred at it. Along each of eight directions the least cost of a path that ends
+    at a pixel with a level is found by dynamic programming; a step of one level costs `small_step`,
+    a larger one `large_step`. A pixel takes the level of the least sum over the eight, and the
+    minimum of a parabola.
 
     Parameters
     ----------
@@ -279,23 +279,24 @@ class SemiGlobal(Solver):
         small, large = (
             min(step * len(images) * self.chosen.smoothing, MOST // 2) for step in self._steps
         )
+        by_images = level_costs_by_rows(self.blurs, infocus, images, self._limit)
 
         def costs_of(rows: slice) -> NDArray[np.uint16]:
-            costs = level_costs(self.blurs, infocus, images, self._limit, rows)
+            costs = by_images(rows)
             if self.chosen.weight:
                 costs += np.rint(UNIT * self.chosen.energy).astype(np.uint16)
             return np.minimum(costs, MOST - large, out=costs)
 
-        # A law's blurs take longer than paths, and a posterior takes costs level by level.
-        whole = posterior is not None or isinstance(self.blur, BlurLaw)
-        held = costs_of(slice(None)) if whole else np.empty(0, np.uint16)
+        parts: Callable[[slice], NDArray[np.uint16]] = costs_of
         if posterior is not None:
+            # It takes costs level by level.
+            held = costs_of(slice(None))
+            parts = held.__getitem__
             # Costs along paths are as low where neighbours agree on what is wrong.
             depths = self.blur.depth_of_level(np.arange(self.levels))
             posterior.add_all(depths, np.moveaxis(held, 2, 0), UNIT)
         label = np.empty(infocus.shape[:2])
         shape = (*infocus.shape[:2], self.levels)
-        parts = held.__getitem__ if whole else costs_of
         for rows, sums in path_costs_by_bands(parts, shape, small, large):
             levels = np.moveaxis(sums, 2, 0)
             label[rows] = read_out(levels, self.chosen.sharpness / (UNIT * DIRECTIONS))

@@ -13,6 +13,7 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
+from dfdbench.methods.readout import Chosen
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 from tests.made_stacks import stack_of
 from tests.methods.made_planes import in_layers, texture, unmeasured
@@ -29,14 +30,28 @@ def pair() -> tuple[Image, Image, Image]:
     return image, synthesize(image, depth, RECIPES["published"]), depth
 
 
+def published_law(noise: float) -> BlurLaw:
+    recipe = RECIPES["published"]
+    by_depth = recipe.sigmas[np.asarray(recipe.level_of_depth(np.arange(256)))]
+    return BlurLaw(tuple(by_depth.tolist()), noise=(noise,))
+
+
 @pytest.mark.parametrize(
-    "parameters", [{}, {"smoothness": "adaptive-potts"}, {"solver": "expansion", "labels": 32}]
+    "parameters",
+    [
+        {},
+        {"smoothness": "adaptive-potts"},
+        {"solver": "expansion", "labels": 32},
+        {"recipe": published_law(3)},
+    ],
 )
 def test_costs_beyond_its_memory_give_the_same_map(
     pair: tuple[Image, Image, Image], parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     infocus, defocus, _ = pair
     whole, parts = GraphCuts(**parameters), GraphCuts(**parameters)
+    prior = np.linspace(0, 2, 256)
+    whole.chosen = parts.chosen = Chosen(prior, weight=1 if "recipe" in parameters else 0)
     expected = whole(infocus, defocus)
     monkeypatch.setattr("dfdbench.methods.mrf.MOST_HELD", 0)
     assert np.array_equal(parts(infocus, defocus), expected)
@@ -70,12 +85,6 @@ def test_fewer_labels_stand_for_their_middle_levels(pair: tuple[Image, Image, Im
     found = GraphCuts(labels=32)(*pair[:2])
     assert np.isin(found, 255 - np.arange(4, 256, 8)).all()
     assert np.abs(found - pair[2]).max() <= 8
-
-
-def published_law(noise: float) -> BlurLaw:
-    recipe = RECIPES["published"]
-    by_depth = recipe.sigmas[np.asarray(recipe.level_of_depth(np.arange(256)))]
-    return BlurLaw(tuple(by_depth.tolist()), noise=(noise,))
 
 
 def test_the_noisier_the_images_the_more_a_nat_costs(pair: tuple[Image, Image, Image]) -> None:
