@@ -44,6 +44,9 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
     assert ssim is not None
     assert ssim.mean == pytest.approx(0.05)
     assert ssim.wins == len(PLACES)
+    same = difference(changes(first, first, "thesis", "nrmse"), "nrmse")
+    assert same is not None
+    assert (same.wins, same.losses, same.ties) == (0, 0, len(PLACES))
 
 
 @pytest.mark.parametrize(
