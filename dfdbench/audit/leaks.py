@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
@@ -10,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest, part_name
 from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.system.strict import Record
+from dfdbench.system.text import TRAININGS
 
 if TYPE_CHECKING:
     from dfdbench.audit.sides import Side
@@ -32,13 +34,17 @@ NEAR_DUPLICATE_BITS = 48
 Hashes = Mapping[str, NDArray[np.bool_]]
 
 
-def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
+def scenes_trained_on(
+    trained_on: str, own: Manifest | None = None
+) -> tuple[Manifest, tuple[str, ...]] | None:
     """Return the manifest and the scenes that a method was trained on; None if none are named.
 
     Parameters
     ----------
     trained_on : str
         In the form of `FORM`; the author may add anything after another comma.
+    own : Manifest, optional
+        Of the data set in use, which need not be released.
 
     Raises
     ------
@@ -52,8 +58,38 @@ def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | Non
     """
     if not (said := NAMED.fullmatch(trained_on.strip())):
         return None
-    manifest = find_manifest(said["manifest"])
+    known = own is not None and is_called(own, said["manifest"])
+    manifest = own if known and own else find_manifest(said["manifest"])
     return manifest, scenes_said(manifest, said)
+
+
+def is_called(own: Manifest, name: str) -> bool:
+    """Return whether a name is a data set's own, on any track of it."""
+    return part_name(name)[0] in (own.file_stem, own.name, part_name(own.short)[0])
+
+
+def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
+    """Return the scenes of a split that share a scene or texture with any training named.
+
+    Parameters
+    ----------
+    trained_on : str
+        Trainings as for `scenes_trained_on`, joined by `TRAININGS`; those that name no scenes of a
+        data set that is known are left out.
+
+    Examples
+    --------
+    >>> scenes_seen("mine; demo-1, split train", find_manifest("demo-1"), "Barn")
+    ['Barn']
+    """
+    seen: dict[str, None] = {}
+    for part in trained_on.split(TRAININGS):
+        # We cannot look into somebody's own training data.
+        with contextlib.suppress(DfdbenchError):
+            if named := scenes_trained_on(part, test):
+                leaks = manifest_leaks(*named, test, test.scenes_of(split))
+                seen |= dict.fromkeys(leak.test for leak in leaks)
+    return list(seen)
 
 
 def scenes_said(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:

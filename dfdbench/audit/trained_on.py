@@ -3,12 +3,12 @@
 from enum import StrEnum
 
 from dfdbench.audit.coverage import Criterion, share_of, uncovered
-from dfdbench.audit.leaks import FORM, NAMED, manifest_leaks, scenes_said
+from dfdbench.audit.leaks import FORM, NAMED, is_called, scenes_said, scenes_seen
 from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
-from dfdbench.datasets.catalog import part_name
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import training_of
 from dfdbench.errors import DfdbenchError, InputError
+from dfdbench.system.text import TRAININGS
 from dfdbench.tables.table import percent
 
 
@@ -94,7 +94,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     Parameters
     ----------
     trained_on : str
-        As of `dfdbench.audit.leaks.scenes_trained_on`.
+        As of `dfdbench.audit.leaks.scenes_seen`; the first counts, which was the last training.
     store : Dataset
         The data set in use; another one is looked for where `build` puts it.
 
@@ -103,12 +103,11 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     DfdbenchError
         If it names a data set or a split that does not exist.
     """
-    if not (said := NAMED.fullmatch(trained_on.strip())):
+    if not (said := NAMED.fullmatch(trained_on.split(TRAININGS)[0].strip())):
         return None
     # The depths of a set are the same on every track of it.
-    own, base = store.manifest, part_name(said["manifest"])[0]
-    known = (own.file_stem, own.name, part_name(own.short)[0])
-    training = store if base in known else open_dataset(said["manifest"])
+    own = store.manifest
+    training = store if is_called(own, said["manifest"]) else open_dataset(said["manifest"])
     name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
     inverted = training.manifest.depth.grows_with != own.depth.grows_with
     scenes = scenes_said(training.manifest, said)
@@ -122,24 +121,21 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
     """
     if not trained_on:
         return []
+    seen = scenes_seen(trained_on, store.manifest, split)
+    leak = f"leak: trained on scenes or textures of the test: {', '.join(seen)}"
+    warnings = [leak] if seen else []
     try:
         train = training_side(trained_on, store)
         if train is None:
-            return [f"depths not compared with training: trained_on is not {FORM}"]
+            return [*warnings, f"depths not compared with training: trained_on is not {FORM}"]
         test = side_of(store, scene_histograms(store), split, store.manifest.scenes_of(split))
     except DfdbenchError as error:
-        return [f"depths not compared with training: {error.problems[0].what}"]
-    warnings = []
-    whose, scenes = f"{train.dataset}, {train.name},", (*train.scenes, *train.absent)
-    of_test = test.store.manifest, tuple(test.scenes)
-    if leaks := manifest_leaks(train.store.manifest, scenes, *of_test):
-        names = ", ".join(dict.fromkeys(leak.test for leak in leaks))
-        warnings.append(f"leak: {whose} trained on scenes or textures of the test: {names}")
+        return [*warnings, f"depths not compared with training: {error.problems[0].what}"]
     counts = test.histogram.counts
     levels = uncovered(train.histogram.counts, counts, Criterion.either)
     if levels.any():
         warnings.append(
             f"{percent(share_of(counts, levels))} of the test's known pixels lie on depth levels "
-            f"that {whose} leaves missing or scarce: {as_ranges(levels)}"
+            f"that {train.dataset}, {train.name}, leaves missing or scarce: {as_ranges(levels)}"
         )
     return warnings

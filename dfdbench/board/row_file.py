@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
-from dfdbench.audit.leaks import manifest_leaks, scenes_trained_on
+from dfdbench.audit.leaks import scenes_seen
 from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
 from dfdbench.board import LEADERBOARD
 from dfdbench.board.cards import Card
@@ -481,16 +481,9 @@ def training_problems(
     """
     if not trained_on or not weights_sha256:
         return []
-    try:
-        named = scenes_trained_on(trained_on)
-        test = find_manifest(dataset)
-        leaks = manifest_leaks(*named, test, test.scenes_of(split)) if named else []
-    except DfdbenchError:
-        # We cannot look into somebody's own training data.
+    seen = scenes_seen(trained_on, find_manifest(dataset), split)
+    if not seen:
         return []
-    if not leaks:
-        return []
-    scenes = ", ".join(dict.fromkeys(leak.test for leak in leaks))
-    what = f"the weights were trained on scenes of the test, {scenes}"
+    what = f"the weights were trained on scenes of the test, {', '.join(seen)}"
     fix = "test on another split, or train without these scenes: dfdbench train --fold"
     return [Problem(what, where=where, fix=fix)]

@@ -15,6 +15,7 @@ from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results import frame, record, wording
 from dfdbench.results.differences import verdict_note
+from dfdbench.system.text import TRAININGS
 from dfdbench.tables.table import Link, Table
 
 
@@ -294,7 +295,8 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
     score = find_metric(board.metric).title
     notes = [*_interval_notes(board), wording.GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
-    others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
+    trainings = [part for text in trained_on for part in text.split(TRAININGS)]
+    others = {part.partition(",")[0] for part in trainings} - {board.result.dataset.name}
     notes += [f"{h.stem}: {h.title}." for h in released_headings() if h.stem in others]
     for standing in board.standings:
         entry = standing.entry

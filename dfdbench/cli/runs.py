@@ -87,6 +87,7 @@ def run(
     if limit is not None and not done.result.complete and not done.failed:
         words = ["run", "--dataset", dataset, "--split", split, "--method", method]
         words += [word for each in param for word in ("--param", each)]
+        words += [] if out is None else ["--out", str(out)]
         then = shlex.join(["dfdbench", *words])
     _show(done, format, None if no else figure_format or (), submit, tables, then)
 

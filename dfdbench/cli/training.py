@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -148,7 +148,8 @@ def _train_on_cameras(
         )
     save_figure(cameras_figure(log, f"{method}, {trained_on}, seed {seed}"), place / FIGURES[0])
     show(format, [card_table(card)], weights=path, card=card.model_dump())
-    _tell("scores.csv", path, f"--method {method}")
+    where = f" --dataset {dataset}" if dataset else ""
+    _tell(["scores.csv"] if log.scores else [], path, f"--method {method}{where}")
 
 
 def _keep_figures(
@@ -173,19 +174,19 @@ def _tell_outcome(outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
-    scores = "scores.csv, " if outcome.log.scores else ""
-    _tell(f"{scores}depth_levels.csv, patches.csv", outcome.weights, run)
+    scores = ["scores.csv"] if outcome.log.scores else []
+    _tell([*scores, "depth_levels.csv", "patches.csv"], outcome.weights, run)
 
 
-def _tell(logs: str, weights: Path, run: str) -> None:
-    say(f"log          {weights.with_name('losses.csv')}, {logs}")
+def _tell(logs: Sequence[str], weights: Path, run: str) -> None:
+    say(f"log          {', '.join([str(weights.with_name('losses.csv')), *logs])}")
     say(f"weights      {weights}, and their card {weights.with_suffix('.md')}")
     say(f"next         dfdbench run {run} --param weights={weights}")
 
 
 def card_table(card: Card) -> Table:
     """Return what a training came to as a table."""
-    machine = f"{card.environment['processor']}, {card.environment['threads']} threads"
+    machine = f"{card.environment['processor']}, threads {card.environment['threads']}"
     rows = [
         ("parameters", f"{card.parameters:,}"),
         ("trained on", card.trained_on),

@@ -46,7 +46,7 @@ class _Learned:
         self._predict = Predictor(network, find_device(device), precision, tile, readout)
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
-        self.trained_on = self.card.trained_on
+        self.trained_on = self.card.saw
         #: What a result is to say.
         self.warnings: list[str] = []
         # Trained on random tracks, it has seen more blurs than one.

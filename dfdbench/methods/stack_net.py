@@ -83,7 +83,7 @@ class StackNetMethod:
         self._network = network.to(self._device)
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
-        self.trained_on = card.trained_on
+        self.trained_on = card.saw
 
     def __call__(self, stack: DataArray) -> Floats | tuple[Floats, Floats]:
         """Return depth in the stack's unit, float32 of shape (y, x), and how sure it is."""

@@ -181,7 +181,7 @@ class VolumeNetMethod(Solver):
         self._network = network.to(self._device, memory_format=last)  # type: ignore[call-overload]
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
-        self.trained_on = self.card.trained_on
+        self.trained_on = self.card.saw
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
         learned = Calibration.all_as_learned(found)

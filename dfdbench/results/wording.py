@@ -7,6 +7,7 @@ from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.results.record import MethodRecord, Result
+from dfdbench.system.text import TRAININGS
 
 NOTHING = "–"
 #: What is said of depth maps made elsewhere where a run would tell.
@@ -173,7 +174,8 @@ def given_to(result: Result) -> str:
     elif "training_median" in method.uses:
         parts.append("median depth")
     elif method.trained_on:
-        parts.append(f"trained on {method.trained_on.partition(',')[0]}")
+        names = [part.partition(",")[0] for part in method.trained_on.split(TRAININGS)]
+        parts.append(f"trained on {' and '.join(dict.fromkeys(names))}")
     return ", ".join(parts) or "nothing"
 
 

@@ -10,6 +10,10 @@ from pydantic_core import to_json
 
 from dfdbench.errors import InputError, Problem
 
+#: Between the trainings that `trained_on` names, where weights began with other weights: the last
+#: first.
+TRAININGS = "; "
+
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
 

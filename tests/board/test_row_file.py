@@ -124,6 +124,7 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         ("middlebury-third-1, split train", "middlebury-default-1", "Aloe", "Aloe"),
         ("demo-1, split train", "demo-1", "test", None),
         ("demo-1, all but Attic", "demo-1", "Attic", None),
+        ("unseen-0-1, split train; demo-1, split train", "demo-1", "Barn", "Barn"),
         ("photographs of my own", "demo-1", "all", None),
         ("mine-1, split train", "demo-1", "all", None),
         (None, "demo-1", "all", None),

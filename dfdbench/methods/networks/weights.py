@@ -1,6 +1,7 @@
 """A network's weights in one file, with a card that says where they come from."""
 
 import hashlib
+import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,6 +18,7 @@ from dfdbench.methods.networks.stack import StackNet
 from dfdbench.methods.networks.volume import VolumeNet
 from dfdbench.system.files import require_file, write_whole
 from dfdbench.system.strict import Record, problems_of
+from dfdbench.system.text import TRAININGS
 
 NETWORKS: dict[str, type[nn.Module]] = {
     "dfd-net": DfDNet,
@@ -26,6 +28,10 @@ NETWORKS: dict[str, type[nn.Module]] = {
 }
 _VARIANCE = "running_var"
 _METADATA = "dfdbench-card"
+#: Between the trainings that `Card.started_from` tells of, the last first, and what ends the name
+#: of each.
+BEFORE = "; that from "
+_STEPS = re.compile(r", [\d,]+ steps")
 #: What a network's arguments come to that are none.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 _SUFFIX = ".safetensors"
@@ -60,6 +66,14 @@ class Card(Record):
     scores: dict[str, float]
     further_scores: dict[str, dict[str, float]] = Field(default_factory=dict)
     environment: dict[str, str]
+
+    @property
+    def saw(self) -> str:
+        """What it was trained on, and the weights that it began with, the last first."""
+        before = filter(None, self.started_from.split(BEFORE))
+        return TRAININGS.join(
+            dict.fromkeys([self.trained_on, *(_STEPS.split(each)[0] for each in before)])
+        )
 
     def scores_under(self, protocol: str) -> dict[str, float]:
         """Return the scores under a protocol, by its label; none where it was not scored so."""

@@ -113,6 +113,12 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
         load("u-net", weights=str(tmp_path))
 
 
+def test_weights_say_what_those_saw_that_they_began_with() -> None:
+    card = files.load_weights(files.find_weights("dfd-net", "robust"), "dfd-net")[1]
+    tracks = "split train, random tracks"
+    assert card.saw == f"unseen-0-1, {tracks}; demo-1, {tracks}; demo-1, split train"
+
+
 @pytest.mark.parametrize(
     ("method", "name", "trained_on", "scored_on"),
     [
