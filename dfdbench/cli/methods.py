@@ -88,7 +88,12 @@ def predict(
     output_place(out, *images, fitted)
     if figure:
         output_place(figure, *images, fitted, option="--figure")
-    parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
+    parameters = values_of(param, "--param")
+    if weights:
+        if "weights" in parameters:
+            what, fix = "the weights are named twice", "leave out --param weights=..."
+            raise InputError(what, where="--weights", fix=fix)
+        parameters["weights"] = weights
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
         _predict_folder(predictor, captures, out, format)

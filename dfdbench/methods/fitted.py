@@ -258,11 +258,15 @@ class Solver(Calibrated):
         return levels, spread_of(self._factor, raw, type(self).__name__)
 
     def _require(self, count: int) -> None:
+        from dfdbench.methods.spread import require_factor
+
         known = len(self.blurs)
         if count != known:
             what = f"{count} defocus images, but the blur is known of {known}"
             fix = "leave recipe out, and fit the method to stacks like those that it gets"
             raise MethodError(what, where=type(self).__name__, fix=fix)
+        if self._sure:
+            require_factor(self._factor, type(self).__name__)
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:

@@ -95,18 +95,23 @@ def factor_from(learned: Learned) -> float | None:
     return None if found is None else float(found)
 
 
-def spread_of(factor: float | None, raw: Array, method: str) -> NDArray[np.float32]:
-    """Return sigma, shape (y, x): a method's own spread, times the factor that was fitted.
+def require_factor(factor: float | None, method: str) -> float:
+    """Return the factor that was fitted.
 
     Raises
     ------
     MethodError
-        If no factor was fitted.
+        If none was.
     """
     if factor is None:
         what = "the method has seen no training captures, and cannot say how sure it is"
         raise MethodError(what, where=f"{method}: sure", fix="fit it, or leave out sure=true")
-    return np.asarray(factor * raw, np.float32)
+    return factor
+
+
+def spread_of(factor: float | None, raw: Array, method: str) -> NDArray[np.float32]:
+    """Return sigma, shape (y, x): a method's own spread, times the factor that was fitted."""
+    return np.asarray(require_factor(factor, method) * raw, np.float32)
 
 
 def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:

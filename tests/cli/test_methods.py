@@ -54,6 +54,7 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
         ((images[0], "--method", "local"), "two photographs or a folder of pairs are needed"),
         ((str(tmp_path / "empty"), "--method", "local"), "no pair and no stack in this folder"),
         ((*images, "--fitted", "run", "--lens", "lens.toml"), "both a fit and a lens"),
+        ((*images, "--weights", "demo", "--param", "weights=robust"), "weights are named twice"),
         ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
         ((*images, "--method", "graph-cuts"), "--fitted RUN"),
     ):
