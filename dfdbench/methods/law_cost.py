@@ -101,7 +101,8 @@ def level_costs_by_rows(
         costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=most)[0]
         del one  # Before the next is made: they are large.
     assert costs is not None
-    return lambda rows: costs[rows].copy()
+    # Twice all of it would be too much: whoever asks for all rows asks once.
+    return lambda rows: costs if rows == slice(None) else costs[rows].copy()
 
 
 def all_blurred(
