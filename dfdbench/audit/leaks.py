@@ -34,35 +34,6 @@ NEAR_DUPLICATE_BITS = 48
 Hashes = Mapping[str, NDArray[np.bool_]]
 
 
-def scenes_trained_on(
-    trained_on: str, own: Manifest | None = None
-) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest and the scenes that a method was trained on; None if none are named.
-
-    Parameters
-    ----------
-    trained_on : str
-        In the form of `FORM`; the author may add anything after another comma.
-    own : Manifest, optional
-        Of the data set in use, which need not be released.
-
-    Raises
-    ------
-    DfdbenchError
-        If it names a data set or a split that does not exist.
-
-    Examples
-    --------
-    >>> scenes_trained_on("demo-1, all but Attic")[1][:2]
-    ('Barn', 'Cabin')
-    """
-    if not (said := NAMED.fullmatch(trained_on.strip())):
-        return None
-    known = own is not None and is_called(own, said["manifest"])
-    manifest = own if known and own else find_manifest(said["manifest"])
-    return manifest, scenes_said(manifest, said)
-
-
 def is_called(own: Manifest, name: str) -> bool:
     """Return whether a name is a data set's own, on any track of it."""
     return part_name(name)[0] in (own.file_stem, own.name, part_name(own.short)[0])
@@ -74,8 +45,8 @@ def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
     Parameters
     ----------
     trained_on : str
-        Trainings as for `scenes_trained_on`, joined by `TRAININGS`; those that name no scenes of a
-        data set that is known are left out.
+        In the form of `FORM`, where the author may add anything after another comma; several are
+        joined by `TRAININGS`. Those that name no scenes of a known data set are left out.
 
     Examples
     --------
@@ -83,12 +54,13 @@ def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
     ['Barn']
     """
     seen: dict[str, None] = {}
-    for part in trained_on.split(TRAININGS):
+    for said in filter(None, map(NAMED.fullmatch, map(str.strip, trained_on.split(TRAININGS)))):
         # We cannot look into somebody's own training data.
         with contextlib.suppress(DfdbenchError):
-            if named := scenes_trained_on(part, test):
-                leaks = manifest_leaks(*named, test, test.scenes_of(split))
-                seen |= dict.fromkeys(leak.test for leak in leaks)
+            own = is_called(test, said["manifest"])
+            train = test if own else find_manifest(said["manifest"])
+            leaks = manifest_leaks(train, scenes_said(train, said), test, test.scenes_of(split))
+            seen |= dict.fromkeys(leak.test for leak in leaks)
     return list(seen)
 
 

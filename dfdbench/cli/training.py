@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.crops import Selections
     from dfdbench.training.task import Task
-    from dfdbench.training.trainer import TrainingFolder, TrainingOutcome
+    from dfdbench.training.trainer import Log, TrainingFolder, TrainingOutcome
 
 
 def train_command(
@@ -149,7 +149,7 @@ def _train_on_cameras(
     save_figure(cameras_figure(log, f"{method}, {trained_on}, seed {seed}"), place / FIGURES[0])
     show(format, [card_table(card)], weights=path, card=card.model_dump())
     where = f" --dataset {dataset}" if dataset else ""
-    _tell(["scores.csv"] if log.scores else [], path, f"--method {method}{where}")
+    _tell(log, [], path, f"--method {method}{where}")
 
 
 def _keep_figures(
@@ -174,12 +174,12 @@ def _tell_outcome(outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
-    scores = ["scores.csv"] if outcome.log.scores else []
-    _tell([*scores, "depth_levels.csv", "patches.csv"], outcome.weights, run)
+    _tell(outcome.log, ["depth_levels.csv", "patches.csv"], outcome.weights, run)
 
 
-def _tell(logs: Sequence[str], weights: Path, run: str) -> None:
-    say(f"log          {', '.join([str(weights.with_name('losses.csv')), *logs])}")
+def _tell(log: Log, others: Sequence[str], weights: Path, run: str) -> None:
+    scores = ["scores.csv"] if log.scores else []
+    say(f"log          {', '.join([str(weights.with_name('losses.csv')), *scores, *others])}")
     say(f"weights      {weights}, and their card {weights.with_suffix('.md')}")
     say(f"next         dfdbench run {run} --param weights={weights}")
 

@@ -177,8 +177,8 @@ class VolumeNetMethod(Solver):
         assert isinstance(network, VolumeNet)
         self._device = find_device(device)
         # Its volumes come with the levels of a pixel side by side.
-        last = torch.channels_last
-        self._network = network.to(self._device, memory_format=last)  # type: ignore[call-overload]
+        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._network = network.to(self._device)
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
         self.trained_on = self.card.saw

@@ -23,7 +23,13 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
-from dfdbench.methods.networks.weights import Card, load_weights, save_weights, weights_sha256
+from dfdbench.methods.networks.weights import (
+    Card,
+    described,
+    load_weights,
+    save_weights,
+    weights_sha256,
+)
 from dfdbench.system.files import write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import precision_for
@@ -313,7 +319,7 @@ class _Learner(Generic[E]):
         if start is not None:
             network, card = load_weights(start, course.method)
             self.network.load_state_dict(network.state_dict())
-            self.started_from = f"{card.trained_on}, {card.steps:,} steps"
+            self.started_from = described(start, card)
         self.averaged = copy.deepcopy(self.network)
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.AdamW(

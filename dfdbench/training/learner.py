@@ -15,7 +15,7 @@ from torch.nn import functional
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import Pair
 from dfdbench.methods.networks.architectures import start_from_differences
-from dfdbench.methods.networks.weights import BEFORE, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import described, load_weights
 from dfdbench.system.text import require_same
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
@@ -372,11 +372,7 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
     architecture["channel_means"] = card.architecture["channel_means"]
     what = "the weights are of another network"
     require_same(card.architecture, architecture, what, str(task.start))
-    earlier = f"{BEFORE}{card.started_from}" if card.started_from else ""
-    digest = weights_sha256(task.start)
-    minutes = f"{card.seconds / 60:.1f} minutes"
-    said = f"{card.trained_on}, {card.steps:,} steps in {minutes}, SHA-256 {digest[:16]}{earlier}"
-    return network, said
+    return network, described(task.start, card)
 
 
 def _cropper(task: Task, images: TrainingImages) -> Cropper:

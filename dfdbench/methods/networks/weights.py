@@ -28,9 +28,9 @@ NETWORKS: dict[str, type[nn.Module]] = {
 }
 _VARIANCE = "running_var"
 _METADATA = "dfdbench-card"
-#: Between the trainings that `Card.started_from` tells of, the last first, and what ends the name
-#: of each.
-BEFORE = "; that from "
+# Between the trainings that `Card.started_from` tells of, the last first, and what ends the name
+# of each.
+_BEFORE = "; that from "
 _STEPS = re.compile(r", [\d,]+ steps")
 #: What a network's arguments come to that are none.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
@@ -70,7 +70,7 @@ class Card(Record):
     @property
     def saw(self) -> str:
         """What it was trained on, and the weights that it began with, the last first."""
-        before = filter(None, self.started_from.split(BEFORE))
+        before = filter(None, self.started_from.split(_BEFORE))
         return TRAININGS.join(
             dict.fromkeys([self.trained_on, *(_STEPS.split(each)[0] for each in before)])
         )
@@ -94,6 +94,13 @@ def build_network(method: str, architecture: dict[str, Any]) -> nn.Module:
 def count_parameters(network: nn.Module) -> int:
     """Return how many numbers are learnt."""
     return sum(parameter.numel() for parameter in network.parameters())
+
+
+def described(path: Path, card: Card) -> str:
+    """Return what a training that begins with these weights says of them: `Card.started_from`."""
+    earlier = f"{_BEFORE}{card.started_from}" if card.started_from else ""
+    steps = f"{card.steps:,} steps in {card.seconds / 60:.1f} minutes"
+    return f"{card.trained_on}, {steps}, SHA-256 {weights_sha256(path)[:16]}{earlier}"
 
 
 def save_weights(path: Path, network: nn.Module, card: Card) -> None:
