@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
 # Directions of the four edges that leave a node; `direction ^ 1` is the way back.
@@ -63,11 +62,6 @@ class GridGraph:
     nodes : (height * width,) int32
         Memory for a shorter `active`.
 
-    Raises
-    ------
-    InputError
-        If the grid is empty.
-
     Examples
     --------
     >>> graph = GridGraph(1, 2)
@@ -79,8 +73,6 @@ class GridGraph:
     """
 
     def __init__(self, height: int, width: int) -> None:
-        if height < 1 or width < 1:
-            raise InputError(f"grid size: expected at least 1 x 1, got {height} x {width}")
         self.height = height
         self.width = width
         # One idle column serves as right border of a row and left border of the next.

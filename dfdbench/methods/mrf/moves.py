@@ -81,8 +81,9 @@ class Mover:
     ) -> None:
         self.graph = GridGraph(*energy.shape) if graph is None else graph
         self._unary = energy.unary
-        self._table = energy.smoothness
-        self._gains = _largest_gains(energy.smoothness)
+        # Numba would compile all anew for one that was thinned out.
+        self._table = np.ascontiguousarray(energy.smoothness)
+        self._gains = _largest_gains(self._table)
         self._energy = energy
         self._right, self._down = energy.edge_weights()
         self._weights = self._right + self._down

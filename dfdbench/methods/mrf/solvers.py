@@ -7,12 +7,12 @@ on pixels: cuts of a sixteenth and a quarter of the size do most of the work.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal, get_args
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError
 from dfdbench.methods.mrf.energy import (
     COST_LIMIT,
     Energy,
@@ -55,11 +55,6 @@ def expansion(
     -------
     Solution
         `history` begins with the energy of the start and has an entry per sweep.
-
-    Raises
-    ------
-    InputError
-        If the start does not fit the energy.
 
     Examples
     --------
@@ -124,11 +119,6 @@ def repair(
     -------
     Solution
         `history` begins with the energy of the start and has an entry per round; it never rises.
-
-    Raises
-    ------
-    InputError
-        If the start does not fit the energy.
 
     Examples
     --------
@@ -335,11 +325,6 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
         `history` begins with the energy of the halved ranges, on blocks or pixels, and has an
         entry per round of repairs.
 
-    Raises
-    ------
-    InputError
-        If the quality is none of those.
-
     Examples
     --------
     >>> import numpy as np
@@ -350,8 +335,6 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     >>> solution.labels.tolist(), solution.energy
     ([[2, 2, 2]], 2)
     """
-    if quality not in get_args(Quality):
-        raise InputError(f"quality: expected one of {get_args(Quality)}, got {quality!r}")
     if not _nearly_convex(energy.smoothness):
         return expansion(energy)
     rounds = COARSE_TO_FINE[quality]
@@ -387,11 +370,8 @@ def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
     if np.abs(table - line).max() > CONVEX_TOLERANCE * table.max():
         return False
     # A coarser grid's blocks have four pixels' costs, and two edges between each other.
-    weights = (energy.weights_horizontal, energy.weights_vertical)
-    heaviest = max(1 if weight is None else int(weight.max(initial=1)) for weight in weights)
-    largest = max(
-        4 ** (grids - 1) * energy.largest_cost, 2 ** (grids - 1) * heaviest * int(table.max())
-    )
+    edge = energy.heaviest * int(table.max())
+    largest = max(4 ** (grids - 1) * energy.largest_cost, 2 ** (grids - 1) * edge)
     return bool(largest < COST_LIMIT)
 
 
@@ -406,12 +386,7 @@ def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
     labels = np.zeros(energy.shape, np.int32)
     for level in range(len(costs) - 1, -1, -1):
         count = costs[level].shape[2]
-        ranges = Energy(
-            costs.pop(),
-            energy.smoothness[:: 1 << level],
-            energy.weights_horizontal,
-            energy.weights_vertical,
-        )
+        ranges = replace(energy, unary=costs.pop(), smoothness=energy.smoothness[:: 1 << level])
         upper_half = np.minimum(np.arange(count, dtype=np.int32) | 1, count - 1)
         labels *= 2
         Mover(ranges, labels, graph).move(upper_half)

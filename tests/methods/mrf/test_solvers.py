@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.errors import InputError
 from dfdbench.methods.mrf import (
     Energy,
     Parts,
@@ -57,9 +56,9 @@ def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) ->
         assert SOLVERS[solver](energy).energy == all_energies(energy).min()
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, pytest.param(np.int32, marks=pytest.mark.slow)])
-def test_cost_types_agree(rng: np.random.Generator, dtype: type[Any]) -> None:
-    energy = random_energy(rng, 5, 6, 8, "absolute", dtype=dtype)
+@pytest.mark.slow
+def test_cost_types_agree(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 5, 6, 8, "absolute", dtype=np.int32)
     twin = Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)
     for solve in (expansion, split):
         assert solve(energy).history == solve(twin).history
@@ -161,8 +160,6 @@ def test_expansion_starts_and_stops_as_told(rng: np.random.Generator) -> None:
     solution = expansion(energy, start=start, max_sweeps=1)
     assert solution.history[0] == energy.evaluate(start)
     assert len(solution.history) == 2
-    with pytest.raises(ValueError, match="labels: expected"):
-        expansion(energy, start=start[:3])
 
 
 @pytest.mark.parametrize("kind", ["absolute", "quadratic", "potts"])
@@ -216,12 +213,6 @@ def test_sums_beyond_16_bits_are_kept_in_32() -> None:
     assert blocks.unary.dtype == np.int32
     assert blocks.unary.tolist() == [[[4 * 65535] * 3]]
     assert coarser(Energy(unary // 4, truncated_absolute(3, cap=2))).unary.dtype == np.uint16
-
-
-def test_sums_beyond_32_bits_are_an_error() -> None:
-    unary = np.full((2, 2, 3), 2**26, np.int32)
-    with pytest.raises(InputError, match="unary costs"):
-        coarser(Energy(unary, truncated_absolute(3, cap=2)))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])
