@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.system.parallel import Processes
 
+#: Of the images, and for each call, as in a run.
+_SEED = 0
+_RECIPE = RECIPES["published"]
 _ORDINARY = "an ordinary pair, 240 × 320"
 if TYPE_CHECKING:
     import xarray
@@ -68,7 +72,7 @@ class MadePair(NamedTuple):
 
         images, levels = [self.infocus, self.defocus], np.full(2, np.nan)
         if self.planes:
-            others = form_stack(self.infocus, self.levels, RECIPES["published"], self.planes)
+            others = form_stack(self.infocus, self.levels, _RECIPE, self.planes)
             images = [self.infocus, *others]
             levels = np.array([np.nan, *focus_levels(self.planes)])
         distances, metres = _metres(levels), self.unit == "metres"
@@ -98,13 +102,11 @@ class Check:
 
     name: str
     seconds: float
-    error: str
-    warning: str
+    error: str = ""
+    warning: str = ""
 
 
-def check_method(
-    method: Method, seed: int = 0, load: Callable[[], Method] | None = None
-) -> tuple[Check, ...]:
+def check_method(method: Method, load: Callable[[], Method] | None = None) -> tuple[Check, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
@@ -119,46 +121,43 @@ def check_method(
     ----------
     method : Method
         What is checked.
-    seed : int
-        Of the images, and for each call, as in a run.
     load : callable, optional
         Loads the method anew in another process, so it has to be picklable. Without it the method
         is not tried there.
     """
-    pairs = _awkward_pairs(seed, method)
+    pairs = _awkward_pairs(method)
+    ordinary = pairs[_ORDINARY]
     trials = []
     learned: Learned | None = None
     if method.learner is not None:
-        trial, learned = _try_fit(method, seed)
+        trial, learned = _try_fit(method)
         trials.append(trial)
         if trial.error:
             return tuple(trials)
     if isinstance(method.predict, TorchMethod):
-        trials.append(Check("a torch module: run with eval() and no_grad()", 0, "", ""))
+        trials.append(Check("a torch module: run with eval() and no_grad()", 0))
     if method.warm_up:
-        call(method.warm_up, *method.called_on(pairs[_ORDINARY])[1])
+        call(method.warm_up, *method.called_on(ordinary)[1])
     answers = {}
     for name, images in pairs.items():
-        answers[name] = prediction = _answer(method, seed, images)
+        answers[name] = prediction = _answer(method, images)
         trials.append(Check(name, prediction.seconds, prediction.error, _odd(prediction)))
     first = answers[_ORDINARY]
     if first.depth is not None:
-        trials.append(_try_again(method, seed, first))
+        trials.append(_try_again(method, first))
         # What keeps its fit in itself cannot be sent there; the fit's own line says so.
         if load and not trials[-1].error and (method.learner is None or learned is not None):
-            trials.append(_try_elsewhere(_Order(load, seed, learned), pairs[_ORDINARY], first))
-        likeness = correlation(pairs[_ORDINARY].depth, first.depth)
-        levels = pairs[_ORDINARY].unit == "levels"
-        turned = "depth seems to grow with distance: every set wants brighter for nearer"
-        if not levels:
-            turned = "distances seem to fall where the scene is farther"
-        odd = turned if likeness < AGAINST else ""
-        name = "brighter for nearer" if levels else "farther is more"
-        trials.append(Check(name, first.seconds, "", odd))
-        if levels:
+            trials.append(_try_elsewhere(partial(_answer_anew, load, learned), ordinary, first))
+        turned = correlation(ordinary.depth, first.depth) < AGAINST
+        if ordinary.unit == "levels":
+            odd = "depth seems to grow with distance: every set wants brighter for nearer"
+            trials.append(Check("brighter for nearer", first.seconds, warning=odd * turned))
             odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
-            trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
-    trials.append(_try_writing(method, pairs[_ORDINARY]))
+            trials.append(Check("levels from 0 to 255", first.seconds, warning=odd))
+        else:
+            odd = "distances seem to fall where the scene is farther"
+            trials.append(Check("farther is more", first.seconds, warning=odd * turned))
+    trials.append(_try_writing(method, ordinary))
     return tuple(trials)
 
 
@@ -171,48 +170,45 @@ def _odd(prediction: Prediction) -> str:
     return "; ".join(oddities)
 
 
-def _answer(method: Method, seed: int, pair: MadePair) -> Prediction:
+def _answer(method: Method, pair: MadePair) -> Prediction:
     predict, images = method.called_on(pair)
-    with seeded(seed):
+    with seeded(_SEED):
         return call(predict, *images, unit=pair.unit)
 
 
-def _try_again(method: Method, seed: int, first: Prediction) -> Check:
-    images = _awkward_pairs(seed, method)[_ORDINARY]
+def _try_again(method: Method, first: Prediction) -> Check:
+    images = _awkward_pairs(method)[_ORDINARY]
     # Twice: a method that remembers its last pair answers as it did at first only then.
     for _ in range(2):
-        again = _answer(method, seed, images)
+        again = _answer(method, images)
         if differs := difference(first.depth, again.depth):
-            return Check(_AGAIN, again.seconds, f"{differs}: {_SEEDED}", "")
-    return Check(_AGAIN, again.seconds, "", "")
+            return Check(_AGAIN, again.seconds, f"{differs}: {_SEEDED}")
+    return Check(_AGAIN, again.seconds)
 
 
-@dataclass(frozen=True)
-class _Order:
-    load: Callable[[], Method]
-    seed: int
-    learned: Learned | None
-
-    def __call__(self, images: MadePair) -> Prediction:
-        method = self.load()
-        if self.learned is not None:
-            restore(method, self.learned)
-        return _answer(method, self.seed, images)
+def _answer_anew(
+    load: Callable[[], Method], learned: Learned | None, images: MadePair
+) -> Prediction:
+    method = load()
+    if learned is not None:
+        restore(method, learned)
+    return _answer(method, images)
 
 
-def _try_elsewhere(order: _Order, pair: MadePair, first: Prediction) -> Check:
+def _try_elsewhere(
+    answer: Callable[[MadePair], Prediction], pair: MadePair, first: Prediction
+) -> Check:
     try:
-        (there,) = Processes(1).map(order, [pair])
+        (there,) = Processes(1).map(answer, [pair])
     except DfdbenchError as raised:
-        return Check(_ELSEWHERE, 0, " ".join(str(raised).split()), "")
+        return Check(_ELSEWHERE, 0, " ".join(str(raised).split()))
     differs = difference(first.depth, there.depth)
     error = there.error or (f"{differs}: {_SEEDED}" if differs else "")
-    return Check(_ELSEWHERE, there.seconds, error, "")
+    return Check(_ELSEWHERE, there.seconds, error)
 
 
-def _awkward_pairs(seed: int, method: Method) -> dict[str, MadePair]:
-    random = np.random.default_rng(seed)
-    recipe = RECIPES["published"]
+def _awkward_pairs(method: Method) -> dict[str, MadePair]:
+    random = np.random.default_rng(_SEED)
 
     def made(sharp: Image, blurred: Image) -> MadePair:
         levels = _slope(*sharp.shape[:2])
@@ -220,7 +216,7 @@ def _awkward_pairs(seed: int, method: Method) -> dict[str, MadePair]:
 
     def noise(height: int, width: int) -> MadePair:
         image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
-        return made(image, synthesize(image, _slope(height, width), recipe))
+        return made(image, synthesize(image, _slope(height, width), _RECIPE))
 
     def flat(value: int) -> MadePair:
         image = np.full((120, 160, 3), value, np.uint8)
@@ -244,31 +240,26 @@ def _kind(method: Method) -> tuple[int, Unit]:
     return (_PLANES if method.takes_stack else 0), method.answers_in("levels")
 
 
-def _try_fit(method: Method, seed: int) -> tuple[Check, Learned | None]:
-    recipe = RECIPES["published"]
-    images = [np.random.default_rng((seed, number)) for number in range(2)]
+def _try_fit(method: Method) -> tuple[Check, Learned | None]:
     pairs = []
-    for random in images:
+    for number in range(2):
+        random = np.random.default_rng((_SEED, number))
         image = random.integers(0, 256, (240, 320, 3)).astype(np.uint8)
         # Blocks of all levels, so that a fit finds each of them in both pairs.
         blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
         depth = np.kron(blocks, np.ones((40, 40), np.uint8))
-        blurred = synthesize(image, depth, recipe)
+        blurred = synthesize(image, depth, _RECIPE)
         pairs.append(MadePair(image, blurred, depth, depth > 0, *_kind(method)))
-    before = [[array.copy() for array in pair[:4]] for pair in pairs]
+    handed = [array for pair in pairs for array in pair[:4]]
+    before = [array.copy() for array in handed]
     try:
-        lesson = teach(method, pairs, seed)
+        lesson = teach(method, pairs, _SEED)
     except DfdbenchError as error:
-        return Check(_FIT, 0, " ".join(str(error).split()), ""), None
-    same = all(
-        np.array_equal(array, copy)
-        for pair, copies in zip(pairs, before, strict=True)
-        for array, copy in zip(pair[:4], copies, strict=True)
-    )
-    odd = [] if same else ["changes the pairs it is handed"]
+        return Check(_FIT, 0, " ".join(str(error).split())), None
+    odd = [] if all(map(np.array_equal, handed, before)) else ["changes the pairs it is handed"]
     if lesson.learned is None:
         odd.append("returns None: it is called again when a run goes on, and not with --workers")
-    return Check(_FIT, lesson.seconds, "", "; ".join(odd)), lesson.learned
+    return Check(_FIT, lesson.seconds, warning="; ".join(odd)), lesson.learned
 
 
 def _slope(height: int, width: int) -> Image:
@@ -289,6 +280,6 @@ def _try_writing(method: Method, pair: MadePair) -> Check:
         return returned
 
     prediction = call(predict_on_mine, *images, unit=pair.unit)
-    if not all(np.array_equal(one, other) for one, other in zip(mine, images, strict=True)):
+    if not all(map(np.array_equal, mine, images)):
         odd.append("changes the images it is handed")
     return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))
