@@ -286,6 +286,7 @@ def _ranges(
         span = slice(first, last + 1)
         pixels = int(counts[span].sum())
         scenes = {name: int(h.counts[span].sum()) / pixels for name, h in test.scenes.items()}
+        most_first = sorted(scenes.items(), key=lambda item: -item[1])
         found.append(
             RangeRecord(
                 first=first,
@@ -295,9 +296,7 @@ def _ranges(
                 test_pixels=pixels,
                 train_pixels=int(seen[span].sum()),
                 share=pixels / int(counts.sum()),
-                scenes={
-                    n: scenes[n] for n in sorted(scenes, key=lambda n: -scenes[n]) if scenes[n]
-                },
+                scenes={name: share for name, share in most_first if share},
             )
         )
     return found
@@ -363,13 +362,10 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     sides = [side for record in records.values() for side in (record.train, record.test)]
     if absent := sorted({scene for side in sides for scene in side.absent_scenes}):
         notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
-    return Table(
-        f"each {kind} of {sides[1].label} against all other scenes",
-        (kind, second, "thesis", "levels", "density", "levels", "missing"),
-        rows,
-        "llrlrll" if kind == "fold" else "lrrlrll",
-        tuple(notes),
-    )
+    title = f"each {kind} of {sides[1].label} against all other scenes"
+    columns = (kind, second, "thesis", "levels", "density", "levels", "missing")
+    align = "llrlrll" if kind == "fold" else "lrrlrll"
+    return Table(title, columns, rows, align, tuple(notes))
 
 
 def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:

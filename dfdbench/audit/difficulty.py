@@ -197,10 +197,8 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: i
         _SEEN.format(noise=noise),
         "steps tried: " + ", ".join(map(str, STEPS)),
     )
-    align = "l" + "r" * (len(columns) - 1)
-    return Table(
-        f"what blur does not show of depth in {manifest.label}", columns, cells, align, notes
-    )
+    title = f"what blur does not show of depth in {manifest.label}"
+    return Table(title, columns, cells, "l" + "r" * (len(columns) - 1), notes)
 
 
 def difficulty_as_json(

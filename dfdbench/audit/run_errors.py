@@ -217,14 +217,8 @@ def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
         )
         for kind, mask in kinds.items()
     ]
-    return Table(
-        title,
-        ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
-        tuple(rows),
-        "lrrrr",
-        (meaning,),
-        frozenset({len(rows) - 2}),
-    )
+    columns = ("levels", "pixels", "of all", "mean absolute error", "root mean square")
+    return Table(title, columns, tuple(rows), "lrrrr", (meaning,), frozenset({len(rows) - 2}))
 
 
 def scene_table(join: ErrorJoin) -> Table:
@@ -339,17 +333,13 @@ def level_count_table(side: Side) -> Table:
     if side.absent:
         notes.append(f"not in the store, so not counted: {', '.join(side.absent)}")
     scenes = counted(len(side.scenes), "scene")
-    return Table(
-        f"depths of {side.label}, {side.name} ({counted(histogram.pairs, 'pair')} of {scenes})",
-        ("levels", "pixels", "share", "do not occur"),
-        tuple(rows),
-        "lrrl",
-        tuple(notes),
-        records=tuple(
-            {"level": level, "pixels": int(count), "share": int(count) / known}
-            for level, count in enumerate(counts)
-        ),
+    title = f"depths of {side.label}, {side.name} ({counted(histogram.pairs, 'pair')} of {scenes})"
+    columns = ("levels", "pixels", "share", "do not occur")
+    records = tuple(
+        {"level": level, "pixels": count, "share": count / known}
+        for level, count in enumerate(counts.tolist())
     )
+    return Table(title, columns, tuple(rows), "lrrl", tuple(notes), records=records)
 
 
 @dataclass(frozen=True)
@@ -412,9 +402,8 @@ def _summed(
         if scale is not None:
             metres.append(level_errors(depth, valid, prediction, scale))
         answer = np.clip(np.rint(prediction[valid]), 0, LAST_LEVEL).astype(np.int64)
-        answers += np.bincount(
-            depth[valid].astype(np.int64) * LEVELS + answer, minlength=LEVELS * LEVELS
-        )
+        known = depth[valid].astype(np.int64)
+        answers += np.bincount(known * LEVELS + answer, minlength=LEVELS * LEVELS)
     in_metres = LevelErrors.total(metres) if scale is not None else None
     total = LevelErrors.total(levels)
     return DepthErrors(name, tuple(ids), total, in_metres, answers.reshape(LEVELS, LEVELS))
@@ -461,14 +450,11 @@ def _table(
             metres = [_metres(there, scale)] if scale else []
             levels = range_text(int(there[0]), int(there[-1]))
             rows.append((levels, *metres, percent(first.share(inside)), *means(inside)))
-    return Table(
-        title,
-        ("levels", *(["metres"] if scale else []), "of all", *errors),
-        (*rows, ("all", *([""] if scale else []), percent(1.0), *means(WHOLE))),
-        "l" + "l" * bool(scale) + "r" * (1 + len(errors)),
-        (note,),
-        frozenset({len(rows) - 1}),
-    )
+    where = ["metres"] if scale else []
+    columns = ("levels", *where, "of all", *errors)
+    whole = ("all", *[""] * len(where), percent(1.0), *means(WHOLE))
+    align = "l" * (1 + len(where)) + "r" * (1 + len(errors))
+    return Table(title, columns, (*rows, whole), align, (note,), frozenset({len(rows) - 1}))
 
 
 def _metres(levels: NDArray[np.int64], scale: DepthScale) -> str:

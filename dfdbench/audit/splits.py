@@ -125,11 +125,10 @@ class Scenes:
             shares = np.where(levels, in_test, 0).sum(axis=1) / known
             trained = np.maximum(in_train.sum(axis=1), 1)
             overlaps = np.minimum(in_test / known[:, None], in_train / trained[:, None]).sum(axis=1)
+            numbers = zip(part, shares.tolist(), overlaps.tolist(), strict=True)
             judged += [
-                Candidate(
-                    test, float(share), round(float(overlap), 12), bool(share <= self.allowed)
-                )
-                for test, share, overlap in zip(part, shares, overlaps, strict=True)
+                Candidate(test, share, round(overlap, 12), share <= self.allowed)
+                for test, share, overlap in numbers
             ]
         return judged
 
@@ -367,9 +366,8 @@ def folds_table(
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
     if published.folds:
         ahead = sum(proposal.cost < published.cost for proposal in proposals)
-        notes.append(
-            f"{_score('published folds', published)}: {ahead} of {len(proposals)} found are better"
-        )
+        score = _score("published folds", published)
+        notes.append(f"{score}: {ahead} of {len(proposals)} found are better")
     if hopeless:
         largest = max(len(fold.test) for fold in best.folds)
         notes.append(

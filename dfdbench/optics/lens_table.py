@@ -239,12 +239,5 @@ def rank_pairs(table: LensTable, near: float, far: float) -> tuple[StepPair, ...
 def _merit(pair: StepPair) -> tuple[float, ...]:
     even = np.linspace(pair.differences[0], pair.differences[-1], len(pair.differences))
     unevenness = float(np.round(np.square(even - pair.differences).sum(), 9))
-    return (
-        pair.repeats,
-        -pair.span,
-        pair.longest_run,
-        unevenness,
-        sum(pair.differences),
-        -pair.first,
-        -pair.second,
-    )
+    shape = pair.repeats, -pair.span, pair.longest_run, unevenness
+    return (*shape, sum(pair.differences), -pair.first, -pair.second)

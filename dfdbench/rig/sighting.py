@@ -370,12 +370,7 @@ def turn_into_place(boards: Sequence[Fitted], start: Floats, reach: float, rig: 
     angles, size = start, 1.0
     for softness in _SOFTNESS:
         simplex = angles + size * np.vstack([np.zeros(3), np.eye(3)])
-        angles = optimize.minimize(
-            cost,
-            angles,
-            args=(softness,),
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 600},
-        ).x
+        options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 600}
+        angles = optimize.minimize(cost, angles, (softness,), "Nelder-Mead", options=options).x
         size = 0.2
     return Pose(*(float(angle) for angle in angles))

@@ -200,9 +200,8 @@ def directions(shape: tuple[int, int], focal_length: float, down: float, right: 
 def trace(surfaces: Sequence[Surface], origin: Floats, directions: Floats) -> Trace:
     """Return what rays from `origin` along `directions`, shape (y, x, 3), meet first."""
     shape = directions.shape[:2]
-    found = Trace(
-        np.full(shape, np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.full(shape, -1)
-    )
+    far, nothing = np.full(shape, np.inf), np.full(shape, -1)
+    found = Trace(far, np.zeros((*shape, 3)), np.zeros((*shape, 2)), nothing)
     for number, surface in enumerate(surfaces):
         hits = surface.meet(origin, directions)
         ahead = hits.distance < found.distance

@@ -294,12 +294,8 @@ def _pole(room: Room, x: float, z: float) -> None:
     """Add a thin pole between floor and ceiling, upright or leaning."""
     d = room.draws
     lean = 0.0 if d.chance(0.5) else d.between(-0.6, 0.6)
-    room.rod(
-        (x - lean, room.top, z),
-        (x + lean, room.floor, z),
-        d.between(0.006, 0.05),
-        room.texture(_BARS),
-    )
+    start, end = (x - lean, room.top, z), (x + lean, room.floor, z)
+    room.rod(start, end, d.between(0.006, 0.05), room.texture(_BARS))
 
 
 def _column(room: Room, x: float, z: float) -> None:

@@ -214,9 +214,8 @@ def _motif(draws: Draws) -> Floats:
     figure = np.kron(figure, np.ones((draws.whole(2, 4),) * 2))
     count = _SIDE // min(figure.shape) + 2
     sheet = np.tile(figure, (count, count))[:_SIDE, :_SIDE]
-    return _mix(sheet, colour(draws), colour(draws)) + 12 * (
-        clouds(draws, 6)[..., np.newaxis] - 0.5
-    )
+    paper = _mix(sheet, colour(draws), colour(draws))
+    return paper + 12 * (clouds(draws, 6)[..., np.newaxis] - 0.5)
 
 
 def _print(draws: Draws) -> Floats:
