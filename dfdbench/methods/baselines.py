@@ -39,9 +39,8 @@ class Constant:
 
     def __init__(self, training_mean: float) -> None:
         if not 0 <= training_mean <= 255:
-            raise MethodError(
-                f"training_mean must be 0 to 255, not {training_mean}", where="training_mean"
-            )
+            what = f"training_mean must be 0 to 255, not {training_mean}"
+            raise MethodError(what, where="training_mean")
         self._level = training_mean
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:

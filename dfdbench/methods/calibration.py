@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import cv2
@@ -88,13 +88,9 @@ class Part:
             how = alignment.Alignment(sign * found.down, sign * found.right, gain)
         light = alignment.light_of(self.infocus, way.linear)
         aim = alignment.aim_of(self.defocus, way.linear, how, way.offset)
-        return Sample(
-            light,
-            aim[self.counts][:, 0].astype(np.float64),
-            alignment.smooth_grey(aim, way.linear)[self.counts][:, 0],
-            self.depth[self.counts],
-            self.counts,
-        )
+        grey = alignment.smooth_grey(aim, way.linear)[self.counts][:, 0]
+        shown = aim[self.counts][:, 0].astype(np.float64)
+        return Sample(light, shown, grey, self.depth[self.counts], self.counts)
 
 
 @dataclass(frozen=True)
@@ -116,15 +112,6 @@ class Sample:
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
-def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
-    """Return a part of each of some pairs, evenly among all; the same ones each time.
-
-    Of a depth level that is seen on bare surfaces alone no pixel counts: how grey levels happen to
-    be rounded there looks like a width, the same one in every pixel.
-    """
-    return _parts(pairs, _of_pair)[0]
-
-
 # A place in an image; and what reads an in-focus image and the defocus images there.
 Region = tuple[slice, slice]
 Read = Callable[[TrainingPair, Region], tuple[Array, Sequence[Array]]]
@@ -135,10 +122,15 @@ def _of_pair(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Arr
     return capture.infocus[region], [capture.defocus[region]]
 
 
-def _parts(
-    captures: Sequence[TrainingPair], read: Read, changes: Sequence[ViewChange] = ()
+def parts_of(
+    captures: Sequence[TrainingPair], read: Read = _of_pair, changes: Sequence[ViewChange] = ()
 ) -> list[list[Part]]:
-    """Return the parts of each defocus image, less what is said to have changed in it."""
+    """Return the parts of each defocus image, less what is said to have changed in it.
+
+    They are evenly among all captures, the same ones each time. Of a depth level that is seen on
+    bare surfaces alone no pixel counts: how grey levels happen to be rounded there looks like a
+    width, the same one in every pixel.
+    """
     parts: list[list[Part]] = []
     for number, place in enumerate(_places(len(captures))):
         capture = captures[place]
@@ -266,7 +258,7 @@ def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
     require_alike(captures)
     changes = _changes(captures, read)
-    parts = _parts(captures, read, changes)
+    parts = parts_of(captures, read, changes)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
 
 
@@ -293,17 +285,12 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
     law = BlurLaw(
         sigmas=tuple(sigmas.tolist()),
-        exponent=way.exponent,
         kernel_size=KERNEL_SIZE,
-        gain=way.gain,
-        offset=way.offset,
         noise=tuple((noise / math.sqrt(both)).tolist()),
         infocus_noise=infocus_noise,
-        linear=way.linear,
-        registered=way.registered,
-        even=way.even,
         similarity=change.similarity,
         falloff=change.falloff,
+        **asdict(way),
     )
     widths = np.where(pixels > 0, best_widths(sums)[0], np.nan)
     return Calibration(law, widths, pixels, residual, change.uneven)

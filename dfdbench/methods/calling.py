@@ -125,9 +125,8 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
             begin = time.perf_counter()
             returned = predict(*copies)
             seconds = time.perf_counter() - begin
-            numbers = _finite_numbers(
-                getattr(getattr(predict, "__self__", predict), "numbers", None)
-            )
+            owner = getattr(predict, "__self__", predict)
+            numbers = _finite_numbers(getattr(owner, "numbers", None))
     except KeyboardInterrupt:
         raise
     except BaseException as raised:

@@ -154,11 +154,8 @@ class FavaroSoatto(fitted.Choosing):
         size = size or sharp**2 + blurred**2
         enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
-            raise fitted.nothing_to_fit(
-                _NAME,
-                f"a group of levels with {2 * size} patches of known depth",
-                f"at most {counts.max()}",
-            )
+            wanted = f"a group of levels with {2 * size} patches of known depth"
+            raise fitted.nothing_to_fit(_NAME, wanted, f"at most {counts.max()}")
         dimensions = size - sharp**2 - 1
         operators = [_complement(moments[group], sharp, dimensions) for group in enough]
         return {
@@ -175,12 +172,8 @@ class FavaroSoatto(fitted.Choosing):
         self._images = max((operators.shape[1] + 1) // blurred**2, 1)
         pixels = self._images * blurred**2
         if operators.shape != (self._depths.size, pixels - 1, sharp**2 + pixels):
-            raise MethodError(
-                "operators of other patches",
-                where=_NAME,
-                got=f"shape {operators.shape}",
-                fix=fitted.REFIT,
-            )
+            what, got = "operators of other patches", f"shape {operators.shape}"
+            raise MethodError(what, where=_NAME, got=got, fix=fitted.REFIT)
         # Up to a multiple of four with zeros, as the loops want it.
         spare = -operators.shape[2] % 4
         self._operators = np.pad(operators, ((0, 0), (0, 0), (0, spare)))

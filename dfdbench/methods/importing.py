@@ -31,9 +31,8 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
     """
     place, _, attribute = entry.rpartition(":")
     if not place or not attribute:
-        raise MethodError(
-            "not a method's name: give module:function or path/to/file.py:function", where=entry
-        )
+        what = "not a method's name: give module:function or path/to/file.py:function"
+        raise MethodError(what, where=entry)
     if place.endswith(ONNX):
         module = _import_module("dfdbench.methods.onnx_model")
         return module.read_model(Path(place)), module
@@ -45,9 +44,8 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
             names = [key for key, value in vars(module).items() if callable(value)]
             public = [key for key in names if not key.startswith("_")] or ["nothing to call"]
             near = unknown_name("attribute", part, public).problems[0]
-            raise MethodError(
-                f"{place} has no {part}", where=entry, expected=near.expected, fix=near.fix
-            )
+            what = f"{place} has no {part}"
+            raise MethodError(what, where=entry, expected=near.expected, fix=near.fix)
         found = below
     return found, module
 
@@ -137,9 +135,8 @@ def _import_module(name: str) -> ModuleType:
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise MethodError(
-            "no such file", where=str(path), fix=f"name it from {Path.cwd()}, or in full"
-        )
+        fix = f"name it from {Path.cwd()}, or in full"
+        raise MethodError("no such file", where=str(path), fix=fix)
     name = f"dfdbench_method_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
@@ -152,9 +149,8 @@ def _import_file(path: Path) -> ModuleType:
         specification.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise MethodError(
-            "the file cannot be imported", where=str(path), got=describe(error)
-        ) from error
+        what, got = "the file cannot be imported", describe(error)
+        raise MethodError(what, where=str(path), got=got) from error
     finally:
         sys.path.remove(str(path.resolve().parent))
     return module

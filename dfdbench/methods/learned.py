@@ -52,9 +52,8 @@ class _Learned:
         # Trained on random tracks, it has seen more blurs than one.
         one_blur = not self.card.configuration.get("tracks")
         if one_blur and recipe_name is not None and recipe_name != self.card.recipe:
-            self.warnings.append(
-                f"trained on {_blur(self.card.recipe)}, run on {_blur(recipe_name)}"
-            )
+            known, here = _blur(self.card.recipe), _blur(recipe_name)
+            self.warnings.append(f"trained on {known}, run on {here}")
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two RGB images of uint8, shape (y, x, 3)."""

@@ -400,9 +400,8 @@ def restore(method: Method, learned: Learned) -> None:
     except DfdbenchError:
         raise
     except (Exception, SystemExit) as error:
-        raise error_of(
-            "the method does not take back what it learned", f"{method.entry}: restore", error
-        ) from error
+        what = "the method does not take back what it learned"
+        raise error_of(what, f"{method.entry}: restore", error) from error
 
 
 def check_learned(returned: Any, entry: str) -> Learned:

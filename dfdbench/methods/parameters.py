@@ -131,16 +131,14 @@ def read_fields(file: str | Path) -> dict[str, Any]:
     """
     path = Path(file)
     if path.suffix != ".toml":
-        raise unknown_name(
-            "blur recipe", str(file), RECIPES, "A recipe of your own: its fields, or FILE.toml"
-        )
+        own = "A recipe of your own: its fields, or FILE.toml"
+        raise unknown_name("blur recipe", str(file), RECIPES, own)
     try:
         return parse_toml(read_text(path))
     except (OSError, ValueError) as error:
         what = f"cannot read the blur recipe: {reason_of(error)}"
-        raise MethodError(
-            what, where=str(file), fix="name a TOML file of a recipe, law or lens"
-        ) from error
+        fix = "name a TOML file of a recipe, law or lens"
+        raise MethodError(what, where=str(file), fix=fix) from error
 
 
 def _plain(value: Any) -> Any:

@@ -84,9 +84,8 @@ class STransform:
         window: int = 9,
         sure: bool = False,
     ) -> None:
-        problems = fitted.number_within("smoothing", smoothing, 0, 20) + fitted.odd_window(
-            "window", window
-        )
+        problems = fitted.number_within("smoothing", smoothing, 0, 20)
+        problems += fitted.odd_window("window", window)
         problems += [] if isinstance(sure, bool) else [fitted.wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)
         self._sure = sure

@@ -177,7 +177,7 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
     made = pair_of(texture(0, 80, 120), depth)
     valid = made.valid.copy()
     valid[40, 30] = False
-    (part,) = parts_of([MadePair(made.infocus, made.defocus, depth, valid)])
+    ((part,),) = parts_of([MadePair(made.infocus, made.defocus, depth, valid)])
     margin = KERNEL_SIZE // 2
     assert not part.counts[:margin].any()
     assert not part.counts[:, -margin:].any()
@@ -190,7 +190,7 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
 def test_pixels_that_may_be_cut_off_above_do_not_count() -> None:
     made = plane(120)
     bright = np.maximum(made.defocus, 254)
-    (part,) = parts_of([MadePair(made.infocus, bright, made.levels, made.valid)])
+    ((part,),) = parts_of([MadePair(made.infocus, bright, made.levels, made.valid)])
     assert not part.counts.any()
 
 
@@ -203,7 +203,7 @@ def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
             return super().__getitem__(index)
 
     pairs = Pairs([plane(100, seed, 40, 400) for seed in range(40)])
-    parts = parts_of(pairs)
+    (parts,) = parts_of(pairs)
     assert len(parts) == len(looked_at) == 16
     assert looked_at == sorted(looked_at)
     assert (looked_at[0], looked_at[-1]) == (0, 39)
@@ -215,10 +215,10 @@ def test_a_level_seen_on_bare_surfaces_alone_does_not_count() -> None:
     # Of what is left of the texture rounding keeps a grey level here and there.
     bare = np.rint(120 + (made.infocus - 120.0) / 100).astype(np.uint8)
     hidden = pair_of(bare, np.full(bare.shape[:2], 20, np.uint8))
-    textured, flat = parts_of([made, hidden])
+    ((textured, flat),) = parts_of([made, hidden])
     assert np.unique(flat.infocus).size > 1
     assert textured.counts.sum() == (96 - 2 * (KERNEL_SIZE // 2)) ** 2
     assert not flat.counts.any()
     # The same surface counts where others at its depth have texture.
     seen = plane(20, 4, 96, 96)
-    assert [part.counts.any() for part in parts_of([made, hidden, seen])] == [True, True, True]
+    assert all(part.counts.any() for part in parts_of([made, hidden, seen])[0])

@@ -140,15 +140,8 @@ def _doubled_from(span: Span, size: int) -> Span:
 SIZED = tuple(layer for layer in LAYERS if layer not in (42, 34, 27, 15))
 #: Where batch normalization and an activation stand, input to output.
 SITES = (
-    "entry",
-    "encode_1",
-    "encode_2",
-    "bottom",
-    "merge_2",
-    "decode_2",
-    "merge_1",
-    "decode_1",
-    "classify",
+    *("entry", "encode_1", "encode_2", "bottom"),
+    *("merge_2", "decode_2", "merge_1", "decode_1", "classify"),
 )
 
 

@@ -46,9 +46,8 @@ def find_device(name: str) -> torch.device:
     if name == "auto":
         return torch.device(there[0])
     if name not in there:
-        raise MethodError(
-            "no such device here", where="device", expected=", ".join(["auto", *there]), got=name
-        )
+        known = ", ".join(["auto", *there])
+        raise MethodError("no such device here", where="device", expected=known, got=name)
     return torch.device(name)
 
 
@@ -92,9 +91,8 @@ class Predictor:
         _require_one_of(PRECISIONS, precision, "precision")
         _require_one_of(READOUTS, readout, "readout")
         if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
-            raise MethodError(
-                f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}", where="tile"
-            )
+            what = f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}"
+            raise MethodError(what, where="tile")
         folded: Any = fold_batch_norm(network).to(device)
         folded = folded.to(memory_format=torch.channels_last)
         self._hidden, self._classify = folded.hidden, folded.classify

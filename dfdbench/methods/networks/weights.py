@@ -137,20 +137,16 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     )
     if weights is None:
         raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)
+    where, got = str(weights), "nothing of that name"
     if not isinstance(weights, str | Path):
-        got = str(weights)
-        raise MethodError(
-            "no such weights", where="parameter weights", expected="a file", got=got, fix=fix
-        )
-    if str(weights) in shipped:
-        return shipped[str(weights)]
-    path = Path(weights)
-    if not path.is_file():
-        there = "something that is no regular file" if path.exists() else "nothing of that name"
-        raise MethodError(
-            "no such weights", where=str(weights), expected="a file", got=there, fix=fix
-        )
-    return path
+        where, got = "parameter weights", str(weights)
+    elif where in shipped:
+        return shipped[where]
+    elif Path(weights).is_file():
+        return Path(weights)
+    elif Path(weights).exists():
+        got = "something that is no regular file"
+    raise MethodError("no such weights", where=where, expected="a file", got=got, fix=fix)
 
 
 def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
@@ -164,9 +160,8 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
     tensors, text = _read_tensors(path)
     card = _read_card(text, path)
     if card.method != method:
-        raise MethodError(
-            f"weights of another architecture, {card.method} instead of {method}", where=str(path)
-        )
+        what = f"weights of another architecture, {card.method} instead of {method}"
+        raise MethodError(what, where=str(path))
     try:
         # Without memory: a card may claim any size.
         with torch.device("meta"):
@@ -259,19 +254,12 @@ def card_as_markdown(card: Card) -> str:
     }
     lines = [f"| {name} | {value} |" for name, value in rows.items()]
     others = " where no other is named" if card.further_scores else ""
-    return "\n".join(
-        [
-            f"# {card.method}, {card.trained_on}",
-            "",
-            "| | |",
-            "|:---|:---|",
-            *lines,
-            "",
-            f"Scores are means over pairs under the protocol `thesis`{others}. Written by "
-            "`dfdbench train`.",
-            "",
-        ]
+    head = f"# {card.method}, {card.trained_on}\n\n| | |\n|:---|:---|"
+    note = (
+        f"Scores are means over pairs under the protocol `thesis`{others}. Written by "
+        "`dfdbench train`."
     )
+    return "\n".join([head, *lines, f"\n{note}\n"])
 
 
 def _scores_as_text(scores: dict[str, float]) -> str:
