@@ -4,7 +4,6 @@ Run with one thread: NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=
 the ratios, which are of CPU time. Nothing is asserted of them but what docs/graph_cuts.md says.
 """
 
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods import mrf
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
-from tests.benchmarks.ledger import Ledger, cpu
+from tests.benchmarks.ledger import Ledger, cpu, timed
 from tests.benchmarks.test_blur import separable, stack
 from tests.process import python
 
@@ -133,9 +132,8 @@ def test_a_demo_pair(
     title = "graph-cuts' energy, 240 x 320 x 256"
     if not ledger.require(title, package):
         return
-    found: list[Any] = []
-    seconds = cpu(lambda: found.append(solve(energy)))
-    change = 1000 * (solution.energy / energy.evaluate(found[0]) - 1)
+    seconds, found = timed(partial(solve, energy))
+    change = 1000 * (solution.energy / energy.evaluate(found) - 1)
     own = cpu(lambda: mrf.split(energy), 3)
     ledger.note(title, own, package, "alpha-expansion", seconds, f"energy {change:+.1f} ‰")
 
@@ -146,10 +144,8 @@ def test_against_pymaxflow(
     """Compare with PyMaxflow's alpha-expansion to convergence; a minute and more a pair."""
     pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
     energy = photograph
-    found: list[Any] = []
-    peer = partial(benchmark.pedantic, by_pymaxflow, (energy,), rounds=1)
-    seconds = cpu(lambda: found.append(peer()))
-    reached = energy.evaluate(found[0])
+    seconds, found = timed(partial(benchmark.pedantic, by_pymaxflow, (energy,), rounds=1))
+    reached = energy.evaluate(found)
     print(f"\n{request.node.name}: aexpansion_grid {seconds:.1f} s CPU, energy {reached}")
     solvers: dict[str, Callable[[], Any]] = {
         f"split {quality}": partial(mrf.split, energy, quality) for quality in get_args(mrf.Quality)
@@ -157,9 +153,7 @@ def test_against_pymaxflow(
     solvers["expansion"] = partial(mrf.expansion, energy)
     solvers["split fast"]()
     for name, solve in solvers.items():
-        start = time.process_time()
-        solution = solve()
-        own = time.process_time() - start
+        own, solution = timed(solve)
         change = 100 * (solution.energy / reached - 1)
         print(
             f"{name}: {own:.2f} s CPU, 1/{seconds / own:.1f} of aexpansion_grid, "

@@ -5,6 +5,7 @@ Nothing is asserted of times.
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from tests.benchmarks.ledger import Ledger
+from tests.benchmarks.ledger import Ledger, cpu
 from tests.benchmarks.test_startup import least_seconds
 
 
@@ -40,25 +41,21 @@ def test_a_pair_beyond_its_method(
     method = load_for(demo_store, "constant", {}, 0)
     pairs = demo_store.pairs("train")[:40]
 
-    def run(number: int) -> float:
-        begun = time.process_time()
+    def run(number: int) -> None:
         options = RunOptions(limit=number, fresh=True)
         run_method(demo_store, method, "train", tmp_path / "run", options)
-        return time.process_time() - begun
 
-    def plain() -> float:
-        begun = time.process_time()
+    def plain() -> None:
         for pair in pairs:
             scene: Any = zarr.open_group(str(demo_store.path), path=pair.scene, mode="r")
             assert scene["images"][0, 0, 0].shape == (2, 240, 320, 3)
             kept = zarr.open_group(str(tmp_path / "plain"), path=pair.id, mode="a")
             kept.create_array("depth", data=scene["depth"][0].astype(np.float32), overwrite=True)
-        return time.process_time() - begun
 
     run(1)
-    few, many = min(run(4) for _ in range(3)), min(run(4 + len(pairs)) for _ in range(3))
+    few, many = (cpu(partial(run, number), 3) for number in (4, 4 + len(pairs)))
     ours = (many - few) / len(pairs)
-    theirs = plain() / len(pairs)
+    theirs = cpu(plain) / len(pairs)
     benchmark.pedantic(run, (8,), rounds=1)
     title, peer = "a pair of a run beyond its method", "the same arrays read, and one kept"
     ledger.note(title, ours, "zarr", peer, theirs, "scores under three protocols, too")

@@ -14,6 +14,7 @@ from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, find_degradation
+from tests.benchmarks.ledger import cpu
 
 RECIPE = RECIPES["published"]
 LABELS = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
@@ -35,12 +36,7 @@ def pair() -> Pair:
 
 @pytest.fixture(scope="module")
 def clean_seconds(pair: Pair) -> float:
-    times = []
-    for _ in range(6):
-        begun = time.process_time()
-        synthesize(*pair, RECIPE)
-        times.append(time.process_time() - begun)
-    return min(times)
+    return cpu(lambda: synthesize(*pair, RECIPE), 6)
 
 
 @SECONDS_OF_A_PAIR
