@@ -3,6 +3,7 @@
 import shutil
 import zipfile
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
@@ -109,24 +110,18 @@ class Bench:
         self._call(self.place, arguments)
 
 
-def _written(content: str | bytes) -> Callable[[Bench, Path], None]:
-    def make(bench: Bench, path: Path) -> None:
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-
-    return make
+def _write(content: str, bench: Bench, path: Path) -> None:
+    path.write_text(content, "utf-8")
 
 
 def _tiny(bench: Bench, path: Path) -> None:
     make_tiny_set(bench.place)
 
 
-def _run(method: str) -> Callable[[Bench, Path], None]:
-    def make(bench: Bench, path: Path) -> None:
-        store = Dataset(bench.item("tiny.zarr"))
-        named = method.replace("mine.py", str(bench.item("mine.py")))
-        run_method(store, load_for(store, named, {}), "test", path)
-
-    return make
+def _run(method: str, bench: Bench, path: Path) -> None:
+    store = Dataset(bench.item("tiny.zarr"))
+    named = method.replace("mine.py", str(bench.item("mine.py")))
+    run_method(store, load_for(store, named, {}), "test", path)
 
 
 def _maps(bench: Bench, path: Path) -> None:
@@ -159,17 +154,14 @@ def _weights(bench: Bench, path: Path) -> None:
     save_small(path)
 
 
-def _made_by(command: str) -> Callable[[Bench, Path], None]:
-    def make(bench: Bench, path: Path) -> None:
-        bench.item("tiny.zarr")
-        bench.item("quick.toml")
-        bench.call(command.split())
-
-    return make
+def _make_by(command: str, bench: Bench, path: Path) -> None:
+    bench.item("tiny.zarr")
+    bench.item("quick.toml")
+    bench.call(command.split())
 
 
-def _shipped(name: str) -> Callable[[Bench, Path], None]:
-    return _written((resources.files("dfdbench.manifests") / name).read_bytes())
+def _copy_shipped(name: str, bench: Bench, path: Path) -> None:
+    path.write_bytes((resources.files("dfdbench.manifests") / name).read_bytes())
 
 
 def _image(bench: Bench, path: Path) -> None:
@@ -199,30 +191,33 @@ def _archive(bench: Bench, path: Path) -> None:
 
 
 _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
-    "tiny-1.toml": _written(TINY_TOML),
-    "demo-1.toml": _shipped("demo-1.toml"),
-    "realworld-1.toml": _shipped("realworld-1.toml"),
-    "mine-1.toml": _written(FOLDER_TOML),
+    "tiny-1.toml": partial(_write, TINY_TOML),
+    "demo-1.toml": partial(_copy_shipped, "demo-1.toml"),
+    "realworld-1.toml": partial(_copy_shipped, "realworld-1.toml"),
+    "mine-1.toml": partial(_write, FOLDER_TOML),
     "mine": _folder,
     "files.zip": _archive,
-    "mine.py": _written(_METHODS),
+    "mine.py": partial(_write, _METHODS),
     "site": _tiny,
     "tiny.zarr": _tiny,
-    "run": _run("constant"),
-    "other": _run("mine.py:predict"),
-    "fitted": _run("mine.py:Fitted"),
+    "run": partial(_run, "constant"),
+    "other": partial(_run, "mine.py:predict"),
+    "fitted": partial(_run, "mine.py:Fitted"),
     "maps": _maps,
     "board": _board,
-    "quick.toml": _written(QUICK),
+    "quick.toml": partial(_write, QUICK),
     "weights.safetensors": _weights,
-    "training": _made_by(TRAIN),
-    "search": _made_by(SEARCH),
-    "lens.csv": _shipped("realworld-1/lens_blur_radius_px.csv"),
-    "beams.csv": _shipped("realworld-1/os1_beams.csv"),
-    "told.toml": _written("sigma_min = 0.2\nsigma_step = 0.006\nlevels = 256\nkernel_size = 11\n"),
-    "law.toml": _written(
+    "training": partial(_make_by, TRAIN),
+    "search": partial(_make_by, SEARCH),
+    "lens.csv": partial(_copy_shipped, "realworld-1/lens_blur_radius_px.csv"),
+    "beams.csv": partial(_copy_shipped, "realworld-1/os1_beams.csv"),
+    "told.toml": partial(
+        _write, "sigma_min = 0.2\nsigma_step = 0.006\nlevels = 256\nkernel_size = 11\n"
+    ),
+    "law.toml": partial(
+        _write,
         f"sigmas = {[0.3 + 0.01 * level for level in range(256)]}\nkernel_size = 21\n"
-        "exponent = 2.0\nnoise = [1.0]\n"
+        "exponent = 2.0\nnoise = [1.0]\n",
     ),
     **dict.fromkeys(
         ("sharp.png", "deep.png", "sharp.jpg", "sharp.tiff", "depth.png", "depth.jpg"), _image
@@ -231,7 +226,7 @@ _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "ranges.bin": _ranges,
     "ranges.npy": _ranges,
     "registration.toml": _registration,
-    "tiny-1.lock": _written("0" * 64 + "  One/disp1.png\n" + "1" * 64 + "  Two/disp1.png\n"),
+    "tiny-1.lock": partial(_write, "0" * 64 + "  One/disp1.png\n" + "1" * 64 + "  Two/disp1.png\n"),
 }
 #: Everything that there is by name.
 ITEMS = tuple(_MAKERS)

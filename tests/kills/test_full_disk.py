@@ -41,14 +41,11 @@ class Disk:
 
     def used(self) -> int:
         """Return how many bytes of it are taken."""
-        said = subprocess.run(
-            ["df", "-B1", "--output=used", str(self.place)], capture_output=True, check=True
-        )
-        return int(said.stdout.split()[-1])
+        return int(_told(["df", "-B1", "--output=used", str(self.place)]).split()[-1])
 
 
-def _told(command: list[str]) -> None:
-    subprocess.run(command, capture_output=True, check=True)
+def _told(command: list[str]) -> bytes:
+    return subprocess.run(command, capture_output=True, check=True).stdout
 
 
 @pytest.fixture
