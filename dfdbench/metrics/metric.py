@@ -19,6 +19,7 @@ from dfdbench.metrics.sureness import ause, density, surest_nrmse, within_interv
 
 #: The thresholds of `boundary_f1`: from, to, how many.
 EDGES = (1.05, 1.25, 10)
+_EXPECTED = "metres above 0"
 Floats = NDArray[np.float64]
 
 
@@ -180,9 +181,7 @@ def aligned(
     [[1.0, 2.0, 4.0]]
     """
     if not (math.isfinite(farthest) and farthest > 0):
-        raise InputError(
-            "no distance", where="farthest", expected="metres above 0", got=str(farthest)
-        )
+        raise InputError("no distance", where="farthest", expected=_EXPECTED, got=str(farthest))
     true, test = _distances(truth, estimate, mask)
     whole = np.asarray(estimate, np.float64)
     if not true.size:
@@ -205,9 +204,8 @@ def _distances(
     true, test = true[counts], test[counts]
     for name, distances in (("truth", true), ("estimate", test)):
         if not (distances > 0).all():
-            raise InputError(
-                "no distance", where=name, expected="metres above 0", got=f"{distances.min():g}"
-            )
+            got = f"{distances.min():g}"
+            raise InputError("no distance", where=name, expected=_EXPECTED, got=got)
     return true, test
 
 

@@ -90,9 +90,7 @@ def nrmse(
     truth, test, counts = checked(image_true, image_test, mask)
     error = (truth - test)[counts]
     divisor = _divisor(truth[counts], data_range)
-    if math.isnan(divisor):
-        return math.nan
-    return float(np.sqrt(np.mean(error**2)) / divisor)
+    return math.nan if math.isnan(divisor) else float(np.sqrt(np.mean(error**2)) / divisor)
 
 
 def nmae(
@@ -119,9 +117,7 @@ def nmae(
     truth, test, counts = checked(image_true, image_test, mask)
     error = (truth - test)[counts]
     divisor = _divisor(truth[counts], data_range)
-    if math.isnan(divisor):
-        return math.nan
-    return float(np.mean(np.abs(error)) / divisor)
+    return math.nan if math.isnan(divisor) else float(np.mean(np.abs(error)) / divisor)
 
 
 def ssim(
@@ -219,9 +215,8 @@ def _wrong(name: str, image: NDArray[Any]) -> Iterator[Problem]:
 def _divisor(truth: NDArray[np.float64], data_range: Any) -> float:
     if data_range is not None:
         if not (math.isfinite(data_range) and data_range > 0):
-            raise InputError(
-                "wrong range", where="data_range", expected="a positive number", got=str(data_range)
-            )
+            expected, got = "a positive number", str(data_range)
+            raise InputError("wrong range", where="data_range", expected=expected, got=got)
         return float(data_range) if truth.size else math.nan
     own = float(np.ptp(truth)) if truth.size else 0.0
     return own if own > 0 else math.nan
