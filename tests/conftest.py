@@ -6,7 +6,6 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from uuid import uuid4
 
 import cv2
 import numpy as np
@@ -162,7 +161,7 @@ def shared_data() -> Path:
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     # Not made before somebody needs it: thousands of folders take their time.
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.getbasetemp() / uuid4().hex))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.getbasetemp() / uuid.uuid4().hex))
 
 
 @pytest.fixture
@@ -283,26 +282,30 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPa
 
 @pytest.fixture
 def read_image() -> Callable[[Path], NDArray[np.uint8]]:
-    def read(path: Path) -> NDArray[np.uint8]:
-        return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
+    return _read_rgb
 
-    return read
+
+def _read_rgb(path: Path) -> NDArray[np.uint8]:
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
+
+
+def aloe_pair(shared_data: Path, exposure: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return Aloe, Illum1, view 1, at an exposure: in focus, and blurred as it was published."""
+    infocus = shared_data / f"middlebury/ThirdSize/Aloe/Illum1/Exp{exposure}/view1.png"
+    defocus = f"published_blur/Aloe/Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
+    return _read_rgb(infocus), _read_rgb(shared_data / defocus)
 
 
 @pytest.fixture(scope="session")
 def aloe(shared_data: Path) -> Callable[[int], Energy]:
-    """The published energy of Aloe, Illum1, view 1, at an exposure, with the text's step."""
+    """The published energy of `aloe_pair`, by exposure, with the text's step."""
 
     def build(exposure: int) -> Energy:
-        paths = (
-            shared_data / "middlebury/ThirdSize/Aloe/Illum1" / f"Exp{exposure}" / "view1.png",
-            shared_data / "published_blur/Aloe" / f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png",
+        infocus, defocus = (
+            np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb), np.uint8)
+            for image in aloe_pair(shared_data, exposure)
         )
-        pair = []
-        for path in paths:
-            image = np.asarray(cv2.imread(str(path)))
-            pair.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8))
-        unary, offset = data_cost(pair[0], pair[1], RECIPES["text"].sigmas)
+        unary, offset = data_cost(infocus, defocus, RECIPES["text"].sigmas)
         return Energy(unary, published(256), offset=offset)
 
     return build

@@ -24,6 +24,7 @@ from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import given_to, score_text
 from tests.benchmarks.ledger import BEGIN, END
+from tests.conftest import aloe_pair
 from tests.methods.test_graph_cuts import PROGRAM
 from tests.process import python
 
@@ -363,11 +364,8 @@ def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
     aloe: Callable[[int], Energy],
     read_image: Callable[[Path], NDArray[np.uint8]],
 ) -> None:
-    folder = shared_data / "middlebury/ThirdSize/Aloe"
-    name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
-    infocus = read_image(folder / f"Illum1/Exp{exposure}/view1.png")
-    defocus = read_image(shared_data / "published_blur/Aloe" / name)
-    depth = read_image(folder / "disp1.png")[..., 0].copy()
+    infocus, defocus = aloe_pair(shared_data, exposure)
+    depth = read_image(shared_data / "middlebury/ThirdSize/Aloe/disp1.png")[..., 0].copy()
     found = {}
     for recipe in ("text", "published"):
         method = GraphCuts(RECIPES[recipe], published_offset=True)
