@@ -19,6 +19,7 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, check_learned
 
 Image = NDArray[np.uint8]
+PUBLISHED = RECIPES["published"]
 
 
 def texture(seed: int, height: int = 64, width: int = 80) -> Image:
@@ -31,19 +32,24 @@ def texture(seed: int, height: int = 64, width: int = 80) -> Image:
     return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
 
 
-def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = RECIPES["published"]) -> MadePair:
+def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = PUBLISHED) -> MadePair:
     return MadePair(infocus, synthesize(infocus, depth, recipe), depth, np.ones(depth.shape, bool))
 
 
-def plane(level: int, seed: int = 0, height: int = 64, width: int = 80) -> MadePair:
+def plane(
+    level: int, seed: int = 0, height: int = 64, width: int = 80, recipe: BlurRecipe = PUBLISHED
+) -> MadePair:
     infocus = texture(seed, height, width)
-    return pair_of(infocus, np.full(infocus.shape[:2], level, np.uint8))
+    return pair_of(infocus, np.full(infocus.shape[:2], level, np.uint8), recipe)
 
 
-def slope(seed: int, height: int = 96, width: int = 256) -> MadePair:
+def slope(
+    seed: int, height: int = 96, width: int = 256, recipe: BlurRecipe = PUBLISHED
+) -> MadePair:
     """Return a pair whose depth rises by less than a level a pixel, over nearly all levels."""
     levels = np.linspace(4, 251, width).astype(np.uint8)
-    return pair_of(texture(seed, height, width), np.broadcast_to(levels, (height, width)).copy())
+    depth = np.broadcast_to(levels, (height, width)).copy()
+    return pair_of(texture(seed, height, width), depth, recipe)
 
 
 def in_layers(

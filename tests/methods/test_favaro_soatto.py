@@ -8,7 +8,7 @@ from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.favaro_soatto import FavaroSoatto
-from tests.methods.made_planes import inside, pair_of, plane, slope
+from tests.methods.made_planes import inside, plane, slope
 
 
 @cache
@@ -23,10 +23,8 @@ def test_a_law_and_a_shape_that_nobody_told_are_learned() -> None:
     recipe = BlurRecipe(0.4, 0.01, invert=False)
 
     def changed(seed: int) -> MadePair:
-        made = slope(seed)
-        pair = pair_of(made.infocus, made.levels, recipe)
-        gain = (0.8 * pair.defocus + 15).astype(np.uint8)
-        return MadePair(pair.infocus, gain, pair.levels, pair.valid)
+        pair = slope(seed, recipe=recipe)
+        return pair._replace(defocus=(0.8 * pair.defocus + 15).astype(np.uint8))
 
     method = FavaroSoatto()
     method.restore(method.fit([changed(seed) for seed in range(4)]))

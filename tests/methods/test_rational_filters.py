@@ -3,12 +3,10 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.rational_filters import RationalFilters, design
-from tests.methods.made_planes import pair_of, plane, texture
-
-PUBLISHED = RECIPES["published"]
+from tests.methods.made_planes import plane
 
 
 @pytest.mark.parametrize("frequency", [0.3, 0.7, 1.2])
@@ -39,9 +37,7 @@ def test_filters_are_blind_to_brightness_and_symmetric() -> None:
 def test_it_follows_a_law_that_turns() -> None:
     # In focus in the middle of the range: nothing tells the two sides apart, but the width.
     sigmas = tuple((0.4 + np.abs(np.arange(256) - 60) * 0.012).tolist())
-    infocus = texture(6)
-    recipe = BlurRecipe(0.4, 0.012, invert=False)
-    pair = pair_of(infocus, np.full(infocus.shape[:2], 140, np.uint8), recipe)
+    pair = plane(140, 6, recipe=BlurRecipe(0.4, 0.012, invert=False))
     found = RationalFilters(BlurLaw(sigmas))(pair.infocus, pair.defocus)
     assert abs(float(np.median(found)) - 200) < 10
 

@@ -2,13 +2,11 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.s_transform import STransform
 from dfdbench.metrics.scores import correlation
-from tests.methods.made_planes import inside, pair_of, plane, slope, texture
-
-PUBLISHED = RECIPES["published"]
+from tests.methods.made_planes import PUBLISHED, inside, pair_of, plane, slope
 
 
 def test_its_variance_is_that_of_the_blur() -> None:
@@ -22,8 +20,7 @@ def test_its_variance_is_that_of_the_blur() -> None:
 
 def test_it_follows_a_recipe_that_is_not_inverted() -> None:
     recipe = BlurRecipe(0.4, 0.04, levels=64, invert=False)
-    infocus = texture(2)
-    pair = pair_of(infocus, np.full(infocus.shape[:2], 40, np.uint8), recipe)
+    pair = plane(40, 2, recipe=recipe)
     assert abs(float(np.median(STransform(recipe)(pair.infocus, pair.defocus))) - 40) < 4
 
 
@@ -54,7 +51,7 @@ def test_fitted_it_does_about_as_well_as_told() -> None:
 
 def test_a_lens_the_other_way_round_is_learned() -> None:
     recipe = BlurRecipe(0.4, 0.01, invert=False)
-    made = [pair_of(slope(seed).infocus, slope(seed).levels, recipe) for seed in range(2)]
+    made = [slope(seed, recipe=recipe) for seed in range(2)]
     method = STransform()
     assert method.fit is not None
     method.restore(method.fit(made[:1]))
