@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 
-def shell(line: str, cwd: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
+def shell(line: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run a line of the shell, with these variables beside those of this process."""
-    return _run(["sh", "-c", line], cwd, variables)
+    return _run(["sh", "-c", line], None, variables)
 
 
 def python(

@@ -5,14 +5,6 @@ import pytest
 from dfdbench.errors import DfdbenchError, ManifestError, Problem, is_lack_of_memory, unknown_name
 
 
-def test_several_problems_are_shown_together() -> None:
-    first = Problem("a", where="here", expected="1", got="2", fix="do")
-    text = str(DfdbenchError.of([first, Problem("b")]))
-    assert text.splitlines()[0] == "2 problems:"
-    for part in ("1. a", "2. b", "here", "expected 1", "got 2", "Fix: do"):
-        assert part in text
-
-
 def test_of_more_problems_than_anyone_reads_the_first_are_shown() -> None:
     error = DfdbenchError.of(Problem(f"no image {number}") for number in range(1000))
     lines = str(error).splitlines()

@@ -35,14 +35,7 @@ def sources() -> list[str]:
 def python(*arguments: str | Path, cwd: Path) -> str:
     """Run Python's or the command's words outside the checkout; return what they print."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHONPATH", "GIT_"))}
-    done = subprocess.run(
-        list(map(str, arguments)),
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = subprocess.run(arguments, cwd=cwd, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

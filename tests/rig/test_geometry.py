@@ -70,8 +70,6 @@ def test_the_crop_is_the_frames_middle() -> None:
     cropped = rig.crop(frame)
     assert cropped.shape == (630, 630)
     assert cropped[0, 0] == frame[49, 53]
-    # As much is cut at one side as at the other.
-    assert (728 - 49 - 630, 736 - 53 - 630) == (49, 53)
 
 
 def beams(altitude: list[float], azimuth: list[float]) -> Beams:

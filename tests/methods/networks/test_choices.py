@@ -4,12 +4,11 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.methods.networks.choices import SITES, SIZED, kernel_sizes, narrowed, reach_of
+from dfdbench.methods.networks.choices import SIZED, kernel_sizes, narrowed, reach_of
 
 
 def test_sizes_are_those_of_the_thesis_s_layers() -> None:
     assert SIZED == (52, 48, 45, 40, 37, 32, 29, 24, 20, 17, 12, 8, 5, 1)
-    assert len(SITES) == 9
     assert kernel_sizes([1, *[3] * 12, [5, 7]])[1] == (5, 7)
 
 
