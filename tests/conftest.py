@@ -115,19 +115,9 @@ test_scenes = ["One", "Two"]
 [[folds]]
 name = "K2"
 test_scenes = ["Three"]
-
-[[scenes]]
-name = "One"
-source = "here"
-
-[[scenes]]
-name = "Two"
-source = "here"
-
-[[scenes]]
-name = "Three"
-source = "here"
-"""
+""" + "".join(
+    f'\n[[scenes]]\nname = "{name}"\nsource = "here"\n' for name in ("One", "Two", "Three")
+)
 
 # The same scenes in the site's default lighting alone, as the set middlebury-default.
 TINY_DEFAULT_TOML = "\n\n".join(
