@@ -13,9 +13,8 @@ from dfdbench.methods.registry import load_method
 
 def problems(predict: Any) -> dict[str, str]:
     trials = check_method(Method("m", "m:m", predict))
-    return {
-        trial.name: trial.error or trial.warning for trial in trials if trial.error or trial.warning
-    }
+    told = {trial.name: trial.error or trial.warning for trial in trials}
+    return {name: text for name, text in told.items() if text}
 
 
 @pytest.mark.slow
