@@ -194,10 +194,6 @@ def values(function: Callable[[pso.Numbers], pso.Numbers]) -> Callable[[pso.Swar
     return lambda swarm: function(swarm.positions)
 
 
-def test_kappa_is_a_half() -> None:
-    assert pso.KAPPA == 0.5
-
-
 @pytest.mark.parametrize(
     ("function", "side", "components", "within"),
     [(sphere, 100.0, 5, 1e-8), (rastrigin, 5.12, 2, 1.0), (ackley, 32.0, 4, 1e-5)],
