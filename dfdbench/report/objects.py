@@ -365,6 +365,5 @@ class Transfer:
         from dfdbench.figures.comparisons import transfer_figure  # it imports matplotlib
         from dfdbench.figures.style import write_forms
 
-        return write_forms(
-            transfer_figure(self.table(), self.title), self.folder, "transfer", forms
-        )
+        figure = transfer_figure(self.table(), self.title)
+        return write_forms(figure, self.folder, "transfer", forms)
