@@ -234,7 +234,8 @@ def difference_table(
     notes = [verdict_note(count)] * (count > 1)
     if len(compared) < dataset.expected:
         notes.append(f"{len(compared)} of {dataset.expected} pairs were scored in both runs")
-    if _same_depth_maps(first, second):
+    hashes = [(a.prediction_sha256, b.prediction_sha256) for a, b in _in_both(first, second)]
+    if all(one and one == other for one, other in hashes):
         notes.append("The depth maps are the same in both runs, to the last digit.")
     a, b = names or (method_label(first.method), method_label(second.method))
     title = f"A: {a}, B: {b}; {dataset.heading}, {protocol}"
@@ -300,8 +301,3 @@ def changes_to_show(
     while left and len(chosen) < count:
         chosen.append(left.pop(left.index(min(left, key=seen))))
     return tuple(sorted(chosen, key=lambda c: (-abs(c.difference), c.first.id)))
-
-
-def _same_depth_maps(first: Result, second: Result) -> bool:
-    hashes = [(a.prediction_sha256, b.prediction_sha256) for a, b in _in_both(first, second)]
-    return all(one and one == other for one, other in hashes)

@@ -206,7 +206,8 @@ def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
     slope = float(steps @ centred / (steps @ steps))
     residual = centred - slope * steps
     error = float(np.sqrt(residual @ residual / (values.size - 2) / (steps @ steps)))
-    least = _rounding(values)
+    # Below this, slopes and their errors are the sums' own rounding.
+    least = float(1e-12 * max(1.0, np.abs(values).max()))
     if error > least:
         return float(ndtr(-slope / error))
     return 0.5 if abs(slope) <= least else float(slope < 0)
@@ -224,11 +225,6 @@ def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     highest = int((values.size - 1) * 0.9 + 0.5)
     kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
     return kept
-
-
-def _rounding(values: NDArray[np.float64]) -> float:
-    # Below this, slopes and their errors are the sums' own rounding.
-    return float(1e-12 * max(1.0, np.abs(values).max()))
 
 
 class Learner:

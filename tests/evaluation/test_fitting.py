@@ -87,10 +87,9 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
     assert list(fit.learned) == ["level"]
     assert fit.learned["level"] == pytest.approx(mean_of(tiny_store, *trains))
     named, pairs = training_pairs(store, split)
-    assert (named, [pair.scene for pair in pairs.pairs]) == (
-        name,
-        [pair.scene for scene in trains for pair in store.pairs(scene)],
-    )
+    assert named == name
+    expected = [pair.scene for scene in trains for pair in store.pairs(scene)]
+    assert [pair.scene for pair in pairs.pairs] == expected
 
 
 def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(

@@ -69,8 +69,6 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
     ("changes", "said"),
     [
         ({"crop": 18}, "a multiple of 4"),
-        ({"crop": 64}, "at most 24"),
-        ({"normalization": "fixed"}, "needs weights to begin with"),
         # A patch and what its blur reaches: 13 pixels at each side.
         ({"crop": 16, "redraw_depth": True}, "crop"),
         ({"tracks": ["noise"]}, "--set redraw_depth=true"),
