@@ -21,8 +21,7 @@ from dfdbench.cli import VERBS
 from dfdbench.methods.registry import find_entry
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, scored, submit
-from tests.board.made_tracks import make_tracks
+from tests.board.made_boards import add, make_tracks, scored, submit
 from tests.made_results import make_demo_result
 from tests.report import test_browser
 

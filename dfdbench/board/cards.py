@@ -83,11 +83,10 @@ def load_cards(folder: Path) -> dict[str, Card]:
             problems.append(Problem(what, where=str(path), fix="give the card another name"))
     for (one, first), (other, second) in combinations(cards.items(), 2):
         where = listed([f"{folder / METHODS / name}.toml" for name in (one, other)])
+        same = first.is_of(second.entry, second.entry, second.parameters)
         if one.casefold() == other.casefold():
             problems.append(Problem("two cards of one name", where=where, fix="rename one"))
-        elif first.given_blur == second.given_blur and first.is_of(
-            second.entry, second.entry, second.parameters
-        ):
+        elif same and first.given_blur == second.given_blur:
             problems.append(Problem("two cards of one method", where=where, fix="remove one"))
     ResultError.raise_if(problems)
     return cards

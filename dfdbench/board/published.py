@@ -117,13 +117,17 @@ def load_published(folder: Path) -> list[PublishedTable]:
     return sorted(tables, key=lambda table: table.order)
 
 
+def _in_all_light(rows: Sequence[PublishedRow], method: str) -> list[PublishedRow]:
+    return [row for row in rows if row.method == method and row.at.get("illumination") == "all"]
+
+
 def _overall(rows: Sequence[PublishedRow], method: str, metric: str) -> float | None:
     """Return the mean over the exposures' printed overall values; None where one is missing.
 
     The publication prints no value over all pairs; where each exposure has as many pairs as
     any other, as in the thesis's test split, this mean is that value up to rounding.
     """
-    overall = [row for row in rows if row.method == method and row.at.get("illumination") == "all"]
+    overall = _in_all_light(rows, method)
     values = [float(row.scores[metric]) for row in overall if metric in row.scores]
     return mean_of(values) if len(values) == len(overall) else None
 
@@ -139,14 +143,9 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
     lines = []
     for method, table in found.items():
         means = {metric: _overall(table.rows, method, metric) for metric in METRICS}
-        cells = (
-            method,
-            *map(score_text, means.values()),
-            *_by_exposure(table, method),
-            _published_seconds(tables, method),
-            table.name,
-            "published",
-        )
+        of_exposures = (row.scores.get(RANKED_BY) for row in _in_all_light(table.rows, method))
+        scores = (*map(score_text, means.values()), *map(_printed, of_exposures))
+        cells = (method, *scores, _published_seconds(tables, method), table.name, "published")
         lines.append((means[RANKED_BY] or 0.0, cells))
     columns = (
         "method",
@@ -161,14 +160,6 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
     )
     title = f"{first.dataset}, {first.scope}: published, not rerun, not ranked"
     return Table(title, columns, rows, "l" + "r" * (len(METRICS) + len(_EXPOSURES)) + "lll", notes)
-
-
-def _by_exposure(table: PublishedTable, method: str) -> list[str]:
-    return [
-        _printed(row.scores.get(RANKED_BY))
-        for row in table.rows
-        if row.method == method and row.at.get("illumination") == "all"
-    ]
 
 
 def published_table(table: PublishedTable) -> Table:
@@ -190,10 +181,8 @@ def published_table(table: PublishedTable) -> Table:
     where = f"page {table.page}" if table.page else f"section {table.section}"
     pairs = f", {table.pairs} pairs" if table.pairs else ""
     what = f"Numbers: {table.quantity}. " if table.quantity else ""
-    notes = (
-        f"{what}Trained on: {table.training}. Protocol: {table.protocol}.",
-        f"Our note: {table.note}",
-    )
+    trained = f"{what}Trained on: {table.training}. Protocol: {table.protocol}."
+    notes = (trained, f"Our note: {table.note}")
     title = f"{table.name} ({where}): {table.title}; {table.dataset}, {table.scope}{pairs}"
     return Table(title, headings, shown, "".join(sides), notes)
 

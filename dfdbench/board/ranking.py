@@ -103,6 +103,11 @@ class Standing:
     interval: tuple[float, float] | None = None
     above: PairedDifference | None = None
 
+    @property
+    def place(self) -> str:
+        """The rank as text."""
+        return NOTHING if self.rank is None else str(self.rank)
+
 
 @dataclass(frozen=True)
 class ScoreBoard:

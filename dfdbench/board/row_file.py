@@ -313,13 +313,11 @@ def _run_of(result: record.Result, first: record.Result) -> RowRun:
     numbers = dict.fromkeys(name for pair in pairs for name in pair.numbers)
     scores = {}
     for label in result.protocol_names:
-        columns = {
-            name: [pair.scores.get(label, {}).get(name) for pair in pairs]
-            for name in metrics_of(label)
-        }
-        scored = {name for pair in pairs for name in pair.scores.get(label, ())}
+        metrics, found = metrics_of(label), [pair.scores.get(label, {}) for pair in pairs]
+        columns = {name: [each.get(name) for each in found] for name in metrics}
+        scored = {name for each in found for name in each}
         # A younger metric that the run was not scored by is left out.
-        younger = {name for name, metric in metrics_of(label).items() if metric.younger}
+        younger = {name for name, metric in metrics.items() if metric.younger}
         scores[label] = {k: v for k, v in columns.items() if k in scored or k not in younger}
     return RowRun(
         label=dataset.degradation,

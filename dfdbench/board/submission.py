@@ -85,11 +85,8 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
         runs += [run for run in there.results if run.dataset.degradation not in labels]
         suites = there.suites
     # Clean images that were run along with tracks do not enter the ranking of clean images.
-    entered = (
-        [row_file.CLEAN_SUITE]
-        if labels == {CLEAN}
-        else _suites({r.dataset.degradation for r in runs})
-    )
+    clean = labels == {CLEAN}
+    entered = [row_file.CLEAN_SUITE] if clean else _suites({r.dataset.degradation for r in runs})
     order = [row_file.CLEAN_SUITE, *SUITES]
     row = row_file.row_of(runs, sorted({*suites, *entered}, key=order.index))
     write_whole(path, row_file.row_text(row))

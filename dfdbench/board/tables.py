@@ -1,7 +1,6 @@
 """A ranking's tables: methods, scores by lighting, scene and fold, how each was run."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -54,69 +53,51 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         *(metric.heading for metric in metrics),
         *("difference from the row above", "seconds per pair"),
     )
-    rows = tuple(
-        (
-            wording.NOTHING if standing.rank is None else str(standing.rank),
-            _linked(standing.entry, folder) if scored else standing.entry.label,
-            wording.given_to(standing.entry.result),
-            board.shown(row, board.metric),
-            wording.interval_text(standing.interval),
-            *(board.shown(row, metric.name) for metric in metrics),
-            str(standing.above or wording.NOTHING),
-            wording.seconds_text(standing.entry.seconds),
-        )
-        for row, standing in enumerate(board.standings)
-    )
-    scores = len(columns) - 2
-    dataset = board.result.dataset
-    return Table(
-        f"{dataset.heading}, protocol {title_of(board.protocol)}{scored}",
-        columns,
-        rows,
-        "rllrl" + "r" * len(metrics) + "lr",
-        tuple(_ranking_notes(board)),
-        records=tuple(records_of(board, folder)),
-        parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
-    )
+    rows = []
+    for row, standing in enumerate(board.standings):
+        entry = standing.entry
+        name = _linked(entry, folder) if scored else entry.label
+        first = (standing.place, name, wording.given_to(entry.result))
+        score, interval = board.shown(row, board.metric), wording.interval_text(standing.interval)
+        others = (board.shown(row, metric.name) for metric in metrics)
+        last = (str(standing.above or wording.NOTHING), wording.seconds_text(entry.seconds))
+        rows.append((*first, score, interval, *others, *last))
+    title = f"{board.result.dataset.heading}, protocol {title_of(board.protocol)}{scored}"
+    align, notes = "rllrl" + "r" * len(metrics) + "lr", tuple(_ranking_notes(board))
+    records, parts = tuple(records_of(board, folder)), _parts(len(columns), 2)
+    return Table(title, columns, tuple(rows), align, notes, records=records, parts=parts)
+
+
+def _parts(columns: int, last: int) -> tuple[tuple[int, ...], ...]:
+    """Return the columns of two parts of a ranking: all but the last few, and these."""
+    begin = columns - last
+    return tuple(range(begin)), (0, 1, *range(begin, columns))
 
 
 def tracks_table(board: ScoreBoard, folder: Path) -> Table:
     """Return a ranking over tracks: clean, each track's mean over severities, their mean."""
     tracks = pd.DataFrame(tracks_of(board).xs(board.metric, level="metric"))
-    clean = board.scores[
-        (board.scores["track"] == CLEAN) & (board.scores["metric"] == board.metric)
-    ]
-    on_clean = frame.group_means(clean, "row")
-    rows = tuple(
-        (
-            wording.NOTHING if standing.rank is None else str(standing.rank),
-            _linked(standing.entry, folder),
-            wording.score_text(on_clean.get(row, np.nan)),
-            *map(wording.score_text, tracks.loc[row]),
-            wording.score_text(standing.scores[board.metric]),
-            wording.interval_text(standing.interval),
-            str(standing.above or wording.NOTHING),
-            _seen(standing.entry, lambda run: run.method.fitted_on),
-            _seen(standing.entry, lambda run: run.method.trained_on),
-        )
-        for row, standing in enumerate(board.standings)
-    )
+    own = board.scores[board.scores["metric"] == board.metric]
+    on_clean = frame.group_means(own[own["track"] == CLEAN], "row")
+    rows = []
+    for row, standing in enumerate(board.standings):
+        entry, mean = standing.entry, standing.scores[board.metric]
+        scores = map(wording.score_text, (on_clean.get(row, np.nan), *tracks.loc[row], mean))
+        told = (wording.interval_text(standing.interval), str(standing.above or wording.NOTHING))
+        seen = (_seen(entry, fact) for fact in ("fitted_on", "trained_on"))
+        rows.append((standing.place, _linked(entry, folder), *scores, *told, *seen))
     dataset = board.result.dataset
     columns = (
         *("", "method", CLEAN, *tracks, "mean of tracks", interval_name(board.groups)),
         *("difference from the row above", "fitted on", "trained on"),
     )
-    scores = len(columns) - 3
-    return Table(
+    title = (
         f"{part_name(dataset.name)[0]}, split {dataset.split}, {board.suite}, "
-        f"protocol {title_of(board.protocol)}: {find_metric(board.metric).heading}",
-        columns,
-        rows,
-        "rl" + "r" * (scores - 2) + "lll",
-        tuple(_tracks_notes(board, tracks)),
-        records=tuple(records_of(board, folder)),
-        parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
+        f"protocol {title_of(board.protocol)}: {find_metric(board.metric).heading}"
     )
+    align, notes = "rl" + "r" * (len(columns) - 5) + "lll", tuple(_tracks_notes(board, tracks))
+    records, parts = tuple(records_of(board, folder)), _parts(len(columns), 3)
+    return Table(title, columns, tuple(rows), align, notes, records=records, parts=parts)
 
 
 def tracks_of(board: ScoreBoard) -> pd.DataFrame:
@@ -142,15 +123,10 @@ def lighting_table(board: ScoreBoard) -> Table:
             by_level = {f"{axis} {n}": frame.defined(v) for n, v in zip(levels, found, strict=True)}
             head = {"method": standing.entry.label, "metric": metric}
             records.append({**head, **by_level, "overall": standing.scores[metric]})
-    count = len(metrics)
-    return Table(
-        f"by {axis}",
-        ("method", "", *(f"{axis} {level}" for level in levels), "overall"),
-        tuple(rows),
-        "ll" + "r" * (len(levels) + 1),
-        rules=frozenset(range(count - 1, len(rows), count)),
-        records=tuple(records),
-    )
+    columns = ("method", "", *(f"{axis} {level}" for level in levels), "overall")
+    align = "ll" + "r" * (len(levels) + 1)
+    rules = frozenset(range(len(metrics) - 1, len(rows), len(metrics)))
+    return Table(f"by {axis}", columns, tuple(rows), align, (), rules, tuple(records))
 
 
 def _by_level(board: ScoreBoard) -> pd.DataFrame:
@@ -179,31 +155,21 @@ def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
         found = board.means(part, "group").loc[name]
         rows.append((name, *map(wording.score_text, found)))
         records.append({what: name, **dict(zip(labels, map(frame.defined, found), strict=True))})
-    return Table(
-        f"{find_metric(board.metric).heading} by {what}",
-        (what, *labels),
-        tuple(rows),
-        "l" + "r" * len(labels),
-        records=tuple(records),
-    )
+    title, align = f"{find_metric(board.metric).heading} by {what}", "l" + "r" * len(labels)
+    return Table(title, (what, *labels), tuple(rows), align, records=tuple(records))
 
 
 def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     """Return how each method was run; with the leaderboard's folder, linked to its file."""
-    rows = tuple(
-        (
-            entry.label if folder is None else Link(entry.label, link),
-            wording.parameters_of(entry.result),
-            wording.training_text(entry.result.method),
-            wording.seconds_text(entry.seconds),
-            wording.machine_of(entry.result),
-            entry.result.method.paper or wording.NOTHING,
-        )
-        for entry in (standing.entry for standing in board.standings)
-        for link in [link_to(entry.path, folder or entry.path)]
-    )
+    rows = []
+    for entry in (standing.entry for standing in board.standings):
+        name = entry.label if folder is None else _linked(entry, folder)
+        result, method = entry.result, entry.result.method
+        how = (wording.parameters_of(result), wording.training_text(method))
+        where = (wording.seconds_text(entry.seconds), wording.machine_of(result))
+        rows.append((name, *how, *where, method.paper or wording.NOTHING))
     columns = ("method", "parameters", "training data", "seconds per pair", "machine", "paper")
-    return Table("how they were run", columns, rows, "lllrll", (wording.SECONDS_NOTE,))
+    return Table("how they were run", columns, tuple(rows), "lllrll", (wording.SECONDS_NOTE,))
 
 
 def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
@@ -271,8 +237,8 @@ def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
         return {**said, "fitted_on": method.fitted_on}
     return {
         "given_blur": entry.given_blur,
-        "trained_on": _seen(entry, lambda run: run.method.trained_on),
-        "fitted_on": _seen(entry, lambda run: run.method.fitted_on),
+        "trained_on": _seen(entry, "trained_on"),
+        "fitted_on": _seen(entry, "fitted_on"),
     }
 
 
@@ -355,10 +321,9 @@ def _tracks_notes(board: ScoreBoard, tracks: pd.DataFrame) -> list[str]:
     return notes
 
 
-def _seen(entry: Entry, text_of: Callable[[record.Result], str | None]) -> str:
-    texts = {
-        _in_short(text, run.dataset.name) for run in entry.ranked_runs if (text := text_of(run))
-    }
+def _seen(entry: Entry, fact: str) -> str:
+    told = ((getattr(run.method, fact), run.dataset.name) for run in entry.ranked_runs)
+    texts = {_in_short(text, name) for text, name in told if text}
     return "; ".join(sorted(texts)) or wording.NOTHING
 
 

@@ -2,7 +2,7 @@
 
 import random
 import secrets
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,57 +130,50 @@ def verify(
     same_source = True
     for result in row.results:
         claims = [pair for drawn_from, pair in drawn if drawn_from is result]
-        if claims:
-            again = _RunAgain(result, path, weights)
-            same_source &= again.same_source
-            for claim in claims:
-                found.append(again(claim))
-                if on_pair:
-                    on_pair(len(found), len(drawn))
+        for rerun, same in _run_again(result, claims, path, weights):
+            found.append(rerun)
+            same_source &= same
+            if on_pair:
+                on_pair(len(found), len(drawn))
     return Verification(seed, len(done), tolerance, tuple(found), same_source)
 
 
-class _RunAgain:
-    """Runs pairs of one run again, with the method loaded and fitted as for the run."""
-
-    def __init__(self, result: Result, path: Path, weights: Path | None) -> None:
-        record, dataset = result.method, result.dataset
-        store = open_dataset(dataset.name)
-        if store.fingerprint != dataset.fingerprint:
-            what = f"{dataset.name} as it is built here is not what the row was run on"
-            where = f"{path}: {dataset.degradation}, fingerprint"
-            raise ResultError(what, where=where, fix=f"dfdbench build {dataset.name}")
-        parameters: dict[str, Any] = dict(record.parameters)
-        if weights:
-            parameters["weights"] = str(weights)
-        given = dataset.degradation != CLEAN and "recipe" in record.uses
-        # By its entry, which is trusted: a name may lead elsewhere.
-        method = load_for(store, record.entry, parameters, result.seed, given)
-        fit = fit_method(store, method, dataset.split, result.seed)
-        facts = {
-            "uses": sorted(method.uses),
-            "trained_on": trained_on_of(method, store.manifest),
-            "weights_sha256": method.weights_sha256,
-            "fitted_on": fit.fitted_on if fit else None,
-        }
-        claimed = {**record.model_dump(), "uses": sorted(record.uses)}
-        self._wrong = "; ".join(
-            f"{name} is {value}, not {claimed[name]}"
-            for name, value in facts.items()
-            if claimed[name] != value
-        )
-        protocols = [RELEASED[label] for label in result.protocol_names]
-        self._evaluate = PairEvaluator(store, method, result.seed, protocols)
-        self._label = dataset.degradation
-        self.same_source = method.source_sha256 == record.source_sha256
-
-    def __call__(self, claim: PairResult) -> Rerun:
-        """Run one pair again."""
-        rerun = self._evaluate(claim.pair)[0]
-        same = claim.prediction_sha256 == rerun.prediction_sha256
+def _run_again(
+    result: Result, claims: Sequence[PairResult], path: Path, weights: Path | None
+) -> Iterator[tuple[Rerun, bool]]:
+    """Run pairs of one run again, loaded and fitted as it was; tell whether the source is too."""
+    if not claims:
+        return
+    record, dataset = result.method, result.dataset
+    store = open_dataset(dataset.name)
+    if store.fingerprint != dataset.fingerprint:
+        what = f"{dataset.name} as it is built here is not what the row was run on"
+        where = f"{path}: {dataset.degradation}, fingerprint"
+        raise ResultError(what, where=where, fix=f"dfdbench build {dataset.name}")
+    parameters: dict[str, Any] = dict(record.parameters)
+    if weights:
+        parameters["weights"] = str(weights)
+    given = dataset.degradation != CLEAN and "recipe" in record.uses
+    # By its entry, which is trusted: a name may lead elsewhere.
+    method = load_for(store, record.entry, parameters, result.seed, given)
+    fit = fit_method(store, method, dataset.split, result.seed)
+    facts = {
+        "uses": sorted(method.uses),
+        "trained_on": trained_on_of(method, store.manifest),
+        "weights_sha256": method.weights_sha256,
+        "fitted_on": fit.fitted_on if fit else None,
+    }
+    claimed = {**record.model_dump(), "uses": sorted(record.uses)}
+    wrong = [f"{k} is {v}, not {claimed[k]}" for k, v in facts.items() if claimed[k] != v]
+    same_source = method.source_sha256 == record.source_sha256
+    protocols = [RELEASED[label] for label in result.protocol_names]
+    evaluate = PairEvaluator(store, method, result.seed, protocols)
+    for claim in claims:
+        rerun = evaluate(claim.pair)[0]
+        same_map = claim.prediction_sha256 == rerun.prediction_sha256
         largest = max(_differences(claim, rerun), default=0.0)
-        wrong = "; ".join(filter(None, (self._wrong, rerun.error)))
-        return Rerun(f"{self._label}: {claim.id}", same, largest, wrong)
+        told = "; ".join(filter(None, (*wrong, rerun.error)))
+        yield Rerun(f"{dataset.degradation}: {claim.id}", same_map, largest, told), same_source
 
 
 def _differences(claim: PairResult, rerun: PairResult) -> Iterator[float]:

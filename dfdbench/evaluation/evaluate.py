@@ -60,10 +60,9 @@ def evaluate(
     warnings = depth_warnings(loaded, store, split)
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
     # Someone else's method may have something else of that name.
-    found = loaded.attribute("calibrations")
-    found = (
-        [one for one in found if isinstance(one, Calibration)] if isinstance(found, tuple) else []
-    )
+    measured = loaded.attribute("calibrations")
+    measured = measured if isinstance(measured, tuple) else ()
+    found = [one for one in measured if isinstance(one, Calibration)]
     for number, one in enumerate(found, 1):
         name = "law.toml" if len(found) == 1 else f"law-{number}.toml"
         write_whole(folder / name, f"# {one.change.words()}\n{one.law.as_toml()}")
@@ -101,10 +100,8 @@ def labels_of(tracks: Sequence[str] | None) -> list[str]:
         if name not in TRACKS:
             raise unknown_name("track", name, TRACKS)
     chosen = [TRACKS[name] for name in dict.fromkeys(tracks or TRACKS)]
-    return [
-        CLEAN,
-        *(f"{track.name}-{n}" for track in chosen for n in range(1, len(track.severities) + 1)),
-    ]
+    counts = [(track.name, len(track.severities)) for track in chosen]
+    return [CLEAN, *(f"{name}-{n}" for name, count in counts for n in range(1, count + 1))]
 
 
 def built_track(
@@ -189,27 +186,17 @@ def score_predictions(
             record = record_of(store, images, answer, protocols_on(store))
             records[pair.id] = record.model_copy(update={"seconds": None})
             kept.keep(pair, depth, sigma)
-        pairs = [
-            records.get(pair.id) or blank_record(pair, "missing")
-            for pair in store.manifest.pairs(split)
-        ]
+        wanted = store.manifest.pairs(split)
+        pairs = [records.get(pair.id) or blank_record(pair, "missing") for pair in wanted]
         result = compose(store, split, method, pairs, warnings=_warnings(found))
         save_result(result, folder / RESULT)
     return RunDone(result, folder, 0, set_aside)
 
 
 def _method_record(name: str, unit: Unit) -> MethodRecord:
+    unknown: dict[str, Any] = dict.fromkeys(("source_sha256", "trained_on", "paper"))
     try:
-        return MethodRecord(
-            name=name,
-            entry=SCORED,
-            source_sha256=None,
-            parameters={},
-            uses=[],
-            trained_on=None,
-            paper=None,
-            scored=unit,
-        )
+        return MethodRecord(name=name, entry=SCORED, parameters={}, uses=[], scored=unit, **unknown)
     except ValidationError as error:
         what = f"no name for a method, which is one line of text: {name!r:.80}"
         raise InputError(what, fix="--method NAME") from error

@@ -107,15 +107,12 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
     both = [scene for scene in manifest.scenes_of(split) if scene in train]
     if both:
         what = f"the method would be tested on what it was fitted on: {', '.join(both)}"
-        fix = f"--split NAME, one of: {', '.join(_fair_splits(manifest, train))}"
+        # The folds, or single scenes of a set without: all others train then.
+        fair = [item.name for item in manifest.splits if train.isdisjoint(item.scenes)]
+        fair += [fold.name for fold in manifest.folds] or list(manifest.scene_names)
+        fix = f"--split NAME, one of: {', '.join(fair)}"
         raise MethodError(what, where=f"split {split} of {manifest.stem}", fix=fix)
     return f"{manifest.stem}, split {TRAINING}", train
-
-
-def _fair_splits(manifest: Manifest, train: frozenset[str]) -> list[str]:
-    """Return the splits without a training scene; the folds, or single scenes of a set without."""
-    splits = [item.name for item in manifest.splits if train.isdisjoint(item.scenes)]
-    return splits + ([fold.name for fold in manifest.folds] or list(manifest.scene_names))
 
 
 def _is_left_out(manifest: Manifest, split: str) -> bool:

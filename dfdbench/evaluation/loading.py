@@ -49,7 +49,8 @@ def load_for(
     Raises
     ------
     MethodError
-        If the method asks for what there is not, or takes no blur with `given_blur`.
+        If the method asks for what there is not, takes no blur with `given_blur`, or answers in
+        metres where nothing says what the set's levels are in metres, or the other way round.
     """
     images, parameters = images_in(parameters)
     taken, recorded = given_by_lens(store.manifest, parameters)
@@ -60,7 +61,13 @@ def load_for(
         what = "nothing to give: the method does not ask for the blur recipe, or was given one"
         fix = "leave out --given-blur, or --param recipe"
         raise MethodError(what, where=found.entry, fix=fix)
-    return _on(store, found, recorded, images)
+    depth = store.manifest.depth
+    if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
+        what = f"it answers in metres, and {store.manifest.stem} does not say what levels are"
+        fix = "put depth.scale into the manifest, or choose a method that answers in levels"
+        raise MethodError(what, where=found.name, fix=fix)
+    named = {} if images is None else {"images": list(images)}
+    return replace(found, images=images, parameters=found.parameters | recorded | named)
 
 
 def load_any(
@@ -93,26 +100,6 @@ def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, di
             "not two images", where="images", expected="two numbers from 0, as 0,4", got=str(said)
         )
     return (int(numbers[0]), int(numbers[1])), others
-
-
-def _on(
-    store: Dataset, found: Method, recorded: dict[str, Any], images: tuple[int, int] | None
-) -> Method:
-    """Return a method with what is recorded of it here, if the data set has what it needs.
-
-    Raises
-    ------
-    MethodError
-        If it answers in metres and nothing says what the set's levels are in metres, or the other
-        way round.
-    """
-    depth = store.manifest.depth
-    if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
-        what = f"it answers in metres, and {store.manifest.stem} does not say what levels are"
-        fix = "put depth.scale into the manifest, or choose a method that answers in levels"
-        raise MethodError(what, where=found.name, fix=fix)
-    named = {} if images is None else {"images": list(images)}
-    return replace(found, images=images, parameters=found.parameters | recorded | named)
 
 
 def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
@@ -168,19 +155,17 @@ def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
 
 
 def _recipe_of(store: Dataset) -> BlurRecipe:
-    recipe = store.recipe
-    if recipe is None and store.manifest.on_track:
+    if store.recipe is not None:
+        return store.recipe
+    what = "the method asks for a blur recipe, and captured images have none"
+    fix = (
+        "--param recipe=FILE.toml describes a lens, recipe=rig takes the manifest's; "
+        "recipe=published gives a recipe, but not how these images were made"
+    )
+    if store.manifest.on_track:
         what = "the method asks for the blur recipe, and a track does not give it"
         fix = "choose one that is fitted; --param recipe=published gives one, but not the true one"
-        raise MethodError(what, where=store.manifest.short, fix=fix)
-    if recipe is None:
-        what = "the method asks for a blur recipe, and captured images have none"
-        fix = (
-            "--param recipe=FILE.toml describes a lens, recipe=rig takes the manifest's; "
-            "recipe=published gives a recipe, but not how these images were made"
-        )
-        raise MethodError(what, where=store.manifest.short, fix=fix)
-    return recipe
+    raise MethodError(what, where=store.manifest.short, fix=fix)
 
 
 def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:

@@ -188,12 +188,9 @@ def require_what_was_built(store: Dataset, split: str) -> None:
     there = {pair.id for pair in store.pairs(split)} | lacking
     # Of other scenes, on which a method may be fitted, only whether they are there at all.
     whole = set(manifest.scene_names) - set(store.scenes)
-    lost = dict.fromkeys(
-        pair.scene
-        for pair in manifest.pairs("all")
-        if pair.id not in lacking and pair.scene in whole
-    ) | dict.fromkeys(pair.scene for pair in manifest.pairs(split) if pair.id not in there)
-    if lost:
+    gone = [p for p in manifest.pairs("all") if p.id not in lacking and p.scene in whole]
+    gone += [pair for pair in manifest.pairs(split) if pair.id not in there]
+    if lost := dict.fromkeys(pair.scene for pair in gone):
         what = f"the store has lost scenes that were built, or their pairs: {listed(lost, most=10)}"
         raise StoreError(what, where=str(store.path), fix=f"dfdbench build {_as_built(store)}")
 

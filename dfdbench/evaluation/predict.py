@@ -109,7 +109,6 @@ class DepthPredictor:
         seed: int = 0,
     ) -> None:
         self._align, self._seed = align, seed
-        self.unit: Unit = "levels"
         given = dict(parameters or {})
         fitted: Path | None = None
         self._scale: DepthScale | None = None
@@ -129,7 +128,7 @@ class DepthPredictor:
             raise MethodError("no method is named", fix="name a method, or a run of one")
         images = images_in(given)
         self.method = replace(_load(method, images[1], seed), images=images[0])
-        self.unit = self.method.answers_in("levels")
+        self.unit: Unit = self.method.answers_in("levels")
         self._restore(fitted)
 
     def _restore(self, fitted: Path | None) -> None:
@@ -325,9 +324,8 @@ def write_depth(
         if gaps := np.count_nonzero(np.isnan(depth)):
             what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
             raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
-        PIL.Image.fromarray(
-            np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
-        ).save(file, "png")
+        whole = np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
+        PIL.Image.fromarray(whole).save(file, "png")
     else:
         raise InputError("a depth map is written as .npy, .npz or .png", where=str(path))
     _write_content(path, file.getvalue(), "depth map")

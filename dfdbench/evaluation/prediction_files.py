@@ -152,14 +152,12 @@ def _sorted_out(
         ("pairs with two depth maps", twice, "one file per pair"),
         ("files that are no pair's depth map", surplus, ends),
     )
-    where, fix = (
-        str(folder),
-        f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs",
-    )
+    about = {
+        "where": str(folder),
+        "fix": f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs",
+    }
     problems = [
-        Problem(
-            f"{what}: {len(names)}", where=where, expected=wish, got=listed(names, _NAMED), fix=fix
-        )
+        Problem(f"{what}: {len(names)}", expected=wish, got=listed(names, _NAMED), **about)
         for what, names, wish in lists
         if names
     ]

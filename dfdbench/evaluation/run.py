@@ -354,11 +354,7 @@ def compose(
         seed=seed,
         pairs=pairs,
         averages=average(evaluated, labels) if len(evaluated) == len(pairs) else None,
-        warnings=[
-            *_warnings(store.manifest, pairs, evaluated),
-            *_of_machines([first, *others], evaluated),
-            *warnings,
-        ],
+        warnings=[*_warnings(store.manifest, pairs, evaluated, [first, *others]), *warnings],
     )
 
 
@@ -420,17 +416,18 @@ def trained_on_of(method: Method, manifest: Manifest) -> str | None:
 
 
 def _warnings(
-    manifest: Manifest, pairs: list[PairResult], evaluated: list[PairResult]
+    manifest: Manifest,
+    pairs: list[PairResult],
+    evaluated: list[PairResult],
+    environments: list[Environment],
 ) -> list[str]:
     warnings = []
-    missing = [pair.id for pair in pairs if pair.status == "missing"]
-    if missing:
+    if missing := [pair.id for pair in pairs if pair.status == "missing"]:
         warnings.append(
             f"the store lacks {len(missing)} of {len(pairs)} pairs of the split, and there is no "
             f"average: {listed(missing, _NAMED)}"
         )
-    printed = _warned(pairs, PRINTED)
-    if printed:
+    if printed := _warned(pairs, PRINTED):
         warnings.append(f"the method printed to standard output on {counted(printed, 'pair')}")
     for pair in evaluated:
         warnings += [
@@ -451,19 +448,14 @@ def _warnings(
         warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
     if far := _warned(evaluated, MILLIMETRES):
         warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
-    together = sum(not pair.timed_alone for pair in evaluated)
-    if together:
+    if together := sum(not pair.timed_alone for pair in evaluated):
         pairs_together = counted(together, "pair")
         warnings.append(f"{pairs_together} run several at once: times are not comparable")
-    return warnings
-
-
-def _of_machines(environments: Sequence[Environment], evaluated: list[PairResult]) -> list[str]:
     there = [environments[machine] for machine in {pair.machine for pair in evaluated}]
     machines = {(each.platform, each.cpu, each.cpu_count, each.gpu) for each in there}
-    if len(machines) < 2:
-        return []
-    return [f"the pairs were run on {len(machines)} machines: times are not comparable"]
+    if len(machines) > 1:
+        warnings.append(f"the pairs were run on {len(machines)} machines: times are not comparable")
+    return warnings
 
 
 def _warned(pairs: list[PairResult], begins: str) -> int:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.audit.bound import DRAWN, Bound
 from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
@@ -55,9 +55,9 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     top.yaxis.set_major_formatter("{x:,.0f}")
     middle.set(yscale="log", ylabel="pixels of all pairs, log scale")
     _label_ranges(middle, record)
-    _steps(bottom, record.train.counts, "training, as is", style.BLUE, fill=True, share=True)
-    _steps(bottom, record.train.expanded, "training, as 32 x 32 crops", "black", share=True)
-    _steps(bottom, record.test.counts, "test, as is", style.RED, share=True)
+    _steps(bottom, _percent(record.train.counts), "training, as is", style.BLUE, fill=True)
+    _steps(bottom, _percent(record.train.expanded), "training, as 32 x 32 crops", "black")
+    _steps(bottom, _percent(record.test.counts), "test, as is", style.RED)
     bottom.set(ylabel="known pixels (%)", xlabel="depth level", xlim=(-1, LEVELS))
     handles = [
         Patch(color=_OF_VERDICT[verdict], alpha=_SHADE, label=f"{verdict}: {text}")
@@ -76,14 +76,11 @@ def depths_figure(side: Side) -> Figure:
     histogram = side.histogram
     figure, axis = style.single_axes(11, 5)
     axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=style.BLUE)
-    scenes = counted(len(side.scenes), "scene")
-    axis.set(
-        title=f"depths of {side.label}, {side.name}: {histogram.known:,} pixels of known depth, "
-        f"{counted(histogram.pairs, 'pair')} of {scenes}",
-        xlabel=f"depth level, grows with {side.store.manifest.depth.grows_with}",
-        ylabel="pixels of all pairs",
-        xlim=(-1, LEVELS),
-    )
+    shown = f"{counted(histogram.pairs, 'pair')} of {counted(len(side.scenes), 'scene')}"
+    known = f"{histogram.known:,} pixels of known depth, {shown}"
+    level = f"depth level, grows with {side.store.manifest.depth.grows_with}"
+    axis.set(title=f"depths of {side.label}, {side.name}: {known}", xlim=(-1, LEVELS))
+    axis.set(xlabel=level, ylabel="pixels of all pairs")
     axis.yaxis.set_major_formatter("{x:,.0f}")
     return figure
 
@@ -182,10 +179,7 @@ def bound_figure(title: str, panels: Sequence[tuple[str, NDArray[np.uint8], Boun
     A panel is a pair's name, its in-focus image and its bound. Pixels of unknown depth are light
     blue.
     """
-    errors = [
-        (name, image, np.log2(found.least_error(DRAWN)), found.valid)
-        for name, image, found in panels
-    ]
+    errors = [(n, image, np.log2(b.least_error(DRAWN)), b.valid) for n, image, b in panels]
     what = f"least error, window of {DRAWN} x {DRAWN} pixels"
     return _beside_images(title, what, [*map(str, STEPS), str(LEVELS)], errors)
 
@@ -200,17 +194,13 @@ def _beside_images(
     figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
     figure.suptitle(title)
+    look: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": len(labels) - 1}
     for (name, image, powers, valid), axes in zip(panels, grid, strict=True):
         axes[0].imshow(image)
         axes[0].set_title(name.replace("/", ", "), fontsize=9)
         axes[1].set_title(what, fontsize=9)
-        shown = axes[1].imshow(
-            np.ma.masked_where(~valid, powers),
-            cmap="cividis",
-            vmin=0,
-            vmax=len(labels) - 1,
-            interpolation="nearest",
-        )
+        known = np.ma.masked_where(~valid, powers)
+        shown = axes[1].imshow(known, interpolation="nearest", **look)
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
         bar.set_ticks(range(len(labels)), labels=labels)
         style.without_ticks(axes, _UNKNOWN)
@@ -230,17 +220,14 @@ def _most_uncovered(result: Result, join: ErrorJoin) -> list[PairResult]:
     return [records[identity] for identity in list(best.values())[:_PANELS]]
 
 
-def _steps(
-    axis: Axes,
-    counts: Sequence[float],
-    label: str,
-    colour: str,
-    fill: bool = False,
-    share: bool = False,
-) -> None:
+def _percent(counts: Sequence[float]) -> NDArray[np.float64]:
     values = np.asarray(counts, np.float64)
-    if share:
-        values = 100 * values / max(values.sum(), 1)
+    percent: NDArray[np.float64] = 100 * values / max(values.sum(), 1)
+    return percent
+
+
+def _steps(axis: Axes, counts: ArrayLike, label: str, colour: str, fill: bool = False) -> None:
+    values = np.asarray(counts, np.float64)
     levels = np.arange(LEVELS)
     if fill:
         axis.fill_between(levels, values, step="mid", color=colour, alpha=0.5, label=label)
@@ -253,18 +240,11 @@ def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
     marked = [None if verdict is Verdict.covered else verdict for verdict in record.verdicts]
     counts = np.asarray(record.test.counts)
     largest = sorted(runs(marked), key=lambda span: -counts[span[0] : span[1] + 1].sum())
+    above: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    upright: dict[str, Any] = {"rotation": 90, "ha": "center", "va": "bottom", "fontsize": 8}
     for first, last in largest[:_LABELLED]:
-        axis.annotate(
-            range_text(first, last),
-            ((first + last) / 2, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            rotation=90,
-            ha="center",
-            va="bottom",
-            fontsize=8,
-        )
+        middle = ((first + last) / 2, 1.0)
+        axis.annotate(range_text(first, last), middle, xytext=(0, 3), **above, **upright)
 
 
 def _name(side: SideRecord) -> str:

@@ -41,13 +41,10 @@ def law_figure(calibration: Calibration) -> Figure:
     images = "linear light" if law.linear else "grey levels"
     place = "registered" if law.registered else "moved, each pair its own way"
     gain = f"gain {law.gain:.3f}" if law.even else "a gain a pair"
-    widths.set(
-        ylabel="standard deviation (pixels)",
-        title=f"kernels exp(-(r / c)^p), p = {law.exponent:g}; {images}; {place}; {gain}\n"
-        f"the defocus image: {change.words()}",
-        # A level that shows no blur may be off by pixels: the law sets the scale.
-        ylim=(0, 1.3 * max(law.sigmas)),
-    )
+    kernels = f"kernels exp(-(r / c)^p), p = {law.exponent:g}; {images}; {place}; {gain}"
+    title = f"{kernels}\nthe defocus image: {change.words()}"
+    # A level that shows no blur may be off by pixels: the law sets the scale.
+    widths.set(ylabel="standard deviation (pixels)", title=title, ylim=(0, 1.3 * max(law.sigmas)))
     style.legend_beside(widths)
     left.plot(levels, calibration.residual, ".", color=style.BLUE)
     left.set(xlabel="depth level", ylabel="residual (grey levels, rms)", xlim=(0, law.levels - 1))
@@ -123,14 +120,10 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
     axis.plot(distance, whole, color=style.BLACK, linewidth=1, label="quantised to whole pixels")
     axis.axhline(limit, color=style.GREEN, linestyle="--", label=f"at infinity: {limit:.2f} pixels")
     axis.axvline(lens.focus_distance, color="0.6", linestyle=":", label="focus")
-    axis.set(
-        xlabel="distance from the camera (m)",
-        ylabel="blur radius (pixels)",
-        xlim=(near, far),
-        ylim=(0, limit * 1.25 + 1),
-        title=f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at "
-        f"{lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm",
-    )
+    focused = f"focused at {lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm"
+    axis.set_title(f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, {focused}")
+    axis.set(xlabel="distance from the camera (m)", ylabel="blur radius (pixels)")
+    axis.set(xlim=(near, far), ylim=(0, limit * 1.25 + 1))
     style.legend_below(figure, axis)
     return figure
 

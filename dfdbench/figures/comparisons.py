@@ -1,6 +1,7 @@
 """Figures over several runs: scores by scene and lighting, times, changes, scores on tracks."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -55,21 +56,14 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     timed = [(label, seconds) for label, seconds in times if seconds]
     if not timed:
         return None
-    figure = Figure(figsize=(9, 1.4 + 0.45 * len(timed)), layout="constrained")
-    axis = figure.subplots()
-    axis.boxplot(
-        [seconds for _, seconds in timed],
-        orientation="horizontal",
-        patch_artist=True,
-        boxprops={"facecolor": style.SKY, "alpha": 0.7},
-        widths=0.6,
-        whis=(0, 100),
-    )
+    figure, axis = style.single_axes(9, 1.4 + 0.45 * len(timed), axis="x")
+    seconds, box = [each for _, each in timed], {"facecolor": style.SKY, "alpha": 0.7}
+    look: dict[str, Any] = {"patch_artist": True, "widths": 0.6, "whis": (0, 100)}
+    axis.boxplot(seconds, orientation="horizontal", boxprops=box, **look)
     names = [style.wrapped(style.plain_text(label), 40) for label, _ in timed]
     axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
     axis.set(xscale="log", xlabel="seconds per pair: quartiles and extremes")
-    axis.grid(axis="x", alpha=0.3)
     return figure
 
 
@@ -86,8 +80,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     ]
     if not found:
         return None
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = style.single_axes(7, 4.2, which="both")
     for number, (label, seconds, score) in enumerate(found):
         marker = style.MARKERS[(number + number // len(style.COLOURS)) % len(style.MARKERS)]
         look = {**style.marks(number), "marker": marker, "markersize": 9}
@@ -98,7 +91,6 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
         side.set_major_formatter("{x:g}")
     axis.yaxis.set_minor_formatter("{x:g}")
     axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
-    axis.grid(which="both", alpha=0.3)
     style.legend_below(figure, axis)
     return figure
 

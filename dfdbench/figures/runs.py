@@ -22,7 +22,7 @@ from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.summary import RunSummary, scene_labels
-from dfdbench.results.wording import score_text
+from dfdbench.results.wording import titled_scores
 
 _PANELS = 3
 
@@ -84,16 +84,11 @@ def panel_figure(
     if not rows:
         return None
     figure, grid = style.rows_of_images([record.id for record, *_ in rows], HEADS, 2.55)
-    figure.suptitle(
-        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.heading}, "
-        f"protocol {title_of(protocol)}"
-    )
+    name, under = style.plain_text(result.method.title), f"protocol {title_of(protocol)}"
+    figure.suptitle(f"{name}: {kind} pairs of {result.dataset.heading}, {under}")
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
         draw_pair(figure, axes, images, prediction, both=True)
-        scores = (
-            f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
-            for name, metric in metrics_of(protocol).items()
-        )
+        scores = map(" ".join, titled_scores(record, protocol, "undefined"))
         # Lines break between scores, not within one.
         whole = "  ".join(score.replace(" ", _NO_BREAK) for score in scores)
         axes[4].set_xlabel(textwrap.fill(whole, _CAPTION), fontsize=8)
@@ -119,10 +114,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     scenes = list(dict.fromkeys(pair.scene for pair in pairs))
     size = max(4.0, 0.35 * len(scenes) + 2.0), 0.8 + 2.4 * len(metrics_of(protocol))
     figure, grid = scene_grid(panels, scenes, protocol, size, 0.5)
-    figure.suptitle(
-        f"{style.plain_text(result.method.title)} on {result.dataset.heading}, "
-        f"protocol {title_of(protocol)}"
-    )
+    name, under = style.plain_text(result.method.title), f"protocol {title_of(protocol)}"
+    figure.suptitle(f"{name} on {result.dataset.heading}, {under}")
     for axis in grid[-1]:
         axis.set_xlabel("scene; one mark a view" if "view" in result.dataset.axes else "scene")
     named = grid[0][0].get_legend_handles_labels()
@@ -188,12 +181,8 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     axis.fill_between(levels, truth, step="mid", color=style.SKY, alpha=0.6, label="ground truth")
     label = f"prediction of {style.plain_text(result.method.title)}"
     axis.step(levels, found, where="mid", color=style.RED, linewidth=1, label=label)
-    axis.set(
-        xlabel="depth level",
-        ylabel="known pixels (%)",
-        xlim=(0, LAST_LEVEL),
-        title=f"depths of {result.dataset.heading}",
-    )
+    title = f"depths of {result.dataset.heading}"
+    axis.set(xlabel="depth level", ylabel="known pixels (%)", xlim=(0, LAST_LEVEL), title=title)
     style.legend_below(figure, axis)
     return figure
 
@@ -233,12 +222,8 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     axis.plot(sizes, means, "D", color=style.RED, fillstyle="none", label=label)
     label = f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels"
     axis.plot(sizes, rate * sizes, color="black", linewidth=1, label=label)
-    axis.set(
-        xlabel="pixels of an image",
-        ylabel="seconds per pair",
-        ylim=(0, None),
-        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.heading}",
-    )
+    title = f"time of {style.plain_text(result.method.title)} on {result.dataset.heading}"
+    axis.set(xlabel="pixels of an image", ylabel="seconds per pair", ylim=(0, None), title=title)
     axis.xaxis.set_major_formatter("{x:,.0f}")
     style.legend_below(figure, axis)
     return figure
@@ -299,11 +284,7 @@ def _group_figure(
         for number, (name, result) in enumerate(results.items()):
             offset = (number - (len(results) - 1) / 2) * 0.7 / len(results)
             by_label = _by_label(result, protocol, metric.name, label)
-            rows = {
-                place + offset: by_label[group]
-                for place, group in enumerate(labels)
-                if group in by_label
-            }
+            rows = {at + offset: by_label[one] for at, one in enumerate(labels) if one in by_label}
             _draw_run(axis, rows, number, style.plain_text(name))
         axis.set_xlabel(metric.axis_label)
         axis.locator_params(axis="x", nbins=4)
@@ -313,11 +294,8 @@ def _group_figure(
     grid[0].set_ylabel(what)
     first = next(iter(results.values()))
     whose = "" if several else f"{style.plain_text(next(iter(results)))} on "
-    figure.suptitle(
-        f"{whose}{first.dataset.heading}, "
-        f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
-        fontsize=10,
-    )
+    under = f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair"
+    figure.suptitle(f"{whose}{first.dataset.heading}, {under}", fontsize=10)
     if several:
         style.legend_below(figure, grid[0])
     return figure

@@ -33,11 +33,11 @@ _LABEL_LENGTH = 60
 _CHARACTER, _MARK, _LINE = 0.65, 5.0, 1.6
 
 
-def single_axes(width: float, height: float) -> tuple[Figure, Axes]:
-    """Return a figure of a size in inches with one axes and a faint grid."""
+def single_axes(width: float, height: float, **grid: Any) -> tuple[Figure, Axes]:
+    """Return a figure of a size in inches with one axes and a faint grid, its lines by `grid`."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axis = figure.subplots()
-    axis.grid(alpha=0.3)
+    axis.grid(alpha=0.3, **grid)
     return figure, axis
 
 

@@ -82,20 +82,14 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
 def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     """Draw how often each level occurs in the training pairs and was trained on, as Fig. 5.9."""
     figure, axis = style.single_axes(11, 5)
-    levels = np.array([int(row["level"]) for row in rows])
+    edges = np.array([*(int(row["level"]) for row in rows), LEVELS]) - 0.5
     for name, label, colour in (
         ("present", "in the training pairs", style.BLUE),
         ("trained", "trained on", style.RED),
     ):
         counts = np.array([int(row[name]) for row in rows], np.float64)
-        axis.stairs(
-            100 * counts / max(counts.sum(), 1),
-            np.append(levels, LEVELS) - 0.5,
-            color=colour,
-            label=f"{label}: {counts.sum():.4g} pixels",
-            fill=name == "present",
-            alpha=0.6,
-        )
+        share, text = 100 * counts / max(counts.sum(), 1), f"{label}: {counts.sum():.4g} pixels"
+        axis.stairs(share, edges, color=colour, label=text, fill=name == "present", alpha=0.6)
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, LEVELS))
     style.legend_below(figure, axis)
     return figure
@@ -244,8 +238,7 @@ def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
 
 def widths_figure(filters: Sequence[int], title: str) -> Figure:
     """Draw the widths found beside the baseline's, as in Fig. 6.2."""
-    figure = Figure(figsize=(11, 5), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = style.single_axes(11, 5, axis="y")
     places = np.arange(len(LAYERS))
     for shift, label, colour, widths in (
         (-0.2, "DfD-Net", style.RED, FILTERS["original"]),
@@ -254,6 +247,5 @@ def widths_figure(filters: Sequence[int], title: str) -> Figure:
         axis.bar(places + shift, widths, 0.4, color=colour, label=label)
     axis.set_xticks(places, [str(layer) for layer in LAYERS])
     axis.set(title=style.plain_text(title), xlabel="layer, input to output", ylabel="filters")
-    axis.grid(axis="y", alpha=0.3)
     style.legend_below(figure, axis)
     return figure

@@ -131,8 +131,7 @@ class Run:
         """
         shown = protocol or self.protocol
         if not self._on_tracks:
-            table = run_score_table(summarise(self.result, shown))
-            return pd.DataFrame(table.rows, columns=list(table.columns))
+            return _as_frame(run_score_table(summarise(self.result, shown)))
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
         return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
 
@@ -290,10 +289,7 @@ class Comparison:
 
     def table(self) -> pd.DataFrame:
         """Return the mean differences from the first run, with their intervals."""
-        frames = {
-            label: pd.DataFrame(tables[0].rows, columns=list(tables[0].columns))
-            for label, tables in self.tables.items()
-        }
+        frames = {label: _as_frame(tables[0]) for label, tables in self.tables.items()}
         return pd.concat(frames, names=["run"])
 
     def figure(self, most: int = 4) -> Any:
@@ -304,6 +300,10 @@ class Comparison:
         one, other = self.runs[:2]
         found = changes_to_show(one.result, other.result, self.protocol, most)
         return change_figure(one, other, found, ranked_by(self.protocol)[0])
+
+
+def _as_frame(table: Table) -> pd.DataFrame:
+    return pd.DataFrame(table.rows, columns=list(table.columns))
 
 
 class Transfer:
@@ -365,6 +365,5 @@ class Transfer:
         from dfdbench.figures.comparisons import transfer_figure  # it imports matplotlib
         from dfdbench.figures.style import write_forms
 
-        return write_forms(
-            transfer_figure(self.table(), self.title), self.folder, "transfer", forms
-        )
+        figure = transfer_figure(self.table(), self.title)
+        return write_forms(figure, self.folder, "transfer", forms)

@@ -25,12 +25,12 @@ from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time
 from dfdbench.figures.runs import group_figures, panel_figure
 from dfdbench.figures.sureness import curves_of, sureness_figure
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
+from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
 from dfdbench.results.run_tables import all_tables, region_table
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import RunSummary, summarise
-from dfdbench.results.wording import score_text, seconds_text
+from dfdbench.results.wording import score_text, seconds_text, titled_scores
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import one_by_one
 from dfdbench.system.thumbnails import webp_address
@@ -106,16 +106,10 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         sentences.append(_sentence(members, protocol, sections[-1].heading))
         shown += summaries
     labels = list(dict.fromkeys(run.label for run, _ in shown))
-    title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
-    return Content(
-        f"Depth from defocus: {title}",
-        protocol,
-        tuple(sentences),
-        tuple(labels),
-        tuple(sections),
-        _worst_first(shown, protocol),
-        tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
-    )
+    title = f"Depth from defocus: {labels[0] if len(labels) == 1 else f'{len(labels)} methods'}"
+    parts = tuple(sentences), tuple(labels), tuple(sections)
+    missing = tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without)
+    return Content(title, protocol, *parts, _worst_first(shown, protocol), missing)
 
 
 def _section_of(
@@ -298,10 +292,7 @@ def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
         "name": pair.id,
         "method": run.label,
         "places": {"method": run.label, "scene": pair.scene, **coordinates},
-        "scores": [
-            (metric.title, score_text(pair.score(protocol, name), "undefined"))
-            for name, metric in metrics_of(protocol).items()
-        ],
+        "scores": titled_scores(pair, protocol, "undefined"),
         "seconds": SCORED if pair.seconds is None else f"{seconds_text(pair.seconds)} s",
     }
 

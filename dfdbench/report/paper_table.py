@@ -65,18 +65,16 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
     dataset = board.result.dataset
     pairs = max(standing.entry.result.dataset.expected for standing in board.standings)
     scenes = board.scores["scene"].nunique()
-    return Table(
+    title = (
         f"{dataset.name}, split {dataset.split} "
         f"({counted(pairs, 'pair')} of {counted(scenes, 'scene')}), "
         f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
-        f"dfdbench {PACKAGE_VERSION}",
-        ("method", "given", *headings),
-        rows,
-        "ll" + "r" * len(names),
-        tuple(_notes(board, names)),
-        records=tuple(_record(board, standing, names) for standing in board.standings),
-        label=f"{dataset.name} {dataset.split} {board.protocol}",
+        f"dfdbench {PACKAGE_VERSION}"
     )
+    columns, align = ("method", "given", *headings), "ll" + "r" * len(names)
+    notes, label = tuple(_notes(board, names)), f"{dataset.name} {dataset.split} {board.protocol}"
+    records = tuple(_record(board, standing, names) for standing in board.standings)
+    return Table(title, columns, rows, align, notes, records=records, label=label)
 
 
 def _cells(board: ScoreBoard, name: str) -> list[str]:

@@ -1,6 +1,6 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from dfdbench.errors import Problem, ResultError
@@ -122,17 +122,18 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
     """Return the change of each pair that both runs evaluated and for which the metric exists."""
-    others = {pair.id: pair for pair in second.evaluated}
     found, about = [], find_metric(metric)
-    for pair in first.evaluated:
-        other = others.get(pair.id)
-        if other is None:
-            continue
+    for pair, other in _in_both(first, second):
         before, after = pair.score(protocol, metric), other.score(protocol, metric)
         if before is not None and after is not None:
             change = about.compared(after) - about.compared(before)
             found.append(PairChange(pair, other, change))
     return tuple(found)
+
+
+def _in_both(first: Result, second: Result) -> list[tuple[PairResult, PairResult]]:
+    others = {pair.id: pair for pair in second.evaluated}
+    return [(pair, others[pair.id]) for pair in first.evaluated if pair.id in others]
 
 
 def paired_difference(
@@ -204,9 +205,11 @@ def change_tables(
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
         raise ResultError("no pair was scored in both runs", fix="`dfdbench run` goes on")
-    differences = difference_table(first, second, protocol, names)
-    pairs = pair_table(first, second, protocol, most)
-    return [differences, *[pairs] * bool(pairs.rows)]
+    tables = (
+        difference_table(first, second, protocol, names),
+        pair_table(first, second, protocol, most),
+    )
+    return [table for table in tables if table.rows]
 
 
 def difference_table(
@@ -214,13 +217,12 @@ def difference_table(
 ) -> Table:
     """Return the mean paired difference of each metric, and wins and losses by lighting."""
     dataset = first.dataset
-    places, found = [], []
+    places, found, rows, records = [], [], [], []
     for name in metrics_of(protocol):
         for where, part in _parted(changes(first, second, protocol, name), first):
             groups = [dataset.group_of(change.first.scene) for change in part]
             found.append(paired_difference([c.difference for c in part], groups, name))
             places.append((name, where))
-    rows, records = [], []
     for (name, where), difference in zip(places, corrected(found), strict=True):
         if difference is not None:
             counts = (difference.wins, difference.losses, difference.ties)
@@ -229,17 +231,18 @@ def difference_table(
             records.append({"metric": name, "pairs": where, **_as_record(difference)})
     compared = changes(first, second, protocol, ranked_by(protocol)[0])
     count = len({dataset.group_of(change.first.scene) for change in compared})
-    interval = f"B less A, {interval_name(count)}"
+    notes = [verdict_note(count)] * (count > 1)
+    if len(compared) < dataset.expected:
+        notes.append(f"{len(compared)} of {dataset.expected} pairs were scored in both runs")
+    hashes = [(a.prediction_sha256, b.prediction_sha256) for a, b in _in_both(first, second)]
+    if all(one and one == other for one, other in hashes):
+        notes.append("The depth maps are the same in both runs, to the last digit.")
     a, b = names or (method_label(first.method), method_label(second.method))
-    return Table(
-        f"A: {a}, B: {b}; {dataset.heading}, {protocol}",
-        ("metric", "pairs", interval, "B better", "B worse", "same"),
-        tuple(rows),
-        "lllrrr",
-        tuple(_notes(first, second, protocol, count)),
-        frozenset(before for before, row in enumerate(rows, -1) if row[0]),
-        tuple(records),
-    )
+    title = f"A: {a}, B: {b}; {dataset.heading}, {protocol}"
+    interval = f"B less A, {interval_name(count)}"
+    columns = ("metric", "pairs", interval, "B better", "B worse", "same")
+    rules = frozenset(before for before, row in enumerate(rows, -1) if row[0])
+    return Table(title, columns, tuple(rows), "lllrrr", tuple(notes), rules, tuple(records))
 
 
 def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple[PairChange, ...]]]:
@@ -256,16 +259,6 @@ def _as_record(difference: PairedDifference) -> dict[str, object]:
     values = asdict(difference)
     del values["groups"]
     return {"difference": values.pop("mean"), **values, "verdict": difference.verdict}
-
-
-def _notes(first: Result, second: Result, protocol: str, groups: int) -> Iterator[str]:
-    if groups > 1:
-        yield verdict_note(groups)
-    both = len(changes(first, second, protocol, ranked_by(protocol)[0]))
-    if both < first.dataset.expected:
-        yield f"{both} of {first.dataset.expected} pairs were scored in both runs"
-    if _same_depth_maps(first, second):
-        yield "The depth maps are the same in both runs, to the last digit."
 
 
 def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
@@ -308,9 +301,3 @@ def changes_to_show(
     while left and len(chosen) < count:
         chosen.append(left.pop(left.index(min(left, key=seen))))
     return tuple(sorted(chosen, key=lambda c: (-abs(c.difference), c.first.id)))
-
-
-def _same_depth_maps(first: Result, second: Result) -> bool:
-    others = {pair.id: pair.prediction_sha256 for pair in second.evaluated}
-    both = [pair for pair in first.evaluated if pair.id in others]
-    return all(p.prediction_sha256 and p.prediction_sha256 == others[p.id] for p in both)

@@ -28,13 +28,16 @@ def describe_environment() -> Environment:
     """
     import numba  # slow, and a run with nothing to do needs none of it
 
+    # Only where the method has loaded PyTorch: asking must not load it.
+    torch = sys.modules.get("torch")
+    threads = {"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads()}
     return Environment(
         python=platform.python_version(),
         platform=f"{platform.system()} {platform.machine()}",
         cpu=_processor(),
         cpu_count=os.cpu_count() or 1,
-        threads={"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads(), **_torch()},
-        gpu=_gpu(),
+        threads=threads | ({"torch": torch.get_num_threads()} if torch else {}),
+        gpu=str(torch.cuda.get_device_name()) if torch and torch.cuda.is_available() else None,
         git=_commit(),
         versions={name: found for name in _PACKAGES if (found := _version(name))},
     )
@@ -52,9 +55,7 @@ def software() -> dict[str, str | None]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
-        "numba": _version("numba"),
-        "torch": _version("torch"),
-        "onnxruntime": _version("onnxruntime"),
+        **{name: _version(name) for name in ("numba", "torch", "onnxruntime")},
         "architecture": platform.machine(),
     }
 
@@ -73,19 +74,6 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
-
-
-def _torch() -> dict[str, int]:
-    torch = sys.modules.get("torch")
-    return {"torch": torch.get_num_threads()} if torch else {}
-
-
-def _gpu() -> str | None:
-    # Only where the method has loaded PyTorch: asking must not load it.
-    torch = sys.modules.get("torch")
-    if torch is None or not torch.cuda.is_available():
-        return None
-    return str(torch.cuda.get_device_name())
 
 
 def _commit() -> str | None:

@@ -1,6 +1,6 @@
 """Every score of runs as a pandas table, and tables of a run over tracks."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -52,55 +52,33 @@ def scores_of(results: Sequence[Result], protocols: Collection[str] | None = Non
         A value is NaN if the pair was not evaluated or the metric is undefined; the status is
         ``unanswered`` where pixels lack an answer that the protocol wants.
     """
-    columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
-    for number, result in enumerate(results):
-        labels = [p for p in result.protocol_names if protocols is None or p in protocols]
-        scored = [(label, name) for label in labels for name in _scored_by(result, label)]
-        for name, value in _run(number, result).items():
-            columns[name] += [value] * (len(scored) * len(result.pairs))
-        for name, values in _pairs(result).items():
-            columns[name] += [value for value in values for _ in scored]
-        columns["protocol"] += [label for label, _ in scored] * len(result.pairs)
-        columns["metric"] += [name for _, name in scored] * len(result.pairs)
-        for pair in result.pairs:
-            status = {
-                label: UNANSWERED if pair.lacks_answers(label) else pair.status for label in labels
-            }
-            columns["status"] += [status[label] for label, _ in scored]
-            columns["value"] += [pair.scores.get(label, {}).get(name) for label, name in scored]
-    frame = pd.DataFrame(columns, columns=COLUMNS)
-    return frame.astype({"value": float, "seconds": float})
+    rows = [row for at, result in enumerate(results) for row in _rows(at, result, protocols)]
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"value": float, "seconds": float})
+
+
+def _rows(
+    number: int, result: Result, protocols: Collection[str] | None
+) -> Iterator[tuple[object, ...]]:
+    dataset, method = result.dataset, result.method
+    found = find_degradation(dataset.degradation) if dataset.degradation != CLEAN else None
+    track, severity = (found.track.name, found.severity) if found else (CLEAN, 0)
+    place = (number, part_name(dataset.name)[0], track, severity, dataset.split)
+    run = (*place, method_label(method), parameters_of(result))
+    labels = [p for p in result.protocol_names if protocols is None or p in protocols]
+    scored = {label: _scored_by(result, label) for label in labels}
+    for pair in result.pairs:
+        capture = (pair.id, pair.scene, dataset.group_of(pair.scene), pair.coordinates)
+        for label, names in scored.items():
+            status = UNANSWERED if pair.lacks_answers(label) else pair.status
+            whole, scores = (*run, *capture, status, label), pair.scores.get(label, {})
+            for name in names:
+                yield (*whole, name, scores.get(name), pair.seconds)
 
 
 def _scored_by(result: Result, label: str) -> list[str]:
     """Return the metrics of a protocol that any pair has; all where none has any."""
     there = {name for pair in result.pairs for name in pair.scores.get(label, ())}
     return [name for name in metrics_of(label) if name in there] or list(metrics_of(label))
-
-
-def _run(number: int, result: Result) -> dict[str, object]:
-    dataset = result.dataset
-    found = find_degradation(dataset.degradation) if dataset.degradation != CLEAN else None
-    return {
-        "run": number,
-        "dataset": part_name(dataset.name)[0],
-        "track": found.track.name if found else CLEAN,
-        "severity": found.severity if found else 0,
-        "split": dataset.split,
-        "method": method_label(result.method),
-        "parameters": parameters_of(result),
-    }
-
-
-def _pairs(result: Result) -> dict[str, list[object]]:
-    pairs = result.pairs
-    return {
-        "capture": [pair.id for pair in pairs],
-        "scene": [pair.scene for pair in pairs],
-        "group": [result.dataset.group_of(pair.scene) for pair in pairs],
-        "coordinates": [pair.coordinates for pair in pairs],
-        "seconds": [pair.seconds for pair in pairs],
-    }
 
 
 def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
@@ -259,15 +237,13 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
         for track, interval in zip(shown.index, intervals, strict=True)
     )
     dataset, method = results[0].dataset, results[0].method
-    return Table(
+    title = (
         f"{method_label(method)} on the tracks of {dataset.name.partition('@')[0]}, "
-        f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}",
-        ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities", named),
-        rows,
-        "l" + "r" * (len(shown.columns) + 1),
-        tuple(_notes(results)),
-        records=records,
+        f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}"
     )
+    columns = ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities", named)
+    align = "l" + "r" * (len(columns) - 1)
+    return Table(title, columns, rows, align, tuple(_notes(results)), records=records)
 
 
 def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, float] | None]:

@@ -48,14 +48,9 @@ def region_table(results: Mapping[str, Result]) -> Table:
             for region in REGIONS
         )
         rows.append((name, *map(score_text, means)))
-    dataset = next(iter(results.values())).dataset
-    return Table(
-        f"NRMSE by region, {dataset.heading}",
-        ("method", *REGIONS),
-        tuple(rows),
-        "l" + "r" * len(REGIONS),
-        tuple(f"{name}: {what}" for name, what in REGIONS.items()),
-    )
+    title = f"NRMSE by region, {next(iter(results.values())).dataset.heading}"
+    notes = tuple(f"{name}: {what}" for name, what in REGIONS.items())
+    return Table(title, ("method", *REGIONS), tuple(rows), "l" + "r" * len(REGIONS), notes)
 
 
 def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
@@ -78,16 +73,10 @@ def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
         f"({state}{dataset.evaluated} of {counted(dataset.expected, 'pair')})"
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
-    return Table(
-        title,
-        tuple(columns),
-        tuple(rows),
-        align,
-        tuple(_notes(result, groups)),
-        _rules(groups),
-        tuple(_records(summary, scene_labels(scenes))),
-        label=f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}",
-    )
+    notes, rules = tuple(_notes(result, groups)), _rules(groups)
+    records = tuple(_records(summary, scene_labels(scenes)))
+    label = f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}"
+    return Table(title, tuple(columns), tuple(rows), align, notes, rules, records, label=label)
 
 
 def _cells(group: ScoreGroup) -> list[str]:
@@ -111,15 +100,10 @@ def extremes_table(summary: RunSummary) -> Table:
         place = (str(pair.coordinates[axis]) for axis in axes)
         rows.append((kind, pair.scene, *place, *map(score_text, scores.values())))
         records.append({"of": kind, "pair": pair.id, **scores})
-    return Table(
-        f"best and worst pairs, protocol {title_of(protocol)}",
-        ("", "scene", *axes, *(metric.heading for metric in metrics.values())),
-        tuple(rows),
-        "ll" + "r" * (len(axes) + len(metrics)),
-        (),
-        frozenset({len(top) - 1}),
-        tuple(records),
-    )
+    title = f"best and worst pairs, protocol {title_of(protocol)}"
+    columns = ("", "scene", *axes, *(metric.heading for metric in metrics.values()))
+    align, rules = "ll" + "r" * (len(columns) - 2), frozenset({len(top) - 1})
+    return Table(title, columns, tuple(rows), align, (), rules, tuple(records))
 
 
 def time_table(summary: RunSummary) -> Table:
@@ -137,14 +121,9 @@ def time_table(summary: RunSummary) -> Table:
         machine += f"; GPU: {environment.gpu}"
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
-    return Table(
-        f"seconds per pair, warm, {how}",
-        (*labels, "mean", "std"),
-        tuple(rows),
-        "l" * len(labels) + "rr",
-        (machine,),
-        _rules(groups),
-    )
+    title, columns = f"seconds per pair, warm, {how}", (*labels, "mean", "std")
+    align = "l" * len(labels) + "rr"
+    return Table(title, columns, tuple(rows), align, (machine,), _rules(groups))
 
 
 def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
@@ -236,11 +215,8 @@ def all_tables(
     splits : sequence of Split
         Of the manifest.
     """
-    tables = [
-        *run_tables(summary, scenes),
-        spread_table(summary, splits),
-        *scene_tables(summary, scenes),
-    ]
+    tables = [*run_tables(summary, scenes), spread_table(summary, splits)]
+    tables += scene_tables(summary, scenes)
     return [table for table in tables if table.rows]
 
 
@@ -290,9 +266,8 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
     )
     columns = ("of", "pairs", "", *(metric.heading for metric in metrics.values()))
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
-    return Table(
-        title, columns, tuple(rows), "lrl" + "r" * len(metrics), notes, frozenset(rules[:-1])
-    )
+    align = "lrl" + "r" * len(metrics)
+    return Table(title, columns, tuple(rows), align, notes, frozenset(rules[:-1]))
 
 
 def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
-from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results import output_place, run_folder, run_tables, summary, wording
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.system.thumbnails import depth_map, gallery
@@ -99,10 +98,7 @@ class SavedRun:
                 continue
             images, prediction = found
             (infocus, _), *others = images.thumbnails()
-            scores = ", ".join(
-                f"{metric.title} {wording.score_text(pair.score(protocol, name))}"
-                for name, metric in metrics_of(protocol).items()
-            )
+            scores = ", ".join(map(" ".join, wording.titled_scores(pair, protocol)))
             depth = depth_map(prediction, ~np.isnan(prediction), f"prediction: {scores}")
             rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
         worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
@@ -134,16 +130,11 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     result = load_result(file)
     if not (file.parent / run_folder.PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
-    found: Dataset | None
-    if dataset:
-        store = open_dataset(dataset)
-        if store.fingerprint != result.dataset.fingerprint:
-            what = "the store holds other data than the run was made with"
-            raise ResultError(what, where=f"{store.path}, {file}")
-        found, without = store, ""
-    else:
-        found, without = _find_store(file.parent, result)
+    found, without = (open_dataset(dataset), "") if dataset else _find_store(file.parent, result)
     if found:
+        if found.fingerprint != result.dataset.fingerprint:
+            what = "the store holds other data than the run was made with"
+            raise ResultError(what, where=f"{found.path}, {file}")
         run_folder.require_pairs_of(result, found, file)
     return SavedRun(file, result, found, without)
 

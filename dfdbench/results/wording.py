@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.results.record import MethodRecord, Result
+from dfdbench.metrics.protocol import metrics_of
+from dfdbench.results.record import MethodRecord, PairResult, Result
 from dfdbench.system.text import TRAININGS
 
 NOTHING = "–"
@@ -110,6 +111,12 @@ def _is_taken_for_other(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def titled_scores(pair: PairResult, protocol: str, nothing: str = NOTHING) -> list[tuple[str, str]]:
+    """Return what a pair scores under a protocol: titles of metrics, and texts."""
+    metrics = metrics_of(protocol).items()
+    return [(each.title, score_text(pair.score(protocol, name), nothing)) for name, each in metrics]
 
 
 def score_text(value: float | None, nothing: str = NOTHING) -> str:

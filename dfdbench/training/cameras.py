@@ -32,10 +32,11 @@ from dfdbench.methods.networks.weights import (
 )
 from dfdbench.system.files import write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.system.parallel import OnDone
 from dfdbench.training.configuration import precision_for
 from dfdbench.training.learner import EndedBy
 from dfdbench.training.task import descend, seeded_network
-from dfdbench.training.trainer import WEIGHTS, Log, Row, TrainingFolder, card_of, drive
+from dfdbench.training.trainer import WEIGHTS, Log, OnStep, Row, card_of, drive
 
 E = TypeVar("E")
 #: The largest learning rate, and the steps that lead to it.
@@ -85,7 +86,7 @@ class Course(Generic[E]):
     architecture: Mapping[str, Any]
     recipe: str
     rooms: str
-    of_rooms: Callable[[Path, Callable[[int, int], None] | None], Mapping[str, Sequence[E]]]
+    of_rooms: Callable[[Path, OnDone | None], Mapping[str, Sequence[E]]]
     of_captures: Callable[[Sequence[Capture]], Sequence[E]]
     held_out: Collection[str]
     steps: int
@@ -212,7 +213,7 @@ def train_on_cameras(
     steps: int | None = None,
     max_seconds: float | None = None,
     start: Path | None = None,
-    on_step: Callable[[int, int | None], None] | None = None,
+    on_step: OnStep | None = None,
     fresh: bool = False,
 ) -> tuple[Path, Card, Log]:
     """Train on a CPU until the steps are done or time is up; go on from a checkpoint if there is.
@@ -262,9 +263,8 @@ def train_on_cameras(
         "start": weights_sha256(start) if start else None,
     }
     learner = _Learner(course, examples, seed, steps, start)
-    place = TrainingFolder(folder)
-    with place.held():
-        ended, seconds, log = drive(learner, place, identity, max_seconds, on_step, fresh)
+    ended, seconds, log = drive(learner, folder, identity, max_seconds, on_step, fresh)
+    chosen = {"crop": course.crop, "crops_per_step": course.crops, "learning_rate": RATE}
     last = (log.scores or [{}])[-1]
     scores = [value for name, value in last.items() if name != "step"]
     card = card_of(
@@ -278,12 +278,7 @@ def train_on_cameras(
         dataset=trained_on,
         fingerprint="",
         recipe=course.recipe,
-        configuration={
-            "crop": course.crop,
-            "crops_per_step": course.crops,
-            "learning_rate": RATE,
-            "steps": steps,
-        },
+        configuration={**chosen, "steps": steps},
         seed=seed,
         scored_on=f"cameras held out: {', '.join(learner.held)}" if learner.held else "nothing",
         scores={},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError
-from dfdbench.system.parallel import one_by_one
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import Expansion
 
 #: What cross-entropy leaves out.
@@ -85,7 +85,8 @@ class PatchPlace:
     degradation : Degradation, optional
         The track and its severity that form the patch, where these are drawn.
     name : str
-        What is drawn on the track follows from it.
+        Direction, gain and noise on the track follow from it. It begins with ``training``, which no
+        pair's does, so that no noise of a data set is drawn again.
     """
 
     index: int
@@ -181,20 +182,6 @@ class RandomTracks:
         """Draw a track and a severity."""
         return self._drawn[int(random.integers(len(self._drawn)))]
 
-    def form(
-        self,
-        infocus: NDArray[np.uint8],
-        depth: NDArray[np.uint8],
-        degradation: Degradation,
-        name: str,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Return a patch's two images, (y, x, 3); direction, gain and noise follow from its name.
-
-        Names of patches begin with ``training``, which no pair's does, so that no noise of a data
-        set is drawn again.
-        """
-        return form_pair(infocus, depth, self._recipe, degradation, f"training/{name}")
-
 
 @dataclass
 class Cropper:
@@ -274,7 +261,7 @@ class Cropper:
             depth = self.redraw.choose(random) if self.redraw else None
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
             track = self.tracks.choose(random) if self.tracks else None
-            name = f"{self.seed}/{step}/{number}"
+            name = f"training/{self.seed}/{step}/{number}"
             places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
 
@@ -293,7 +280,8 @@ class Cropper:
         depth = truth.clamp(min=0).byte().numpy()
         redrawn = self.redraw.levels(depth, place.depth)
         if self.tracks and track:
-            infocus, defocus = self.tracks.form(infocus, redrawn, track, place.name)
+            recipe = self.redraw.recipe
+            infocus, defocus = form_pair(infocus, redrawn, recipe, track, place.name)
         else:
             defocus = synthesize(infocus, redrawn, self.redraw.recipe)
         both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
@@ -394,23 +382,14 @@ class Selections:
         found: list[dict[str, object]] = []
         for number, (pair, patches) in enumerate(zip(self.pairs, self.patches, strict=True)):
             uses = self.uses(number)
-            found.append(
-                {
-                    "pair": pair,
-                    "patches": int(patches),
-                    "pixel_least": int(uses.min()),
-                    "pixel_mean": round(float(uses.mean()), 3),
-                    "pixel_most": int(uses.max()),
-                }
-            )
+            ends, mean = (int(uses.min()), int(uses.max())), round(float(uses.mean()), 3)
+            of_pixels = {"pixel_least": ends[0], "pixel_mean": mean, "pixel_most": ends[1]}
+            found.append({"pair": pair, "patches": int(patches), **of_pixels})
         return found
 
 
 def selections_of(
-    cropper: Cropper,
-    pairs: Sequence[str],
-    steps: int,
-    on_step: Callable[[int, int], None] | None = None,
+    cropper: Cropper, pairs: Sequence[str], steps: int, on_step: OnDone | None = None
 ) -> Selections:
     """Return what a training of so many steps drew: a step's patches follow from its number.
 

@@ -22,7 +22,7 @@ from dfdbench.training.configuration import TrainingConfiguration, read_configur
 from dfdbench.training.learner import EndedBy
 from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image, write_tables
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
-from dfdbench.training.trainer import WEIGHTS, train
+from dfdbench.training.trainer import WEIGHTS, OnStep, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -181,10 +181,7 @@ def trials(
 
 
 def run_trial(
-    trial: Trial,
-    max_seconds: float | None,
-    device: str,
-    on_step: Callable[[int, int | None], None] | None = None,
+    trial: Trial, max_seconds: float | None, device: str, on_step: OnStep | None = None
 ) -> Card:
     """Train, or go on with it; of a training that has ended, return the card.
 
@@ -241,14 +238,11 @@ def run_trials(
 
 def _is_of(card: Card, task: Task, device: str) -> bool:
     begun = f"SHA-256 {weights_sha256(task.start)[:16]}" if task.start else ""
-    return (
-        TrainingConfiguration.model_validate(card.configuration)
-        == settled(task.configuration, find_device(device))
-        and (card.fingerprint, card.trained_on, card.seed)
-        == (task.store.fingerprint, task.trained_on, task.seed)
-        and begun in card.started_from
-        and bool(begun) == bool(card.started_from)
-    )
+    chosen = TrainingConfiguration.model_validate(card.configuration)
+    same = chosen == settled(task.configuration, find_device(device))
+    facts = (task.store.fingerprint, task.trained_on, task.seed)
+    same = same and facts == (card.fingerprint, card.trained_on, card.seed)
+    return same and begun in card.started_from and bool(begun) == bool(card.started_from)
 
 
 def experiment_table(
@@ -288,14 +282,9 @@ def experiment_table(
     notes = [f"{some.method} on {some.dataset}, protocol {protocol}"] if some else []
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
     heading = experiment.varies.replace("_", " ") or "value"
-    return Table(
-        experiment.title,
-        (heading, "trainings", "", *(metric.heading for metric in METRICS.values())),
-        tuple(rows),
-        "lrl" + "r" * len(METRICS),
-        tuple(notes),
-        records=tuple(records),
-    )
+    columns = (heading, "trainings", "", *(metric.heading for metric in METRICS.values()))
+    title, align = experiment.title, "lrl" + "r" * len(METRICS)
+    return Table(title, columns, tuple(rows), align, tuple(notes), records=tuple(records))
 
 
 _STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {

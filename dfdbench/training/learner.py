@@ -94,35 +94,31 @@ class DlibSchedule:
     """
 
     def __init__(self, configuration: TrainingConfiguration) -> None:
-        self._patience = configuration.patience
-        self._shrink = configuration.shrink
-        self._least = configuration.minimum_learning_rate
-        self._steps = configuration.steps
+        self._choices = configuration
         self._losses: list[float] = []
         self._step = 0
         self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
         """Note a loss; lower the rate if dlib would."""
-        self._step = step
-        self._losses = [*self._losses[-self._patience + 1 :], loss]
-        due = step % (self._patience // _BUDGET_A_STEP + 1) == 0
-        if not due or len(self._losses) < self._patience:
+        patience, self._step = self._choices.patience, step
+        self._losses = [*self._losses[-patience + 1 :], loss]
+        due = step % (patience // _BUDGET_A_STEP + 1) == 0
+        if not due or len(self._losses) < patience:
             return
         kept = without_largest(self._losses)
         if max(probability_of_fall(self._losses), probability_of_fall(kept)) < _SURE:
-            self.rate *= self._shrink
-            del self._losses[: _DROPPED + self._patience // 10]
+            self.rate *= self._choices.shrink
+            del self._losses[: _DROPPED + patience // 10]
 
     @property
     def ended(self) -> str:
         """Why training has ended; empty if it has not."""
         # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
-        if self.rate <= self._least * (1 + 1e-6):
-            return f"{EndedBy.LEARNING_RATE} {self._least:g}"
-        if self._steps is not None and self._step >= self._steps:
-            return EndedBy.STEPS
-        return ""
+        least, steps = self._choices.minimum_learning_rate, self._choices.steps
+        if self.rate <= least * (1 + 1e-6):
+            return f"{EndedBy.LEARNING_RATE} {least:g}"
+        return EndedBy.STEPS if steps is not None and self._step >= steps else ""
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
@@ -210,7 +206,8 @@ def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
     slope = float(steps @ centred / (steps @ steps))
     residual = centred - slope * steps
     error = float(np.sqrt(residual @ residual / (values.size - 2) / (steps @ steps)))
-    least = _rounding(values)
+    # Below this, slopes and their errors are the sums' own rounding.
+    least = float(1e-12 * max(1.0, np.abs(values).max()))
     if error > least:
         return float(ndtr(-slope / error))
     return 0.5 if abs(slope) <= least else float(slope < 0)
@@ -228,11 +225,6 @@ def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     highest = int((values.size - 1) * 0.9 + 0.5)
     kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
     return kept
-
-
-def _rounding(values: NDArray[np.float64]) -> float:
-    # Below this, slopes and their errors are the sums' own rounding.
-    return float(1e-12 * max(1.0, np.abs(values).max()))
 
 
 class Learner:
@@ -277,14 +269,13 @@ class Learner:
         self.architecture["channel_means"] = images.channel_means()
         network, self.started_from = _beginning(task, self.architecture)
         self.network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimizer = torch.optim.Adam(
-            _parameter_groups(self.network, choices.weight_decay, choices.decay_prelu),
-            choices.learning_rate,
-            betas=choices.betas,
-            fused=True,
-        )
+        groups = _parameter_groups(self.network, choices.weight_decay, choices.decay_prelu)
+        rate, betas = choices.learning_rate, choices.betas
+        self._optimizer = torch.optim.Adam(groups, rate, betas=betas, fused=True)
         self.schedule = schedule_of(choices)
-        self.cropper = _cropper(task, images)
+        drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
+        redraw, tracks = _redraw(task, images), training_tracks(task)
+        self.cropper = Cropper(images, *drawn, task.seed, redraw, tracks)
         if choices.initial_filters == "differences" and task.start is None:
             first_patches, _ = self.cropper.draw(0)
             start_from_differences(self.network, first_patches)
@@ -373,20 +364,6 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
     what = "the weights are of another network"
     require_same(card.architecture, architecture, what, str(task.start))
     return network, described(task.start, card)
-
-
-def _cropper(task: Task, images: TrainingImages) -> Cropper:
-    choices = task.configuration
-    return Cropper(
-        images,
-        choices.crop,
-        choices.crops_per_step,
-        choices.expansion,
-        choices.noise,
-        task.seed,
-        _redraw(task, images),
-        training_tracks(task),
-    )
 
 
 def _redraw(task: Task, images: TrainingImages) -> Redraw | None:

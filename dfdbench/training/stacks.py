@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from dfdbench.methods.networks.stack import StackNet, places_of
 from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.shape_from_focus import focus_places
 from dfdbench.methods.stack_net import greys_of
-from dfdbench.system.parallel import one_by_one
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.cameras import Course, cut, keep_arrays, loss_of, side_of, turned
 
 #: What rendered stacks are called on a card.
@@ -56,9 +56,7 @@ class Stack:
     truth: NDArray[np.float32]
 
 
-def room_stacks(
-    folder: Path, on_camera: Callable[[int, int], None] | None = None
-) -> dict[str, list[Stack]]:
+def room_stacks(folder: Path, on_camera: OnDone | None = None) -> dict[str, list[Stack]]:
     """Return stacks of rendered rooms by camera; what the folder holds is not made again.
 
     Parameters

@@ -109,11 +109,8 @@ def task_of(
     else:
         train = store.pairs(split)
         partition = {item.name: item.partition for item in manifest.splits}
-        others = [
-            name
-            for name, found in partition.items()
-            if name != split and found == partition.get(split)
-        ]
+        own = partition.get(split)
+        others = [name for name in partition if name != split and partition[name] == own]
         tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
     if configuration.tracks:
         every = list(configuration.tracks) == list(OF_PATCHES)

@@ -6,8 +6,8 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -29,6 +29,8 @@ from dfdbench.training.learner import EndedBy, Learner
 from dfdbench.training.task import PROTOCOL, Task, same_threads
 
 _SAVE_SECONDS = 60.0
+#: Called with (steps done, steps in all if known).
+OnStep = Callable[[int, int | None], None]
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def train(
     folder: Path,
     max_seconds: float | None = None,
     device: str = "auto",
-    on_step: Callable[[int, int | None], None] | None = None,
+    on_step: OnStep | None = None,
     fresh: bool = False,
 ) -> TrainingOutcome:
     """Train until the schedule ends or time is up, from the folder's checkpoint if it has one.
@@ -88,10 +90,8 @@ def train(
     # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
     task = replace(task, configuration=settled(task.configuration, found))
     learner = Learner(task, found)
-    place = TrainingFolder(folder)
     try:
-        with place.held():
-            ended, seconds, log = drive(learner, place, task.identity, max_seconds, on_step, fresh)
+        ended, seconds, log = drive(learner, folder, task.identity, max_seconds, on_step, fresh)
         choices = task.configuration
         hardly = choices.schedule == "cosine" and learner.step < choices.warm_up
         if ended == EndedBy.TIME_LIMIT and hardly:
@@ -166,10 +166,10 @@ class Trainee(Protocol):
 
 def drive(
     learner: Trainee,
-    folder: TrainingFolder,
+    folder: Path,
     identity: Mapping[str, Any],
     max_seconds: float | None,
-    on_step: Callable[[int, int | None], None] | None,
+    on_step: OnStep | None,
     fresh: bool,
 ) -> tuple[str, float, Log]:
     """Let a network learn, and save it every minute; return why it ended, seconds and log.
@@ -178,46 +178,52 @@ def drive(
     ----------
     learner : Trainee
         What learns.
-    folder : TrainingFolder
+    folder : Path
         Where checkpoint and log go; a checkpoint in it is gone on from.
     identity : mapping
         What must be the same to go on.
     max_seconds, on_step, fresh
         As of `train`.
+
+    Raises
+    ------
+    InputError
+        If another process is at a training there.
     """
-    log, seconds = Log(), 0.0
+    log, seconds, place = Log(), 0.0, TrainingFolder(folder)
 
     def save() -> None:
         log.levels = learner.levels()
-        folder.save(identity, {**learner.state(), "seconds": seconds}, log)
+        place.save(identity, {**learner.state(), "seconds": seconds}, log)
 
     def ended() -> str:
         late = max_seconds is not None and seconds >= max_seconds
         return learner.ended or (EndedBy.TIME_LIMIT if late else "")
 
-    if fresh:
-        folder.clear()
-    if folder.started:
-        state, log = folder.load(identity)
-        seconds = state.pop("seconds")
-        learner.restore(state)
-    else:
-        # Report a folder that cannot be written now, not after the first minute.
-        save()
-    saved = time.monotonic()
-    begin = saved - seconds
-    while not ended():
-        rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
-        log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
-        if on_step:
-            on_step(learner.step, learner.steps)
-        now = time.monotonic()
-        seconds = now - begin
-        if scores := learner.scores(bool(ended())):
-            log.scores.append({"step": learner.step, **scores})
-        if ended() or now - saved >= _SAVE_SECONDS:
+    with place.held():
+        if fresh:
+            place.clear()
+        if place.started:
+            state, log = place.load(identity)
+            seconds = state.pop("seconds")
+            learner.restore(state)
+        else:
+            # Report a folder that cannot be written now, not after the first minute.
             save()
-            saved = now
+        saved = time.monotonic()
+        begin = saved - seconds
+        while not ended():
+            rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
+            log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
+            if on_step:
+                on_step(learner.step, learner.steps)
+            now = time.monotonic()
+            seconds = now - begin
+            if scores := learner.scores(bool(ended())):
+                log.scores.append({"step": learner.step, **scores})
+            if ended() or now - saved >= _SAVE_SECONDS:
+                save()
+                saved = now
     return ended(), seconds, log
 
 
@@ -267,6 +273,7 @@ class Log:
     levels: list[Row] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
 class TrainingFolder:
     """The files of one training.
 
@@ -276,8 +283,7 @@ class TrainingFolder:
         The folder.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    path: Path
 
     @property
     def started(self) -> bool:
@@ -295,14 +301,12 @@ class TrainingFolder:
         """True if a training left anything here, even only a log."""
         return any((self.path / name).exists() for name in _OWN)
 
-    @contextmanager
-    def held(self) -> Iterator[None]:
+    def held(self) -> AbstractContextManager[None]:
         """Lock it for one training; raise an InputError if another process is at one there."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         fix = "wait for it to end, or choose another folder with --out"
         taken = InputError("another training writes here", where=str(self.path), fix=fix)
-        with hold(self.path.with_name(f".{self.path.name}.lock"), taken):
-            yield
+        return hold(self.path.with_name(f".{self.path.name}.lock"), taken)
 
     def clear(self) -> None:
         """Remove the files of an earlier training, and no others."""

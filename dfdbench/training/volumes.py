@@ -29,7 +29,7 @@ from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
-from dfdbench.system.parallel import one_by_one
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.cameras import Course, cut, keep_arrays, loss_of, side_of, turned
 
 Array = NDArray[Any]
@@ -106,22 +106,16 @@ def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
         sharp, blurred = sharp_and_blurred(capture.stack)
         volume, told = halved_costs(laws, sharp, blurred, COUNT)
         others = np.delete(shares, number, axis=0) if len(shares) > 1 else shares
-        examples.append(
-            Example(
-                roots_of(volume),
-                roots_of(along_paths(volume)),
-                np.rint(np.minimum(TOLD_STEPS * np.log1p(told), 255)).astype(np.uint8),
-                guide_of(sharp).astype(np.float16),
-                np.where(capture.valid, capture.levels.astype(np.int16), np.int16(-1)),
-                -energy_of(others)[levels_of(COUNT)].astype(np.float32),
-            )
-        )
+        costs = roots_of(volume), roots_of(along_paths(volume))
+        steps = np.rint(np.minimum(TOLD_STEPS * np.log1p(told), 255)).astype(np.uint8)
+        guide = guide_of(sharp).astype(np.float16)
+        levels = np.where(capture.valid, capture.levels.astype(np.int16), np.int16(-1))
+        prior = -energy_of(others)[levels_of(COUNT)].astype(np.float32)
+        examples.append(Example(*costs, steps, guide, levels, prior))
     return examples
 
 
-def room_examples(
-    folder: Path, on_camera: Callable[[int, int], None] | None = None
-) -> dict[str, list[Example]]:
+def room_examples(folder: Path, on_camera: OnDone | None = None) -> dict[str, list[Example]]:
     """Return examples of rendered rooms by camera; what the folder holds is not made again.
 
     Parameters
@@ -306,14 +300,9 @@ def _crop(
         for roots in (example.roots, example.paths)
     )
     told = turned(example.told[half], turns) / np.float32(TOLD_STEPS) + np.log(stretch)
-    return (
-        volume,
-        paths,
-        told[np.newaxis],
-        turned(example.guide[whole], turns)[np.newaxis],
-        np.zeros_like(example.prior) if without else example.prior,
-        turned(example.levels[whole], turns),
-    )
+    guide, levels = (turned(each[whole], turns) for each in (example.guide, example.levels))
+    prior = np.zeros_like(example.prior) if without else example.prior
+    return volume, paths, told[np.newaxis], guide[np.newaxis], prior, levels
 
 
 def _loss(
@@ -329,13 +318,10 @@ def error_of(network: VolumeNet, example: Example) -> float:
     """Return the root mean square error over the known pixels, as a part of the scale."""
     rows, columns = (size // _MULTIPLE * _MULTIPLE for size in example.levels.shape)
     half = np.s_[..., : rows // 2, : columns // 2]
-    given = (
-        nats_of(example.roots[half]),
-        nats_of(example.paths[half]),
-        example.told[half][np.newaxis] / np.float32(TOLD_STEPS),
-        example.guide[np.newaxis, :rows, :columns].astype(np.float32),
-        example.prior,
-    )
+    costs = nats_of(example.roots[half]), nats_of(example.paths[half])
+    told = example.told[half][np.newaxis] / np.float32(TOLD_STEPS)
+    guide = example.guide[np.newaxis, :rows, :columns].astype(np.float32)
+    given = (*costs, told, guide, example.prior)
     answer = network(*(torch.from_numpy(each)[np.newaxis] for each in given))
     mean = mean_and_variance(answer[0], answer[1], DEPTHS)[0][0].numpy()
     truth = example.levels[:rows, :columns]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board import cards, ranking, submission
 from dfdbench.board.board import leaderboard
 from dfdbench.datasets.manifest import Pair
@@ -82,3 +83,27 @@ def scored(name: str, value: float) -> Result:
     made = make_demo_result(lambda pair: value, name)
     method = {"scored": "levels", "entry": "scored, not run"}
     return edited(made, pairs={"seconds": None}, method=method)
+
+
+ALL = list(SUITES["tracks-1"])
+
+
+def make_tracks(
+    name: str = "mine", value: float = 0.1, labels: Sequence[str] = ALL, **method: Any
+) -> dict[str, Result]:
+    """Runs on the demo set and on tracks of it: 0 on clean images, `value` on each track."""
+    clean = make_demo_result(lambda pair: 0.0, name)
+    tracked = make_demo_result(lambda pair: value, name)
+    found = {}
+    for number, label in enumerate([CLEAN, *labels]):
+        dataset: dict[str, Any] = {"fingerprint": f"{number:064x}"}
+        own = dict(method)
+        if label != CLEAN:
+            dataset |= {"name": f"demo-1@{label}", "short": f"demo@{label}", "degradation": label}
+            dataset["recipe"] = {"name": "", "parameters": {}}
+        elif own.get("fitted_on"):
+            own["fitted_on"] = None
+        texts = {k: v.format(label=label) for k, v in own.items() if isinstance(v, str)}
+        result = clean if label == CLEAN else tracked
+        found[label] = edited(result, dataset=dataset, method=own | texts)
+    return found

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board.board import leaderboard
+from dfdbench.board.board import draw_seed, leaderboard, read_draws
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.errors import ResultError, UnknownNameError
-from tests.board.made_boards import add, add_card, submit
-from tests.board.made_tracks import make_tracks
-from tests.made_results import make_demo_result
+from dfdbench.errors import InputError, ResultError, UnknownNameError
+from tests.board.made_boards import add, add_card, make_tracks, submit
+from tests.made_results import edited, make_demo_result
 
 NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")
 
@@ -67,12 +66,8 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     assert "## Rooms nobody has seen: not run yet" in text
     assert "make leaderboard" in text
     for seed, value in ((7, 0.2), (12, 0.3)):
-        result = make_demo_result(
-            dict.fromkeys(find_manifest(f"unseen-{seed}").pairs("test"), value).__getitem__,
-            protocols=("valid",),
-            dataset=f"unseen-{seed}",
-        )
-        submit(result, tmp_path)
+        scores = dict.fromkeys(find_manifest(f"unseen-{seed}").pairs("test"), value)
+        submit(make_demo_result(scores.__getitem__, dataset=f"unseen-{seed}"), tmp_path)
     draws = [
         {"seed": 31, "drawn": True, "date": "2026-11-25", "commit": "abd"},
         {"seed": 12, "drawn": True, "date": "2026-11-24", "commit": "abc"},
@@ -134,3 +129,40 @@ def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> Non
     path.write_text(json.dumps(content))
     with pytest.raises(ResultError, match=r"two has no nrmse under valid.*illumination2/exposure2"):
         leaderboard(tmp_path)
+
+
+def at_commit(monkeypatch: pytest.MonkeyPatch, commit: str | None) -> None:
+    environment = edited(make_demo_result(lambda pair: 0.1).environment, git=commit)
+    monkeypatch.setattr("dfdbench.results.environment.describe_environment", lambda: environment)
+
+
+def test_a_seed_is_drawn_and_written_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    at_commit(monkeypatch, "abc")
+    first, second = draw_seed(tmp_path), draw_seed(tmp_path)
+    assert first.seed != second.seed
+    assert (first.drawn, first.commit) == (True, "abc")
+    assert read_draws(tmp_path) == [second, first]
+
+
+def test_a_seed_stays_drawn_at_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    at_commit(monkeypatch, "abc")
+    first = draw_seed(tmp_path)
+    named = draw_seed(tmp_path, 7)
+    assert not named.drawn
+    assert draw_seed(tmp_path, first.seed) == first
+    at_commit(monkeypatch, "abd")
+    again = draw_seed(tmp_path, str(first.seed))
+    assert (again.drawn, again.commit) == (False, "abd")
+    assert read_draws(tmp_path) == [again, named]
+
+
+def test_what_no_commit_holds_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for commit in (None, "abc-dirty"):
+        at_commit(monkeypatch, commit)
+        with pytest.raises(ResultError, match="in no commit"):
+            draw_seed(tmp_path)
+    at_commit(monkeypatch, "abc")
+    for seed in ("x", -1, "1.5", "007"):
+        with pytest.raises(InputError, match="not a seed"):
+            draw_seed(tmp_path, seed)
+    assert not list(tmp_path.iterdir())

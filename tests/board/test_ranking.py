@@ -11,8 +11,7 @@ from dfdbench.board.board import leaderboard
 from dfdbench.board.ranking import ScoreBoard, boards, mean_of_all, over_tracks
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
-from tests.board.made_boards import add, entry_of, only_board, scored, submit
-from tests.board.made_tracks import ALL, make_tracks
+from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
 from tests.made_results import edited, limited, make_demo_result
 
 

@@ -10,7 +10,7 @@ import pytest
 from dfdbench.board.row_file import read_row, row_of, row_problems, row_text, training_problems
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
-from tests.board.made_tracks import make_tracks
+from tests.board.made_boards import make_tracks
 from tests.made_results import edited, limited, make_demo_result
 
 WEIGHTS = "5" * 64

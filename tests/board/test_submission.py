@@ -10,8 +10,7 @@ from dfdbench.board.row_file import read_row
 from dfdbench.board.submission import submit as submit_only
 from dfdbench.errors import ResultError
 from dfdbench.methods.registry import built_in_methods
-from tests.board.made_boards import add_card, submit
-from tests.board.made_tracks import make_tracks
+from tests.board.made_boards import add_card, make_tracks, submit
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 
@@ -60,10 +59,8 @@ def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> N
 
 def test_a_row_is_named_by_its_methods_card(tmp_path: Path) -> None:
     add_card(tmp_path, "wide", "mine", parameters={"window": 9})
-    plain, wide = (
-        make_demo_result(lambda p: 0.1),
-        make_demo_result(lambda p: 0.1, parameters={"window": 9}),
-    )
+    plain = make_demo_result(lambda p: 0.1)
+    wide = make_demo_result(lambda p: 0.1, parameters={"window": 9})
     assert submit_only(wide, tmp_path) == tmp_path / "results/demo-1-test/wide.json"
     with pytest.raises(ResultError, match=r"mine has no card.*methods"):
         submit_only(plain, tmp_path)

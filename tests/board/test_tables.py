@@ -9,8 +9,7 @@ from dfdbench.board import ranking, tables
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
-from tests.board.made_boards import add, entry_of, only_board, scored, submit
-from tests.board.made_tracks import ALL, make_tracks
+from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 HERE = Path(__file__)
@@ -131,12 +130,8 @@ def test_a_row_shows_clean_beside_the_mean_of_each_track(tmp_path: Path) -> None
     )  # fmt: skip
     assert table.rows[0][:11] == ("1", "mine", "0.0000", *["0.2500"] * 8)
     record = table.records[0]
-    assert [record[f"nmae{part}"] for part in ("", " camera-3", " camera", " clean")] == [
-        0.125,
-        0.125,
-        0.125,
-        0.0,
-    ]
+    parts = ("", " camera-3", " camera", " clean")
+    assert [record[f"nmae{part}"] for part in parts] == [0.125, 0.125, 0.125, 0.0]
 
 
 def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path) -> None:

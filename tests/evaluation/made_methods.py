@@ -1,5 +1,6 @@
 """Methods made for the tests of what calls them."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,3 +34,39 @@ def method(predict: Any, source: str = "0" * 64) -> Method:
 
 def grey(infocus: Any, defocus: Any) -> Any:
     return infocus[..., 0]
+
+
+#: Fitted to the mean depth of the training pairs, whose images it then spoils.
+MEAN = """
+import numpy as np
+
+class Mean:
+    fits = 0
+
+    def __init__(self, recipe=None, keep=True, wrong=False):
+        self.recipe, self.keep, self.wrong, self.level = recipe, keep, wrong, None
+
+    def fit(self, pairs):
+        type(self).fits += 1
+        if self.wrong:
+            raise RuntimeError("too dark")
+        level = np.mean([pair.depth[pair.valid].mean() for pair in pairs])
+        for pair in pairs:
+            for image in (pair.infocus, pair.defocus, pair.depth, pair.valid):
+                image[:] = 0
+        if self.keep:
+            return {"level": level}
+        self.level = level
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+"""
+
+
+def write_mean(folder: Path) -> str:
+    """Write it into a folder, and return its entry."""
+    (folder / "mean.py").write_text(MEAN)
+    return f"{folder / 'mean.py'}:Mean"

@@ -24,40 +24,12 @@ from dfdbench.methods.method import Method
 from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Pool, Processes
 from tests.conftest import TINY_TOML, store_of
-
-MEAN = """
-import numpy as np
-
-class Mean:
-    fits = 0
-
-    def __init__(self, recipe=None, keep=True, wrong=False):
-        self.recipe, self.keep, self.wrong, self.level = recipe, keep, wrong, None
-
-    def fit(self, pairs):
-        type(self).fits += 1
-        if self.wrong:
-            raise RuntimeError("too dark")
-        level = np.mean([pair.depth[pair.valid].mean() for pair in pairs])
-        for pair in pairs:
-            for image in (pair.infocus, pair.defocus, pair.depth, pair.valid):
-                image[:] = 0
-        if self.keep:
-            return {"level": level}
-        self.level = level
-
-    def restore(self, learned):
-        self.level = learned["level"]
-
-    def __call__(self, infocus, defocus):
-        return np.full(infocus.shape[:2], self.level)
-"""
+from tests.evaluation.made_methods import write_mean
 
 
 @pytest.fixture
 def mean(tmp_path: Path) -> str:
-    (tmp_path / "mean.py").write_text(MEAN)
-    return f"{tmp_path / 'mean.py'}:Mean"
+    return write_mean(tmp_path)
 
 
 Run = Callable[..., RunDone]
@@ -115,10 +87,9 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
     assert list(fit.learned) == ["level"]
     assert fit.learned["level"] == pytest.approx(mean_of(tiny_store, *trains))
     named, pairs = training_pairs(store, split)
-    assert (named, [pair.scene for pair in pairs.pairs]) == (
-        name,
-        [pair.scene for scene in trains for pair in store.pairs(scene)],
-    )
+    assert named == name
+    expected = [pair.scene for scene in trains for pair in store.pairs(scene)]
+    assert [pair.scene for pair in pairs.pairs] == expected
 
 
 def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(

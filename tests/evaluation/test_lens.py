@@ -17,12 +17,8 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.results.wording import given_to
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
-FACTS: dict[str, Any] = {
-    "focal_length": 0.05,
-    "defocus_f_number": 2.0,
-    "focus_distance": 1.05,
-    "pixel_pitch": 1e-4,
-}
+FACTS: dict[str, Any] = {"focal_length": 0.05, "defocus_f_number": 2.0}
+FACTS |= {"focus_distance": 1.05, "pixel_pitch": 1e-4}
 LENS = {**FACTS, "scale": SCALE.model_dump()}
 
 

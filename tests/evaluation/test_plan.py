@@ -3,6 +3,7 @@ import shutil
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from dfdbench.errors import StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
+from dfdbench.methods.method import Method
 from dfdbench.results.record import RESULT, load_result
 from tests.evaluation.made_methods import Counting, method
 
@@ -56,34 +58,26 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Datase
     first = plan.identity
     weights = Counting()
     weights.weights_sha256 = "2" * 64  # type: ignore[attr-defined]
-    others = [
-        plan_run(tiny_store, other, "test", RunOptions()).identity
-        for other in (
-            method(Counting(), "1" * 64),
-            replace(plan.method, entry="tests:Other"),
-            replace(plan.method, parameters={"window": 9}),
-            method(weights),
-        )
-    ]
-    others += [
-        plan_run(tiny_store, plan.method, "One", RunOptions()).identity,
-        plan_run(of_smaller_crop(tiny_store), plan.method, "test", RunOptions()).identity,
-        plan_run(tiny_store, plan.method, "test", RunOptions(seed=1)).identity,
+
+    def identity(
+        method: Method, split: str = "test", store: Dataset = tiny_store, **options: Any
+    ) -> dict[str, Any]:
+        return plan_run(store, method, split, RunOptions(**options)).identity
+
+    others = {
+        "used": identity(method(Counting(), "1" * 64)),
+        "entry used": identity(replace(plan.method, entry="tests:Other")),
+        "parameters": identity(replace(plan.method, parameters={"window": 9})),
+        "weights_sha256": identity(method(weights)),
+        "split": identity(plan.method, "One"),
+        "manifest_sha256": identity(plan.method, store=of_smaller_crop(tiny_store)),
+        "seed": identity(plan.method, seed=1),
         # Depth maps that were not kept cannot be taken over.
-        plan_run(tiny_store, plan.method, "test", RunOptions(keep_predictions=False)).identity,
-    ]
-    assert first not in others
+        "keep_predictions": identity(plan.method, keep_predictions=False),
+    }
     # Each differs in what was changed, and in nothing else.
-    assert [[name for name in first if first[name] != other[name]] for other in others] == [
-        ["used"],
-        ["entry", "used"],
-        ["parameters"],
-        ["weights_sha256"],
-        ["split"],
-        ["manifest_sha256"],
-        ["seed"],
-        ["keep_predictions"],
-    ]
+    for changed, other in others.items():
+        assert " ".join(name for name in first if first[name] != other[name]) == changed
 
 
 def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Dataset) -> None:

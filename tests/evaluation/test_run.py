@@ -10,7 +10,7 @@ import xarray
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import ResultError, StoreError
+from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
@@ -191,12 +191,6 @@ def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_
     assert run.result.averages is None
     lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
     assert any("lacks 1 of 7" in text and lacking in text for text in run.result.warnings)
-    for scene in ("Two", "Three"):
-        for png in (tiny_folder / scene).rglob("*.png"):
-            png.unlink()
-    other = store_of(tiny_manifest, tiny_folder, tmp_path / "o.zarr")
-    with pytest.raises(StoreError, match="no pair of split test"):
-        run_method(other, method(Counting()), "test", tmp_path / "o")
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import write_registration
-from tests.board.made_boards import add, submit
-from tests.board.made_tracks import make_tracks
+from tests.board.made_boards import add, make_tracks, submit
 from tests.conftest import TINY_TOML, make_tiny_set
 from tests.evaluation.made_predictions import write_all
 from tests.made_folder import FOLDER_TOML, make_folder, photograph

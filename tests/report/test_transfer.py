@@ -9,20 +9,7 @@ import dfdbench
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError, InputError
 from tests.conftest import TINY_TOML
-
-MEAN = """
-import numpy as np
-
-class Mean:
-    def fit(self, pairs):
-        return {"level": np.mean([pair.levels[pair.valid].mean() for pair in pairs])}
-
-    def restore(self, learned):
-        self.level = learned["level"]
-
-    def __call__(self, infocus, defocus):
-        return np.full(infocus.shape[:2], self.level, np.float32)
-"""
+from tests.evaluation.made_methods import write_mean
 
 
 @pytest.fixture
@@ -38,8 +25,7 @@ def dark_store(tiny_folder: Path, tmp_path: Path) -> Dataset:
 def test_a_fit_costs_on_other_sets(
     tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
 ) -> None:
-    (tmp_path / "mean.py").write_text(MEAN)
-    run = partial(dfdbench.run_transfer, f"{tmp_path}/mean.py:Mean", [tiny_store, dark_store])
+    run = partial(dfdbench.run_transfer, write_mean(tmp_path), [tiny_store, dark_store])
     found = run(out=tmp_path / "runs")
     assert list(found.table().index) == list(found.table().columns) == ["tiny", "dark"]
     means = found.table().to_numpy()
@@ -54,20 +40,19 @@ def test_a_fit_costs_on_other_sets(
 
 
 def test_refusals_say_why(tiny_store: Dataset, dark_store: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "mean.py").write_text(MEAN)
+    mean = write_mean(tmp_path)
     with pytest.raises(InputError, match="each named once; got 2"):
         dfdbench.run_transfer("local", [tiny_store, tiny_store])
     with pytest.raises(InputError, match="got 1"):
         dfdbench.run_transfer("local", [tiny_store])
     for method, protocol, split, said in (
         ("constant", "valid", "test", "has no fit on tiny"),
-        ("mine", "nope", "test", "unknown protocol"),
-        ("mine", "valid", "nope", "nope"),
+        (mean, "nope", "test", "unknown protocol"),
+        (mean, "valid", "nope", "nope"),
     ):
-        name = method if method == "constant" else str(tmp_path / "mean.py:Mean")
         with pytest.raises(DfdbenchError, match=said):
             dfdbench.run_transfer(
-                name, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
+                method, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
             )
         # Nothing was run for it.
         assert not (tmp_path / "runs").exists()

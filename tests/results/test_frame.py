@@ -6,7 +6,7 @@ import pytest
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
-from tests.board.made_tracks import make_tracks
+from tests.board.made_boards import make_tracks
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}

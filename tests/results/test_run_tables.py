@@ -1,3 +1,5 @@
+from itertools import product
+
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
@@ -5,12 +7,8 @@ from dfdbench.results.run_tables import region_table, run_tables, scene_tables, 
 from dfdbench.results.summary import summarise
 from tests.made_results import edited, make_result
 
-VALUES = {
-    (scene, view, illumination, exposure): 0.01 * (1 + number)
-    for number, (scene, view, illumination, exposure) in enumerate(
-        (s, v, i, e) for s in ("a", "b") for v in (1, 5) for i in (1, 2) for e in (0, 1)
-    )
-}
+PLACES = product(("a", "b"), (1, 5), (1, 2), (0, 1))
+VALUES = {place: 0.01 * (1 + number) for number, place in enumerate(PLACES)}
 
 
 def test_a_run_has_scores_extremes_and_times() -> None:

@@ -202,7 +202,8 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
     _, whole = form_pair(image, depth, RECIPES["published"], one, "training/1/2/3")
     inner = slice(60 - 8, 60 + 8)
     around = slice(60 - 8 - margin, 60 + 8 + margin)
-    _, patch = tracks.form(image[around, around], depth[around, around], one, "1/2/3")
+    cut = image[around, around], depth[around, around]
+    _, patch = form_pair(*cut, RECIPES["published"], one, "training/1/2/3")
     found = patch[margin:-margin, margin:-margin].astype(int)
     noisy = name in ("noise", "camera")
     difference = found - whole[inner, inner]

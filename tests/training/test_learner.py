@@ -16,7 +16,6 @@ from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED
 from dfdbench.training.learner import (
     DlibSchedule,
-    EndedBy,
     Learner,
     LevelLoss,
     probability_of_fall,
@@ -248,10 +247,3 @@ def test_the_largest_tenth_is_left_out_and_what_equals_its_least_is_kept() -> No
     losses = np.random.default_rng(2).permutation(2500).astype(float)
     assert without_largest(losses).tolist() == [loss for loss in losses if loss <= 2249]
     assert without_largest([1.0] * 30).tolist() == [1.0] * 30
-
-
-def test_a_card_says_whether_more_time_would_go_on() -> None:
-    early = [ending for ending in EndedBy if ending.early]
-    assert early == [EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP]
-    assert EndedBy.of("its time limit") is EndedBy.TIME_LIMIT
-    assert EndedBy.of("hand") is None

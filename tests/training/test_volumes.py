@@ -62,11 +62,8 @@ def test_rooms_are_made_once_and_are_the_same_again(
     done: list[int] = []
     made = volumes.room_examples(tmp_path, lambda camera, cameras: done.append(camera))
     assert done == [1, 2, 3]
-    assert {name: len(part) for name, part in made.items()} == {
-        "lens-00": 2,
-        "stack-00": 3,
-        "law-00": 2,
-    }
+    sizes = {name: len(part) for name, part in made.items()}
+    assert sizes == {"lens-00": 2, "stack-00": 3, "law-00": 2}
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     again = volumes.room_examples(tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
@@ -85,14 +82,9 @@ def example(seed: int) -> volumes.Example:
     levels = np.kron(random.integers(0, 256, (8, 10)), np.ones((8, 8))).astype(np.int16)
     away = np.abs(levels[::2, ::2] - levels_of(volumes.COUNT)[:, None, None]) / 8
     roots = np.minimum(away * 51, 255).astype(np.uint8)
-    return volumes.Example(
-        roots,
-        roots,
-        np.full((32, 40), 60, np.uint8),
-        random.normal(size=(64, 80)).astype(np.float16),
-        np.where(random.random(levels.shape) < 0.1, -1, levels).astype(np.int16),
-        np.zeros(volumes.COUNT, np.float32),
-    )
+    told, guide = np.full((32, 40), 60, np.uint8), random.normal(size=(64, 80)).astype(np.float16)
+    known = np.where(random.random(levels.shape) < 0.1, -1, levels).astype(np.int16)
+    return volumes.Example(roots, roots, told, guide, known, np.zeros(volumes.COUNT, np.float32))
 
 
 def test_crops_follow_from_seed_and_step_alone() -> None:

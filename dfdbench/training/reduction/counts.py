@@ -232,12 +232,9 @@ def tap(
         network(pixels)
     # Modules are called in their own order, which need not be that of the layers.
     found = {layer: found[layer] for layer in TAPS}
+    what, fix = "fewer pixels than filters in a feature map", "take larger images"
     InputError.raise_if(
-        Problem(
-            f"fewer pixels than filters in a feature map, {taken.pixels} of {len(taken.gram)}",
-            where=f"layer {layer}",
-            fix="take larger images",
-        )
+        Problem(f"{what}, {taken.pixels} of {len(taken.gram)}", where=f"layer {layer}", fix=fix)
         for layer, taken in found.items()
         if taken.pixels < len(taken.gram)
     )

@@ -24,7 +24,6 @@ from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.reduction import counts as counting
-from dfdbench.training.task import PROTOCOL
 
 Widths = tuple[int, ...]
 Rounding = Literal["H", "L"]
@@ -126,7 +125,8 @@ def reduce_weights(
         network, store, counting.samples_of(store, split), seed, tuning, on_map
     )
     base = tuple(int(width) for width in card.architecture["filters"])
-    found = rows_of(counts, base, level)
+    by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}
+    found = iterative_rows(by_statistic, level, base) if level else ensemble_rows(by_statistic)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
     # What else the network is made of stays: the row trains the same layers, only narrower ones.
     kept = {
@@ -251,14 +251,6 @@ def _row(counts: dict[int, int], choice: int) -> Widths:
     return (*(counts[layer] for layer in LAYERS[:-1]), DEPTH_LEVELS)
 
 
-def rows_of(counts: counting.Counts, base: Sequence[int], level: int | None) -> dict[str, Widths]:
-    """Return the rows that counts give: the ensemble's, or the iterative ones of a level."""
-    by_statistic: dict[counting.Statistic, dict[int, int]] = {
-        statistic: counts.widths(statistic) for statistic in counting.STATISTICS
-    }
-    return iterative_rows(by_statistic, level, base) if level else ensemble_rows(by_statistic)
-
-
 def rows_table(rows: Mapping[str, Widths], parameters: Mapping[str, int], title: str) -> Table:
     """Return rows in the form of Table D.2, with the parameters that each network has."""
     lines = tuple(
@@ -306,11 +298,7 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
         what = f"the folder lacks {BASELINE}.toml, which dfdbench thesis reduce writes"
         fix = "name a folder that dfdbench thesis reduce wrote"
         raise InputError(what, where=str(folder), fix=fix)
-    chosen = (
-        list(map(str, names))
-        if names
-        else [BASELINE, *(name for name in there if name != BASELINE)]
-    )
+    chosen = list(map(str, names or dict.fromkeys([BASELINE, *there])))
     for name in chosen:
         if name not in there:
             raise unknown_name("row", name, there)
@@ -348,10 +336,7 @@ def seconds_an_image(weights: Mapping[str, Path], store: Dataset, device: str) -
 
 
 def comparison_table(
-    title: str,
-    cards: Sequence[tuple[str, Card]],
-    seconds: Mapping[str, float],
-    protocol: str = PROTOCOL,
+    title: str, cards: Sequence[tuple[str, Card]], seconds: Mapping[str, float], protocol: str
 ) -> Table:
     """Tabulate each network's parameters, seconds, scores and distance from the baseline.
 

@@ -109,10 +109,9 @@ class SearchFolder:
         what = "the folder holds another search"
         require_same(_read_identity(file), now, what, str(file), _OTHER)
         log = self.path / POSITIONS
-        rows = _read_rows(log) if log.exists() else []
-        self._rows = {row.place: row for row in rows}
+        self._rows = _read_rows(log) if log.exists() else {}
         # Without the line that a kill may have cut short.
-        write_whole(log, _as_csv(rows, header=True))
+        write_whole(log, _as_csv(self._rows.values(), header=True))
 
     def __getitem__(self, place: Place) -> LogRow | None:
         """Return what is known of a particle in an iteration."""
@@ -167,7 +166,7 @@ def _read_identity(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _read_rows(log: Path) -> list[LogRow]:
+def _read_rows(log: Path) -> dict[Place, LogRow]:
     found: dict[Place, LogRow] = {}
     where = str(log)
     try:
@@ -182,7 +181,7 @@ def _read_rows(log: Path) -> list[LogRow]:
         what = f"the log cannot be read: {str(error)[:100]}"
         fix = "put the line back as it was, or remove it: the particle is then trained anew"
         raise InputError(what, where=where, fix=fix) from error
-    return list(found.values())
+    return found
 
 
 def _row_of(values: Mapping[str, str]) -> LogRow:
@@ -311,10 +310,8 @@ class Evaluation:
         # A key of its own: the swarm draws from the same numbers.
         seeds = np.random.SeedSequence((choices.seed, *place), spawn_key=(1,))
         seed = int(seeds.generate_state(1)[0])
-        sides = [
-            tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
-            for scenes in (plan.train, plan.other)
-        ]
+        every, scenes = store.pairs("all"), (plan.train, plan.other)
+        sides = [tuple(pair for pair in every if pair.scene in part) for part in scenes]
         task = Task("dfd-net", store, sides[0], (), plan.trained_on, "", configuration, seed)
         card = train(task, folder, None, self.device, lambda *_: self._stop_in_time()).card
         network = load_weights(folder / WEIGHTS, "dfd-net")[0]

@@ -169,11 +169,12 @@ def box_of(bounds: Bounds, variant: Variant) -> Box:
     >>> box_of(Bounds(), VARIANTS["thesis"]).high[-1].item()
     13.0
     """
+    halves = [size // 2 for size in bounds.kernel]
     limits = {
         # lowest, highest, fastest, fastest at first
         "width": (*bounds.width, 16, 8),
-        "rows": (*_halved(bounds.kernel), variant.kernel_speed, 1),
-        "columns": (*_halved(bounds.kernel), variant.kernel_speed, 1),
+        "rows": (*halves, variant.kernel_speed, 1),
+        "columns": (*halves, variant.kernel_speed, 1),
         "normalized": (0, 1, 1, 1),
         "activation": (0, len(_KINDS) - 1, 1, 1),
         "crop": (*((side - 12) // 4 for side in bounds.crop), 1, 1),
@@ -243,10 +244,6 @@ def position_of(
     position += [_KINDS.index(kinds[site]) for site in _OUTWARD]
     position.append((crop - 12) / 4)
     return np.array(position, np.float64)
-
-
-def _halved(sizes: tuple[int, int]) -> tuple[int, int]:
-    return sizes[0] // 2, sizes[1] // 2
 
 
 Numbers = NDArray[np.float64]
@@ -391,20 +388,14 @@ def judged(swarm: Swarm, values: Numbers, against_previous: bool = False) -> Swa
     """
     found = np.where(np.isnan(values), np.inf, values)
     better = found < swarm.own_values
-    swarm = replace(
-        swarm,
-        own=np.where(better[:, None], swarm.positions, swarm.own),
-        own_values=found if against_previous else np.where(better, found, swarm.own_values),
-    )
+    own = np.where(better[:, None], swarm.positions, swarm.own)
+    own_values = found if against_previous else np.where(better, found, swarm.own_values)
+    swarm = replace(swarm, own=own, own_values=own_values)
     first = int(np.argmin(found))
-    if not found[first] < swarm.best_value:
+    value, place = float(found[first]), (swarm.iteration, first)
+    if not value < swarm.best_value:
         return swarm
-    return replace(
-        swarm,
-        best=swarm.positions[first],
-        best_value=float(found[first]),
-        best_at=(swarm.iteration, first),
-    )
+    return replace(swarm, best=swarm.positions[first], best_value=value, best_at=place)
 
 
 def moved(swarm: Swarm, box: Box, seed: int) -> Swarm:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -104,9 +104,8 @@ class SearchPlan:
         names = ", ".join(self.other)
         if self.choices.as_thesis:
             return f"the TEST scenes, as the thesis did: {names}. Scores on them say too much"
-        return f"scenes held out of {self.choices.split}, drawn from seed {self.choices.seed}: " + (
-            names
-        )
+        drawn = f"drawn from seed {self.choices.seed}"
+        return f"scenes held out of {self.choices.split}, {drawn}: {names}"
 
     @property
     def trained_on(self) -> str:
@@ -220,9 +219,7 @@ def _require_crops(task: Task, train: tuple[str, ...], bounds: pso.Bounds) -> No
     largest = task.configuration.model_copy(update={"crop": bounds.crop[1], "narrow": 128})
     pairs = tuple(pair for pair in task.train if pair.scene in train)
     try:
-        require_trainable(
-            Task("dfd-net", task.store, pairs, (), "", "", largest, task.seed, task.start)
-        )
+        require_trainable(replace(task, train=pairs, configuration=largest))
     except InputError as error:
         if error.problems[0].where != "crop":
             raise

@@ -124,15 +124,9 @@ def run_search(
         except _TimeUpError:
             finished = False
     last = judge.swarm
-    found = np.isfinite(last.best_value) if last else False
-    return SearchOutcome(
-        last,
-        tuple(judge.course),
-        log[last.best_at] if last and found else None,
-        tuple(judge.failures),
-        len(log),
-        finished,
-    )
+    best = log[last.best_at] if last and np.isfinite(last.best_value) else None
+    course, failures = tuple(judge.course), tuple(judge.failures)
+    return SearchOutcome(last, course, best, failures, len(log), finished)
 
 
 class _Judge:
@@ -248,45 +242,29 @@ def course_table(
     plan: SearchPlan, course: Sequence[Iteration], failures: Sequence[LogRow]
 ) -> Table:
     """Return a row an iteration: best and mean objective, failures, convergence."""
-    rows = tuple(
-        (
-            "start" if item.number == 0 else str(item.number),
-            f"{item.best:.4f}",
-            f"{item.least:.4f}",
-            f"{item.mean:.4f}",
-            str(item.failed),
-            f"{100 * item.alike:.1f} %",
-        )
-        for item in course
-    )
+    rows = []
+    for item in course:
+        name = str(item.number or "start")
+        values = (f"{value:.4f}" for value in (item.best, item.least, item.mean))
+        rows.append((name, *values, str(item.failed), f"{100 * item.alike:.1f} %"))
     notes = [f"selected on {plan.selected_on}", f"gamma {plan.choices.gamma:g}"]
     for row in failures:
         iteration, particle = row.place
         notes.append(f"iteration {iteration}, particle {particle}: {row.outcome.failed}")
-    return Table(
-        f"particle swarm, {plan.choices.particles} particles, variant {plan.choices.variant}",
-        ("iteration", "best so far", "least", "mean", "failed", "as the best"),
-        rows,
-        "lrrrrr",
-        tuple(notes),
-        records=tuple(item.__dict__ for item in course),
-    )
+    title = f"particle swarm, {plan.choices.particles} particles, variant {plan.choices.variant}"
+    columns = ("iteration", "best so far", "least", "mean", "failed", "as the best")
+    records = tuple(vars(item) for item in course)
+    return Table(title, columns, tuple(rows), "lrrrrr", tuple(notes), records=records)
 
 
 def network_table(plan: SearchPlan, best: LogRow) -> Table:
     """Return the network found, layer by layer, the baseline's widths beside it."""
     particle = pso.particle_at(best.position)
     sizes = dict(zip(SIZED, particle.kernels, strict=True))
-    rows = [
-        (
-            str(layer),
-            str(width),
-            str(usual),
-            "{} x {}".format(*sizes.get(layer, (2, 2))),
-            *_site_of(layer, particle),
-        )
-        for layer, width, usual in zip(LAYERS, particle.filters, FILTERS["original"], strict=True)
-    ]
+    rows = []
+    for layer, *widths in zip(LAYERS, particle.filters, FILTERS["original"], strict=True):
+        size = "{} x {}".format(*sizes.get(layer, (2, 2)))
+        rows.append((str(layer), *map(str, widths), size, *_site_of(layer, particle)))
     iteration, number = best.place
     configuration = plan.configuration_of(particle)
     outcome = best.outcome
@@ -296,13 +274,8 @@ def network_table(plan: SearchPlan, best: LogRow) -> Table:
     notes.append(f"patches of {particle.crop}, {configuration.crops_per_step} a step")
     divided = f", all widths but the last divided by {plan.base.narrow}"
     notes.append(f"{outcome.parameters:,} parameters" + (divided if plan.base.narrow > 1 else ""))
-    return Table(
-        "the best network",
-        ("layer", "filters", "baseline", "rows x columns", "normalized", "activation"),
-        tuple(rows),
-        "lrrrll",
-        tuple(notes),
-    )
+    columns = ("layer", "filters", "baseline", "rows x columns", "normalized", "activation")
+    return Table("the best network", columns, tuple(rows), "lrrrll", tuple(notes))
 
 
 def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:

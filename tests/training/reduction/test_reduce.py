@@ -135,7 +135,7 @@ CARDS = [
 
 
 def test_best_is_compared_with_best_and_mean_with_mean() -> None:
-    table = reduce.comparison_table("T", CARDS, {"original": 0.5, "B-01-01": 0.25})
+    table = reduce.comparison_table("T", CARDS, {"original": 0.5, "B-01-01": 0.25}, "thesis")
     rows = {row[0]: row for row in table.rows}
     assert rows["B-01-01"][1:4] == ("90", "0.250", "2")
     assert rows["B-01-01"][4:6] == ("0.1100", "0.1400")
@@ -150,7 +150,7 @@ def test_best_is_compared_with_best_and_mean_with_mean() -> None:
 
 
 def test_without_the_baseline_nothing_is_compared_and_protocols_are_apart() -> None:
-    assert reduce.comparison_table("T", CARDS[2:], {}).rows[0][-2:] == ("–", "–")
+    assert reduce.comparison_table("T", CARDS[2:], {}, "thesis").rows[0][-2:] == ("–", "–")
     table = reduce.comparison_table("T", CARDS, {}, "thesis-networks-2")
     assert table.records[1]["nrmse_mean"] == pytest.approx(0.014)
     assert table.rows[1][2] == "–"

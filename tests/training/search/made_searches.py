@@ -20,13 +20,8 @@ def small_plan(
 ) -> SearchPlan:
     """Return a search on the tiny set: trains on one scene of `test`, selects on the other."""
     base = TrainingConfiguration.model_validate(SMALL | (configuration or {}))
-    asked: dict[str, Any] = {
-        "split": "test",
-        "particles": 2,
-        "pairs": 1,
-        "bounds": bounds_of(BOUNDS),
-    } | choices
-    return plan_search(store, base, {}, Choices(**asked), "cpu")
+    few: dict[str, Any] = {"particles": 2, "pairs": 1, "bounds": bounds_of(BOUNDS)}
+    return plan_search(store, base, {}, Choices(**({"split": "test"} | few | choices)), "cpu")
 
 
 def some_rows(plan: SearchPlan) -> list[LogRow]:

@@ -3,12 +3,10 @@ from typing import Any
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.choices import FILTERS
-from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
-from dfdbench.training.search.search_plan import Choices, plan_search
-from tests.training.search.made_searches import BOUNDS, small_plan
+from tests.training.search.made_searches import small_plan
 
 
 def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:
@@ -54,8 +52,6 @@ def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
 @pytest.mark.parametrize(
     ("configuration", "choices", "said"),
     [
-        ({}, {"bounds": Bounds()}, "at most 24"),
-        ({}, {"split": "train"}, "too few to hold"),
         ({}, {"held_out": 2}, "too few to hold 2"),
         ({"filters": "pso"}, {}, "chooses this itself"),
         ({"crop": 68}, {}, "crop is 68"),
@@ -67,12 +63,3 @@ def test_what_cannot_be_searched_is_told(
 ) -> None:
     with pytest.raises(InputError, match=said):
         small_plan(tiny_store, configuration, **choices)
-
-
-def test_a_choice_of_the_particles_is_not_set(tiny_store: Dataset) -> None:
-    base = TrainingConfiguration.model_validate({"crop": 16})
-    with pytest.raises(InputError, match="chooses this itself"):
-        plan_search(tiny_store, base, {"crop": 16}, Choices(split="test"))
-    with pytest.raises(UnknownNameError, match="did you mean author"):
-        small_plan(tiny_store, variant="autor")
-    assert set(BOUNDS) == set(Bounds.model_fields)

@@ -19,9 +19,11 @@ from tests.training.search.made_searches import losses, small_plan, some_rows
 ITERATIONS = 2
 
 
-def searched(store: Dataset, folder: Path, particles: int = 2) -> swarm_search.SearchOutcome:
-    plan = small_plan(store, particles=particles)
-    return swarm_search.run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
+def searched(
+    store: Dataset, folder: Path, iterations: int = ITERATIONS, **how: Any
+) -> swarm_search.SearchOutcome:
+    plan = small_plan(store)
+    return swarm_search.run_search(plan, folder, iterations, device="cpu", threads=1, **how)
 
 
 def same(one: swarm_search.SearchOutcome, other: swarm_search.SearchOutcome) -> bool:
@@ -36,10 +38,7 @@ def same(one: swarm_search.SearchOutcome, other: swarm_search.SearchOutcome) -> 
 @pytest.mark.slow
 def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_path: Path) -> None:
     said: list[tuple[int, int]] = []
-    plan = small_plan(tiny_store)
-    outcome = swarm_search.run_search(
-        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: said.append(done)
-    )
+    outcome = searched(tiny_store, tmp_path / "s", 1, on_done=lambda *done: said.append(done))
     assert said == [(done, 4) for done in range(5)]
     assert (outcome.finished, outcome.trainings) == (True, 4)
     assert outcome.best is not None
@@ -54,7 +53,7 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_pa
     card = load_weights(kept / "weights.safetensors", "dfd-net")[1]
     assert card.parameters == outcome.best.outcome.parameters
     # Asked for more, it goes on; asked for the same again, it trains nothing.
-    more = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    more = searched(tiny_store, tmp_path / "s")
     assert same(more, searched(tiny_store, tmp_path / "at-once"))
     assert losses(tmp_path / "s") == losses(tmp_path / "at-once")
 
@@ -66,9 +65,7 @@ def test_elsewhere_it_ends_with_the_same_swarm(
 ) -> None:
     pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     here = searched(tiny_store, tmp_path / "here")
-    there = swarm_search.run_search(
-        small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1
-    )
+    there = searched(tiny_store, tmp_path / "there", pool=pool)
     assert same(here, there)
     assert losses(tmp_path / "here") == losses(tmp_path / "there")
 
@@ -100,8 +97,7 @@ def test_a_failed_training_is_told_and_searched_past(
 def test_time_is_up_and_more_time_goes_on(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = small_plan(tiny_store)
-    early = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
+    early = searched(tiny_store, tmp_path / "s", max_seconds=0)
     assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
     asked, trained = [], Evaluation.__call__
 
@@ -110,7 +106,7 @@ def test_time_is_up_and_more_time_goes_on(
         return trained(self, particle) if len(asked) <= 3 else None
 
     monkeypatch.setattr(Evaluation, "__call__", three)
-    some = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    some = searched(tiny_store, tmp_path / "s")
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
     assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
