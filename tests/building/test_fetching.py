@@ -116,6 +116,7 @@ def test_mirrors_are_asked_in_their_order(site: Site, tmp_path: Path) -> None:
 def test_a_server_that_is_gone_costs_no_hours(tmp_path: Path) -> None:
     fates = fetch(wanted("http://127.0.0.1:9"), tmp_path / "out")
     assert set(kinds(fates).values()) == {"unreachable"}
+    assert any("Connection refused" in str(fate.problems[0]) for fate in fates)
     assert any("given up" in str(fate.problems[0]) for fate in fates)
 
 
@@ -141,17 +142,9 @@ def test_what_is_not_there_is_not_asked_for_twice(site: Site, tmp_path: Path, st
     assert len(site.requests) == 1
 
 
-@pytest.mark.parametrize(
-    ("address", "why"),
-    [
-        ("http://127.0.0.1:9/file", "Connection refused"),
-        ("ftp://127.0.0.1/file", "not an address"),
-        ("nonsense", "not an address"),
-        ("http://[1/file", "not an address"),
-    ],
-)
-def test_addresses_that_lead_nowhere(tmp_path: Path, address: str, why: str) -> None:
-    assert why in str(fetched(address, tmp_path).problems[0])
+@pytest.mark.parametrize("address", ["ftp://127.0.0.1/file", "nonsense", "http://[1/file"])
+def test_what_is_no_address_is_told(tmp_path: Path, address: str) -> None:
+    assert "not an address" in str(fetched(address, tmp_path).problems[0])
 
 
 def test_a_certificate_nobody_vouches_for_is_refused_and_a_bundle_mends_it(

@@ -14,7 +14,7 @@ from dfdbench.audit.trained_on import training_side
 from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.building.build import build_store, plan_build
+from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import with_track
@@ -87,8 +87,6 @@ def test_a_recipe_and_a_track_exclude_each_other(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:
     tracked = with_track(tiny_manifest, "law-1")
-    with pytest.raises(InputError, match="--recipe"):
-        plan_build(tracked, tmp_path / "a.zarr", "published")
     with pytest.raises(InputError, match="--recipe"):
         build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "a.zarr", "published")
     assert not (tmp_path / "a.zarr").exists()

@@ -235,16 +235,13 @@ def test_an_empty_place_is_told(dfdbench: Command, uneven: str) -> None:
     dfdbench.refused("no place is named", "audit coverage", uneven, "--out", "")
 
 
-@pytest.fixture(scope="module")
-def middlebury(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("middlebury") / "middlebury-default-1.zarr"
-    manifest = find_manifest("middlebury-default")
-    return str(store_of(manifest, shared_data / "middlebury", path).path)
-
-
 @pytest.mark.slow
-def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
+def test_middlebury_shows_what_the_thesis_found(
+    dfdbench: Command, shared_data: Path, tmp_path: Path
+) -> None:
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
+    manifest, middlebury = find_manifest("middlebury-default"), str(tmp_path / "middlebury.zarr")
+    store_of(manifest, shared_data / "middlebury", tmp_path / "middlebury.zarr")
     fold = dfdbench("audit coverage", middlebury, "--fold", "K03", "--format", "json")
     assert fold.status == 1
     ranges = sorted(json.loads(fold.out)["ranges"], key=lambda item: -item["share"])

@@ -6,13 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import zarr
 
 from dfdbench import __version__
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import save_result
 from tests.board.made_boards import make_folder
 from tests.cli.command import Command
+from tests.conftest import rewrite_array
 from tests.made_results import make_demo_result
 
 SVG = ("--figure-format", "svg")
@@ -114,9 +114,7 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
 
 def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
     make_folder("constant")
-    depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
-    assert isinstance(depth, zarr.Array)
-    depth[...] = np.asarray(depth[...])[..., ::-1]
+    rewrite_array(tiny_store, "Two/depth", np.fliplr)
     run = ("run", "--dataset", str(tiny_store.path), "--method", "constant", "--split", "One")
     refused = dfdbench.refused("does not hold what was built", *run, "--submit")
     assert "Two/depth" in refused.err

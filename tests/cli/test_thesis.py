@@ -1,11 +1,10 @@
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import QUICK, Command
-from tests.conftest import write_png
+from tests.conftest import make_published
 from tests.methods.made_weights import save_small
 
 pytest.importorskip("torch", reason="needs the extra nets")
@@ -37,13 +36,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
 
 @pytest.mark.slow
 def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -> None:
-    random = np.random.default_rng(4)
-    for scene in ("k33", "k37"):
-        for step in (129, 135, 141):
-            image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
-            write_png(Path(f"site/{scene}/left/exp_30/image_{step}_30.00.png"), image)
-        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
-        write_png(Path(f"site/{scene}/lidar/lidar_rng_left_00000_8bit_x6.png"), levels)
+    make_published(Path("site"), ("k33", "k37"))
     command = ["thesis", "experiment", "voltage-pairs", "--values", "135-129,141-129", *QUICK]
     dfdbench.refused("--source DIR", *command)
     for values, told in (

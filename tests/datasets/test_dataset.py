@@ -18,11 +18,8 @@ def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -
     assert attributes["manifest_sha256"] == tiny_manifest.sha256
     published = {"name": "published", "parameters": RECIPES["published"].as_dict()}
     assert attributes["recipe"] == published
-    assert attributes["degradation"] == "clean"
-    assert attributes["missing_pairs"] == []
     assert tiny_store.manifest == tiny_manifest
     assert tiny_store.recipe == RECIPES["published"]
-    assert len(tiny_store.fingerprint) == 64
 
 
 def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:

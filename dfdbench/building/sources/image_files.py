@@ -88,12 +88,10 @@ def read_photograph(
     """
     upright = _upright(decode_file(content, where), content, where, rotation)
     image = _in_full(upright, where, bits, deep)
-    if image.ndim == 2:
-        return np.repeat(image[..., np.newaxis], 3, axis=2)
-    if image.shape[2] == 4 and not (image[..., 3] == 255).all():
+    if image.shape[2:] == (4,) and not (image[..., 3] == 255).all():
         what = "the photograph has transparent pixels"
         raise SourceError(what, where=where, fix="write it without alpha channel")
-    return np.ascontiguousarray(image[..., 2::-1])
+    return _as_rgb(image)
 
 
 def read_depth_file(
@@ -204,9 +202,14 @@ def decode_rgb(content: bytes, where: str) -> Image:
         channels = 1 if image.ndim == 2 else image.shape[2]
         got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
         raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
+    return _as_rgb(image)
+
+
+def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
+    """Return an image of OpenCV's, grey or with blue first, as RGB."""
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
-    return np.ascontiguousarray(image[..., ::-1])
+    return np.ascontiguousarray(image[..., 2::-1])
 
 
 def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:

@@ -285,6 +285,8 @@ class Download:
         The lock file, where this call was the first that was complete.
     lacking : tuple of Problem
         One for each mirror that was asked for files that it does not have.
+    refused : int
+        How many files were damaged and set aside.
     """
 
     folder: Path
@@ -293,6 +295,7 @@ class Download:
     missing: tuple[str, ...]
     lock: Path | None
     lacking: tuple[Problem, ...] = ()
+    refused: int = 0
 
 
 def download_middlebury(

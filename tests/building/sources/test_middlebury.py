@@ -1,7 +1,6 @@
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from tests.conftest import TINY_DEFAULT_TOML, TINY_TOML, write_png
-from tests.site import Site, served
+from tests.conftest import BELOW, TINY_DEFAULT_TOML, served_by, write_png
+from tests.site import Site
 
 
 def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder: Path) -> None:
@@ -111,24 +110,13 @@ def test_scenes_are_found_in_the_sites_layout(tmp_path: Path, above: str, below:
     assert middlebury.find_scene("Two", "scenes2005", tmp_path) is None
 
 
-BELOW = "data/scenes/ThirdSize"
 QUICK = Patience(tries=4, pause=0.01, silence=0.5)
 FILES = 6 + 11  # depth maps and images of the tiny set
 
 
 @pytest.fixture
-def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
-    place = tmp_path / "server" / BELOW
-    place.parent.mkdir(parents=True)
-    tiny_folder.rename(place)
-    with served(tmp_path / "server") as site:
-        yield site
-
-
-@pytest.fixture
 def manifest(site: Site) -> Manifest:
-    text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
-    return parse_manifest(text.encode(), "tiny-1.toml")
+    return parse_manifest(served_by(site).encode(), "tiny-1.toml")
 
 
 def fingerprint(manifest: Manifest, done: middlebury.Download, tmp_path: Path) -> str:
@@ -214,8 +202,7 @@ def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_pat
 @pytest.fixture
 def default(site: Site) -> Manifest:
     """The tiny set in the site's default lighting alone."""
-    text = TINY_DEFAULT_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
-    return parse_manifest(text.encode(), "tiny-1.toml")
+    return parse_manifest(served_by(site, TINY_DEFAULT_TOML).encode(), "tiny-1.toml")
 
 
 def archives(site: Site) -> Path:

@@ -18,7 +18,7 @@ from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
-from tests.conftest import store_of, write_png
+from tests.conftest import make_published, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
@@ -27,19 +27,7 @@ CAPTURE = CAPTURED.capture or pytest.fail("the rig captured it")
 
 @pytest.fixture
 def published(tmp_path: Path) -> Path:
-    """k33 and k34 as published, at two exposures and three voltage steps, noise for images."""
-    random = np.random.default_rng(8)
-    for scene in ("k33", "k34"):
-        place = tmp_path / "site" / scene
-        for exposure in (10, 30):
-            for step in (129, 130, 141):
-                image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
-                name = f"image_{step}_{exposure}.00.png"
-                write_png(place / "left" / f"exp_{exposure}" / name, image)
-        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
-        levels[:9], levels[9:20] = 0, 255
-        write_png(place / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
-    return tmp_path / "site"
+    return make_published(tmp_path / "site", ("k33", "k34"), (10, 30))
 
 
 @pytest.fixture
@@ -68,8 +56,8 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
 
 
 def test_another_pair_of_voltage_steps(published: Path) -> None:
-    images = RealworldFolder(CAPTURED, published, (141, 130)).read("k34")
-    path = published / "k34/left/exp_10/image_130_10.00.png"
+    images = RealworldFolder(CAPTURED, published, (141, 135)).read("k34")
+    path = published / "k34/left/exp_10/image_135_10.00.png"
     assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
     for wrong in ((141, 141), (141, 99)):
         with pytest.raises(SourceError, match="are not two steps"):
