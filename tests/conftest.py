@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from upath import UPath
 
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.building import fetching
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
@@ -239,6 +240,13 @@ def tiny_folder(tiny_set: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def tiny_store(tiny_set: Path, tmp_path: Path) -> Dataset:
     return Dataset(shutil.copytree(tiny_set / "tiny.zarr", tmp_path / "tiny.zarr"))
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ask a server a few times in quick succession."""
+    for name, value in {"_TRIES": 4, "_PAUSE": 0.01, "_SILENCE": 0.5}.items():
+        monkeypatch.setattr(fetching, name, value)
 
 
 #: Where a server has the tiny set's files.

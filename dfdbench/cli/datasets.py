@@ -76,8 +76,7 @@ def _listed(manifest: catalog.Heading | Manifest, name: str, built: bool) -> dic
 def _cells(record: dict[str, object]) -> tuple[str, ...]:
     words = {True: "yes", False: "no", None: ""}
     told = (value for key, value in record.items() if key != "manifest")
-    shown = (words[v] if v is None or isinstance(v, bool) else str(v) for v in told)
-    return tuple(shown)
+    return tuple(words[v] if v is None or isinstance(v, bool) else str(v) for v in told)
 
 
 def _own(cache: Path | None) -> list[dict[str, object]]:

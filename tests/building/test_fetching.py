@@ -13,11 +13,12 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from tests.site import Site, served
 
-QUICK = fetching.Patience(tries=2, pause=0.01, silence=0.5)
 FILES = {f"Art/{number}": bytes([number]) * 5000 for number in range(8)}
 CONTENT = bytes(range(256)) * 4000
-PATIENT = fetching.Patience(tries=4, pause=0.01, silence=0.5)
 KNOWN = {name: fetching.sha256(content) for name, content in FILES.items()}
+
+
+pytestmark = pytest.mark.usefixtures("impatient")
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 def fetch(wanted: list[fetching.WantedFile], folder: Path, **options: Any) -> list[fetching.Fate]:
-    return fetching.Fetcher(folder, **{"patience": QUICK, **options}).bring(wanted)
+    return fetching.Fetcher(folder, **options).bring(wanted)
 
 
 def wanted(*addresses: str) -> list[fetching.WantedFile]:
@@ -122,7 +123,7 @@ def test_a_server_that_is_gone_costs_no_hours(tmp_path: Path) -> None:
 
 def fetched(address: str, folder: Path) -> fetching.Fate:
     file = fetching.WantedFile("file", (address,), lambda *_: None)
-    return fetch([file], folder, patience=PATIENT)[0]
+    return fetch([file], folder)[0]
 
 
 @pytest.mark.parametrize(

@@ -54,8 +54,8 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
     rows = json.loads(Path("results/uneven-difficulty/all/difficulty.json").read_text())["rows"]
     assert len(rows) == 6
     assert all(0 <= row["neighbours"] <= 1 for row in rows)
-    harder = dfdbench(f"audit difficulty {uneven} --split all --noise 20 --format json")
-    for quiet, noisy in zip(rows, json.loads(harder.out)["rows"], strict=True):
+    harder = dfdbench.facts(f"audit difficulty {uneven} --split all --noise 20")
+    for quiet, noisy in zip(rows, harder["rows"], strict=True):
         assert quiet["neighbours"] < noisy["neighbours"]
     assert Path("results/uneven-difficulty/all/difficulty.png").exists()
 
@@ -91,8 +91,7 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     manifest = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
     assert set(manifest.scenes_of("train-covered")).isdisjoint(manifest.scenes_of("test-covered"))
     assert len(manifest.scenes_of("test-covered")) == 2
-    single = dfdbench("audit split", uneven, "--test-scenes", "1", "--format", "json")
-    found = json.loads(single.out)
+    found = dfdbench.facts("audit split", uneven, "--test-scenes", "1")
     assert (found["choices"], found["exhaustive"], found["published"]["rank"]) == (3, True, None)
     assert found["candidates"][-1]["test"] == ["Three"]
     folds = dfdbench("audit split", uneven, "--folds", "3")
@@ -140,8 +139,7 @@ def test_what_training_lacks_is_named_and_ends_with_1(dfdbench: Command, uneven:
     assert record["test"]["unknown_pixels"] == 4 * 31 + 3 * 32
     assert record["verdicts"][36:39] == ["missing"] * 3
     assert (folder / "coverage.png").stat().st_size > 10_000
-    printed = dfdbench("audit coverage", uneven, "--criterion", "thesis", "--format", "json")
-    assert json.loads(printed.out) == record
+    assert dfdbench.facts("audit coverage", uneven, "--criterion", "thesis", status=1) == record
 
 
 @pytest.mark.slow
@@ -156,8 +154,7 @@ def test_each_fold_and_each_scene_have_their_row(dfdbench: Command, uneven: str)
     folds = dfdbench("audit coverage", uneven, "--each", "fold", "--format", "markdown")
     assert folds.status == 1
     assert "| K2 | Three |" in folds.out
-    scenes = dfdbench("audit coverage", uneven, "--each", "scene", "--format", "json")
-    records = json.loads(scenes.out)["records"]
+    records = dfdbench.facts("audit coverage", uneven, "--each", "scene", status=1)["records"]
     assert records["Three"]["shares"]["missing"] > 0
     assert records["One"]["shares"]["missing"] == 0
 
@@ -242,17 +239,14 @@ def test_middlebury_shows_what_the_thesis_found(
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
     manifest, middlebury = find_manifest("middlebury-default"), str(tmp_path / "middlebury.zarr")
     store_of(manifest, shared_data / "middlebury", tmp_path / "middlebury.zarr")
-    fold = dfdbench("audit coverage", middlebury, "--fold", "K03", "--format", "json")
-    assert fold.status == 1
-    ranges = sorted(json.loads(fold.out)["ranges"], key=lambda item: -item["share"])
+    fold = dfdbench.facts("audit coverage", middlebury, "--fold", "K03", status=1)
+    ranges = sorted(fold["ranges"], key=lambda item: -item["share"])
     largest = [(item["first"], item["last"], next(iter(item["scenes"]))) for item in ranges[:2]]
     assert largest == [(36, 39, "Midd2"), (56, 56, "Midd1")]
-    scenes = dfdbench(f"audit coverage {middlebury} --each scene --format json").out
-    each = json.loads(scenes)["records"]
+    each = dfdbench.facts(f"audit coverage {middlebury} --each scene", status=1)["records"]
     uncovered = sorted(name for name in each if each[name]["shares"]["thesis"] > 0.01)
     assert " ".join(uncovered) == (
         "Art Baby2 Bowling1 Bowling2 Cloth2 Lampshade1 Laundry Midd1 Midd2 Monopoly Reindeer"
     )
-    split = dfdbench(f"audit split {middlebury} --test-scenes 3 --format json").out
-    proposed = json.loads(split)
+    proposed = dfdbench.facts(f"audit split {middlebury} --test-scenes 3")
     assert (proposed["choices"], proposed["covered"]) == (2925, 141)

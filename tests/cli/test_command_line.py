@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.cli import Verb
 from tests.cli.command import Command
-from tests.cli.test_optics import BLUR
+from tests.cli.test_rig import BLUR
 from tests.conftest import TINY_TOML, write_png
 from tests.fuzz.arguments import of_type, verbs
 from tests.made_folder import make_folder

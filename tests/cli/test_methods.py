@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import cv2
@@ -75,7 +74,7 @@ def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_pat
     for needed in ("torch", "onnxruntime"):
         pytest.importorskip(needed, reason="needs the extras nets and onnx")
     export = "export-onnx dfd-net --param weights=demo --out net.onnx"
-    told = json.loads(dfdbench.fine(f"{export} --format json").out)
+    told = dfdbench.facts(export)
     assert (told["model"], told["description"]) == ("net.onnx", "net.toml")
     images = photographs(tmp_path)
     dfdbench.fine("predict", *images, "--method", "net.onnx", "--no-align", "--out", "depth.npy")

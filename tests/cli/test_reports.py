@@ -83,12 +83,9 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert [row["protocol"] for row in rows] == ["valid", "thesis", "thesis-networks-2"]
     assert "1 row valid" in dfdbench("leaderboard --check").out
     assert "\\toprule" in dfdbench("leaderboard --format latex").out
-    assert (
-        json.loads(dfdbench("leaderboard --format json").out)["tables"][0]["rows"][0]["rank"] == 1
-    )
+    assert dfdbench.facts("leaderboard")["tables"][0]["rows"][0]["rank"] == 1
     assert "constant" in dfdbench("leaderboard").out
-    again = dfdbench.fine("leaderboard verify", path, "--pairs", "2", "--format", "json")
-    (row,) = json.loads(again.out)["rows"]
+    (row,) = dfdbench.facts("leaderboard verify", path, "--pairs", "2")["rows"]
     assert (row["verified"], len(row["pairs"]), row["drawn_from"]) == (True, 2, 54)
 
 

@@ -163,4 +163,3 @@ def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store
     best = tuned.err.rpartition("--param smoothing=")[2].strip()
     assert best in {"1", "2.5"}
     assert best in tuned.out.splitlines()[4]
-    dfdbench.refused("nothing to try", "tune --method constant --dataset", place)

@@ -61,14 +61,12 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (
         (["--max-time", "30"], "as 90s, 30m or 1h30m"),
-        (["--set", "normalization=fixed"], "needs weights to begin with"),
         (["--fold", "K1", "--split", "train"], "give one of them"),
         (["--weights", "none.safetensors"], "no such weights"),
         (["--out", "taken"], "not a folder"),
         (["--set", "nois=1"], "unknown choice"),
         (["--config", "no.toml"], "published"),
         (["--device", "tpu"], "cpu"),
-        (["--set", "crop=64"], "at most 24"),
     ):
         dfdbench.refused(message, "train dfd-net", *store, *arguments)
     assert not Path("training").exists()
