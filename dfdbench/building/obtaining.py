@@ -75,12 +75,11 @@ def obtain(
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
-    problems = [
+    InputError.raise_if(
         Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")
         for one in mirrors
         if not re.match(r"https?://[^/]+", one)
-    ]
-    InputError.raise_if(problems)
+    )
     place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
     aside = place / SET_ASIDE
     before = _count_files(aside)
@@ -138,8 +137,7 @@ def build_dataset(
     manifest = with_found_scenes(found, source)
     if is_local(place):
         # The cache may be inside the folder of the files; a place that the user names may not.
-        read = source if store else None
-        output_place(place.path, read, option="--store", replaces=True)
+        output_place(place.path, source if store else None, option="--store", replaces=True)
     with shown(f"fetching {manifest.short}") as step:
         files, done = obtain(manifest, source, mirrors, offline, cache, step, steps)
     if done:

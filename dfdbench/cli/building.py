@@ -159,8 +159,7 @@ def _missing_text(report: BuildReport) -> str:
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no pair at all    {listed(whole, most=8)}")
-    for scene in [s for s in by_scene if s not in whole]:
-        lines.append(f"  {scene:<17} {listed(by_scene[scene], most=8)}")
+    lines += [f"  {s:<17} {listed(by_scene[s], most=8)}" for s in by_scene if s not in whole]
     lines.append(f"  fix               {report.missing_help}")
     return "\n".join(lines)
 

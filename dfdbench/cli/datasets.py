@@ -367,8 +367,7 @@ def doctor(
     found = describe_environment()
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
     rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
-    table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
-    show(format, [table])
+    show(format, [Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")])
 
 
 def _system(found: Environment) -> Iterator[tuple[str, str]]:

@@ -346,6 +346,8 @@ def chosen(text: str, where: str, known: Sequence[_T]) -> tuple[_T, ...]:
     --------
     >>> chosen("40, 10-20", "--exposures", (10, 15, 20, 40))
     (10, 15, 20, 40)
+    >>> chosen("k33,k00-k01", "--scenes", ("k00", "k01", "k02", "k33"))
+    ('k00', 'k01', 'k33')
     """
     names = [str(each) for each in known]
     places: set[int] = set()

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
-from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -17,7 +16,7 @@ from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Local
-from tests.conftest import write_png
+from tests.conftest import store_of, write_png
 from tests.made_source import MadeSource
 
 local = Local()
@@ -29,9 +28,8 @@ def test_what_is_exported_builds_the_same_store_again(
     assert export_png(tiny_store, tmp_path / "png") == 11
     assert (tmp_path / "png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
     assert not (tmp_path / "png/Three/Illum1/Exp1/view5.png").exists()
-    source = open_source(tiny_manifest, tmp_path / "png")
-    report = build_store(tiny_manifest, source, tmp_path / "again.zarr")
-    assert report.fingerprint == tiny_store.fingerprint
+    again = store_of(tiny_manifest, tmp_path / "png", tmp_path / "again.zarr")
+    assert again.fingerprint == tiny_store.fingerprint
 
 
 def test_only_a_split_and_nothing_is_overwritten(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -89,10 +87,9 @@ def test_images_alone_are_enough_for_the_scores_of_a_run(
 def test_the_published_images_come_out_again(
     shared_data: Path, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
 ) -> None:
-    manifest = find_manifest("middlebury")
-    source = open_source(manifest, shared_data / "middlebury")
-    build_store(manifest, source, tmp_path / "m.zarr")
-    export_png(Dataset(tmp_path / "m.zarr"), tmp_path / "png", "Aloe")
+    middlebury = find_manifest("middlebury")
+    store = store_of(middlebury, shared_data / "middlebury", tmp_path / "m.zarr")
+    export_png(store, tmp_path / "png", "Aloe")
     for exposure in (1, 2):
         ours = tmp_path / f"png/Aloe/Illum1/Exp{exposure}/view1_lin_0.32_2.88.png"
         name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"

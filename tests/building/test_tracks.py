@@ -130,15 +130,13 @@ def test_a_result_names_track_not_recipe(on_track: Callable[..., Dataset], tmp_p
 
 @pytest.mark.parametrize("name", ["tiny-1@noise-2", "tiny@noise-2", "tiny-1", "tiny"])
 def test_depths_trained_on_are_of_any_track(on_track: Callable[..., Dataset], name: str) -> None:
-    store = on_track("camera-1")
-    side = training_side(f"{name}, split train", store)
+    side = training_side(f"{name}, split train", on_track("camera-1"))
     assert side is not None
     assert list(side.scenes) == ["One"]
 
 
 def test_an_export_names_images_by_track(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
-    store = on_track("camera-1")
-    export_png(store, tmp_path / "png", "One")
+    export_png(on_track("camera-1"), tmp_path / "png", "One")
     assert (tmp_path / "png/One/Illum1/Exp0/view1_camera-1.png").exists()
     assert not list((tmp_path / "png").rglob("*_lin_*"))
 

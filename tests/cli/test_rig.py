@@ -152,13 +152,6 @@ REALWORLD = find_manifest("realworld")
 SCENES, STEPS = REALWORLD.scene_names, range(127, 144)
 
 
-def test_a_list_is_put_in_order() -> None:
-    assert chosen("k33,k00-k02", "--scenes", SCENES) == ("k00", "k01", "k02", "k33")
-    assert chosen("141, 127-129", "--steps", STEPS) == (127, 128, 129, 141)
-    # A span may pass over what is not known; its ends may not.
-    assert chosen("10-40", "--exposures", (10, 20, 40)) == (10, 20, 40)
-
-
 @pytest.mark.parametrize(
     ("text", "known", "said"),
     [

@@ -20,14 +20,6 @@ from dfdbench.datasets.fingerprint import (
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.errors import StoreError
 
-
-def test_memory_layout_and_byte_order_do_not_enter() -> None:
-    values = np.arange(24, dtype="<i4").reshape(2, 3, 4)
-    plain = array_digest("a", ("z", "y", "x"), values)
-    assert array_digest("a", ("z", "y", "x"), values.astype(">i4")) == plain
-    assert array_digest("a", ("z", "y", "x"), np.asfortranarray(values)) == plain
-
-
 VALUES = np.arange(6, dtype="<i4").reshape(2, 3)
 
 

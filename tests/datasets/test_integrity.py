@@ -53,8 +53,7 @@ def test_a_scene_that_is_gone_is_named(tiny_store: Dataset) -> None:
 def test_what_was_added_is_named(tiny_store: Dataset) -> None:
     scene = zarr.open_group(local(tiny_store), path="One", mode="r+")
     scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
-    found = verify_store(Dataset(tiny_store.path))
-    (difference,) = found.differences
+    (difference,) = verify_store(Dataset(tiny_store.path)).differences
     assert (difference.array, difference.what) == ("more", "was not there when it was built")
 
 

@@ -109,8 +109,7 @@ class SceneImages:
         """
         images = [infocus] if defocus is None else [infocus, defocus]
         depth = np.where(valid, levels, np.nan).astype(np.float32)
-        facts = ImageFacts(PAIR[: len(images)])
-        return cls(np.stack(images, axis=-4), depth, available, facts)
+        return cls(np.stack(images, axis=-4), depth, available, ImageFacts(PAIR[: len(images)]))
 
 
 class Whole:

@@ -174,8 +174,7 @@ class FolderScenes(Whole):
         # Listed once: a folder may hold every scene.
         if parent not in self._endings:
             self._endings[parent] = _endings_in(self._folder / parent)
-        endings = self._endings[parent].get(stem, ())
-        return [f"{parent}/{stem}{end}".lstrip("/") for end in endings]
+        return [f"{parent}/{stem}{end}".lstrip("/") for end in self._endings[parent].get(stem, ())]
 
     def _where(self, path: str) -> str:
         return str(self._folder / path)

@@ -37,8 +37,9 @@ def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder
 def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> None:
     manifest = parse_manifest(TINY_DEFAULT_TOML.encode(), "tiny-1.toml")
     for view in (1, 5):
-        lit = tiny_folder / f"One/Illum1/Exp1/view{view}.png"
-        lit.rename(tiny_folder / f"One/view{view}.png")
+        (tiny_folder / f"One/Illum1/Exp1/view{view}.png").rename(
+            tiny_folder / f"One/view{view}.png"
+        )
     source = middlebury.MiddleburyScenes(manifest, tiny_folder)
     assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
     assert source.read("One").infocus.shape == (2, 24, 30, 3)

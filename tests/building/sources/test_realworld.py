@@ -38,8 +38,7 @@ def spoiled(captures: Path, tmp_path: Path) -> Path:
 
 
 def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Path) -> None:
-    source = open_source(CAPTURED, published)
-    report = build_store(CAPTURED, source, tmp_path / "s.zarr")
+    report = build_store(CAPTURED, open_source(CAPTURED, published), tmp_path / "s.zarr")
     assert (report.pairs, report.scenes_built) == (4, ("k33", "k34"))
     store = Dataset(tmp_path / "s.zarr")
     assert (store.recipe_name, store.recipe) == ("", None)
@@ -79,8 +78,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
         ("near", CAPTURED, 255 - levels),
         ("far", as_captured, levels),
     ):
-        place = tmp_path / f"{name}.zarr"
-        store = store_of(manifest, published, place)
+        store = store_of(manifest, published, tmp_path / f"{name}.zarr")
         images = store.read(store.pairs("k33")[0])
         assert (images.levels[20:] == expected).all()
         assert (images.levels[:20] == 0).all()
@@ -129,8 +127,7 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
 def test_synthetic_blur_takes_the_sharpest_step(captures: Path, tmp_path: Path) -> None:
     manifest = manifest_with_few_steps("realworld-synthetic")
     store = store_of(manifest, captures, tmp_path / "s.zarr")
-    pair = store.pairs("k03")[0]
-    images = store.read(pair)
+    images = store.read(store.pairs("k03")[0])
     scene = raw_scene(captures, "k03")
     assert (images.infocus == scene.image(40, 135)).all()
     levels, valid = scene.depth
