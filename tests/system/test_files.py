@@ -26,8 +26,8 @@ def test_a_failed_write_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.M
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_what_a_kill_left_of_a_file_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "folder/a.json"
+def kill_while_writing(path: Path) -> None:
+    """Let a process begin to write a file, and kill it before the file is whole."""
     program = (
         "import os, pathlib, signal, sys; from dfdbench.system import files;"
         "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL);"
@@ -37,9 +37,13 @@ def test_what_a_kill_left_of_a_file_is_none(tmp_path: Path) -> None:
     assert done.returncode == -signal.SIGKILL
     assert not path.exists()
     assert len(list(path.parent.iterdir())) == 1
-    assert files.whole_files(path.parent) == []
-    files.write_whole(path, "whole")
-    assert files.whole_files(path.parent) == [path]
+
+
+def test_what_a_kill_left_of_a_file_is_none(tmp_path: Path) -> None:
+    kill_while_writing(tmp_path / "folder/a.json")
+    assert files.whole_files(tmp_path / "folder") == []
+    files.write_whole(tmp_path / "folder/a.json", "whole")
+    assert files.whole_files(tmp_path / "folder") == [tmp_path / "folder/a.json"]
     assert files.whole_files(tmp_path / "none") == []
 
 
