@@ -253,9 +253,8 @@ class Fetcher:
 
 def cannot_keep(place: str | Path, error: OSError) -> SourceError:
     """Return the error that says why the disk does not take a download."""
-    what = f"cannot keep the download: {reason_of(error)}"
     fix = room_or("choose another place with --cache DIR", error)
-    return SourceError(what, where=str(place), fix=fix)
+    return SourceError(f"cannot keep the download: {reason_of(error)}", where=str(place), fix=fix)
 
 
 def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:

@@ -162,9 +162,8 @@ class Capture:
             return self
         for number in images:
             if not 0 <= number < len(self.images):
-                there = f"0 to {len(self.images) - 1}"
                 what = f"image {number} is not there"
-                raise InputError(what, where=self.pair.id, expected=there)
+                raise InputError(what, where=self.pair.id, expected=f"0 to {len(self.images) - 1}")
         facts = {
             name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
             for name in BY_IMAGE

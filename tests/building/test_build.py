@@ -54,8 +54,7 @@ def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     report = build_store(tiny_manifest, source, place, None, pool, lambda *step: seen.append(step))
     assert report.fingerprint == tiny_store.fingerprint
     assert seen == [(1, 3), (2, 3), (3, 3)]
-    again = build_store(tiny_manifest, source, place, None, pool)
-    assert again.scenes_kept == tiny_store.scenes
+    assert build_store(tiny_manifest, source, place, None, pool).scenes_kept == tiny_store.scenes
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:

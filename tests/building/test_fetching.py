@@ -60,8 +60,7 @@ def test_all_files_come_and_are_kept(site: Site, tmp_path: Path) -> None:
     assert steps[-1] == (8, 8, 40_000)
     assert not list((tmp_path / "out").rglob("*.part*"))
     asked = len(site.requests)
-    again = fetch(wanted(site.address), tmp_path / "out")
-    assert set(kinds(again).values()) == {"kept"}
+    assert set(kinds(fetch(wanted(site.address), tmp_path / "out")).values()) == {"kept"}
     assert len(site.requests) == asked
 
 
@@ -85,8 +84,7 @@ def test_a_file_damaged_on_disk_is_replaced(site: Site, tmp_path: Path) -> None:
     assert "SHA-256" in str(offline[3].problems[0])
     assert [path.read_bytes() for path in (tmp_path / "out/set-aside/Art").iterdir()] == [b"rot"]
     assert kinds(fetch(wanted(), tmp_path / "out", offline=True))["Art/3"] == "missing"
-    online = fetch(wanted(site.address), tmp_path / "out")
-    assert kinds(online)["Art/3"] == "new"
+    assert kinds(fetch(wanted(site.address), tmp_path / "out"))["Art/3"] == "new"
     assert (tmp_path / "out/Art/3").read_bytes() == FILES["Art/3"]
 
 

@@ -80,9 +80,8 @@ def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_scene_to_find_says_what_is_there(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"no file fits files\.infocus") as raised:
+    with pytest.raises(SourceError, match=r"no file fits files\.infocus.*door/blurred\.png"):
         with_found_scenes(find_manifest("idfd"), make_folder(tmp_path / "other"))
-    assert "door/blurred.png" in str(raised.value)
 
 
 def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
@@ -114,6 +113,6 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
         new_manifest(tmp_path / "none")
     (tmp_path / "one.png").touch()
     (tmp_path / "two.txt").touch()
-    with pytest.raises(InputError, match="no scene with two photographs") as caught:
+    told = r"no scene with two photographs.*: got one\.png; not read: 1 \.txt$"
+    with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)
-    assert caught.value.problems[0].got == "one.png; not read: 1 .txt"

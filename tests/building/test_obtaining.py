@@ -25,9 +25,8 @@ def test_what_is_asked_about_fetching_is_refused_where_nothing_is_fetched(tmp_pa
     assert obtain(demo)[1] is None
     with pytest.raises(InputError, match="demo is not fetched here"):
         obtain(demo, offline=True)
-    with pytest.raises(InputError, match="reads a copy on disk") as caught:
+    with pytest.raises(InputError, match=r"reads a copy on disk.*\(--mirror and --offline\)"):
         obtain(middlebury, tmp_path, ["https://a.example"], offline=True)
-    assert caught.value.problems[0].where == "--mirror and --offline"
 
 
 def test_offline_what_lies_there_is_the_source(
@@ -92,6 +91,5 @@ def test_what_is_built_is_not_built_again(
 
 @pytest.mark.parametrize("pair", ["135", "135,129", "135-", "a-b", "-135-129", "135-129-141"])
 def test_what_is_no_pair_of_steps_is_told(published: Path, tmp_path: Path, pair: str) -> None:
-    with pytest.raises(InputError, match="not a pair of voltage steps") as caught:
+    with pytest.raises(InputError, match=rf"not a pair of voltage steps.*, got {pair}$"):
         voltage_pair_sets(REALWORLD, ["135-129", pair], published, tmp_path)
-    assert caught.value.problems[0].got == pair

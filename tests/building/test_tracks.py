@@ -55,8 +55,7 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
     assert (store.recipe, store.recipe_name) == (None, f"of track {label}")
     assert store.attributes["recipe"] == {"name": "", "parameters": {}}
     assert (store.attributes["degradation"], store.attributes["track_version"]) == (label, 1)
-    said = str({k: v for k, v in store.attributes.items() if k != "manifest"})
-    assert "published" not in said
+    assert "published" not in str({k: v for k, v in store.attributes.items() if k != "manifest"})
     for pair in store.pairs("all"):
         plain, found = tiny_store.read(pair), store.read(pair)
         recipe, track = RECIPES["published"], find_degradation(label)

@@ -1,5 +1,6 @@
 """The command line as a fixture, for the tests of each family of verbs."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -12,25 +13,14 @@ from tests.cli.command import Command, Outcome
 from tests.conftest import TINY_TOML, served_by, store_of, write_png
 from tests.site import Site
 
-MINE = """
-import numpy as np
-
-def predict(infocus, defocus):
-    print("predicting")
-    return np.full(infocus.shape[:2], 90)
-
-def nan(infocus, defocus):
-    return np.full(infocus.shape[:2], np.nan)
-"""
-
 
 @pytest.fixture
 def dfdbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Command:
-    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods."""
+    """Calls the command line in a folder of the test's own, where `mymodule` lies."""
     (tmp_path / "work").mkdir()
-    (tmp_path / "work/mymodule.py").write_text(MINE)
+    shutil.copy(Path(__file__).with_name("mymodule.py"), tmp_path / "work")
     monkeypatch.chdir(tmp_path / "work")
 
     def command(*arguments: str) -> Outcome:

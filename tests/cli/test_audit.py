@@ -102,26 +102,6 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     assert len(tomllib.loads(fragment)["folds"]) == 3
 
 
-LEARNED = """
-import numpy as np
-
-class Elsewhere:
-    trained_on = "tiny-1, all but K2"
-
-    def __call__(self, infocus, defocus):
-        # Right wherever the depth is 100, far off elsewhere.
-        return np.full(infocus.shape[:2], 100)
-
-class Apart(Elsewhere):
-    trained_on = "tiny-1, all but Two"
-"""
-
-
-@pytest.fixture(autouse=True)
-def learned(dfdbench: Command) -> None:
-    Path("learned.py").write_text(LEARNED)
-
-
 def test_what_training_lacks_is_named_and_ends_with_1(dfdbench: Command, uneven: str) -> None:
     outcome = dfdbench("audit coverage", uneven, "--criterion", "thesis")
     assert outcome.status == 1
@@ -170,13 +150,12 @@ def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
 
 @pytest.mark.slow
 def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: str) -> None:
-    ran = dfdbench.fine("run --method learned:Elsewhere --dataset", uneven, "--split", "K2")
-    path = Path("results/uneven-K2/learned-Elsewhere/result.json")
+    ran = dfdbench.fine("run --method mymodule:Elsewhere --dataset", uneven, "--split", "K2")
+    path = Path("results/uneven-K2/mymodule-Elsewhere/result.json")
     (warning,) = load_result(path).warnings
     assert "tiny-1, all but K2, leaves missing or scarce: 36-38" in warning
     assert "missing or scarce: 36-38" in ran.out
-    outcome = dfdbench("audit coverage", uneven, "--result", str(path))
-    assert outcome.status == 1
+    assert dfdbench("audit coverage", uneven, "--result", str(path)).status == 1
     errors = json.loads((path.parent / "coverage/errors.json").read_text())
     assert errors["verdicts"]["covered"]["mean_absolute_error"] == 0
     assert errors["verdicts"]["missing"]["mean_absolute_error"] == pytest.approx(63, abs=0.1)
@@ -185,8 +164,8 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     for figure in ("coverage.png", "errors.png", "masks.png"):
         assert (path.parent / "coverage" / figure).stat().st_size > 5_000
     # Another method on a split whose levels its training has.
-    dfdbench("run --method learned:Apart --dataset", uneven, "--split", "Two")
-    other = dfdbench("audit coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
+    dfdbench("run --method mymodule:Apart --dataset", uneven, "--split", "Two")
+    other = dfdbench("audit coverage", uneven, "--result", "results/uneven-Two/mymodule-Apart")
     assert "what is wrong is not coverage" in other.out
     assert other.status == 0
 
@@ -215,8 +194,8 @@ def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str, verb: st
         ("coverage STORE --each fold --test Two", "--each takes no split"),
         ("coverage STORE --each fold --fold K1", "leave out --fold"),
         ("coverage STORE --result none.json", "cannot read the result"),
-        ("coverage STORE --out learned.py", "another place with --out"),
-        ("coverage learned.py", "a file, and not a data set"),
+        ("coverage STORE --out mymodule.py", "another place with --out"),
+        ("coverage mymodule.py", "a file, and not a data set"),
         ("coverage STORE --density-factor inf", "a density factor is"),
         ("split STORE", "ask for one thing"),
         ("split STORE --test-scenes 3", "--test-scenes 1 or 2"),

@@ -90,8 +90,7 @@ def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_pat
         found = json.loads(done.out)[name]
         assert told is ... or found == told, (words, found)
     assert json.loads(Path("t.json").read_text())["tables"][0]["rows"][0]["method"] == "constant"
-    refused = dfdbench.refused("did you mean middlebury", "info midlebury --format json")
-    assert refused.out == ""
+    assert dfdbench.refused("did you mean middlebury", "info midlebury --format json").out == ""
 
 
 def test_a_closed_pipe_is_no_mistake() -> None:

@@ -44,8 +44,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
         (("compare", "window=5", "window=5/result.json"), "one run is given twice"),
     ):
         dfdbench.refused(told, *arguments)
-    page = dfdbench("report window=5 window=9 --out page")
-    assert page.out.strip() == "page/report.html"
+    assert dfdbench("report window=5 window=9 --out page").out.strip() == "page/report.html"
     assert Path("page/report.html").stat().st_size > 100_000
     text = dfdbench("report window=5 --out text", *["--format", "markdown"], *SVG)
     assert Path("text/1-seconds-per-pair.svg").read_text("utf-8").startswith("<?xml")
@@ -113,8 +112,7 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
     make_folder("constant")
     rewrite_array(tiny_store, "Two/depth", np.fliplr)
     run = ("run", "--dataset", str(tiny_store.path), "--method", "constant", "--split", "One")
-    refused = dfdbench.refused("does not hold what was built", *run, "--submit")
-    assert "Two/depth" in refused.err
+    assert "Two/depth" in dfdbench.refused("does not hold what was built", *run, "--submit").err
     assert not Path("results").exists()
 
 

@@ -29,8 +29,7 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
     assert row.split() == ["3", "141-129", "1", "1", "2", "2", "3", "3", "3", "4", "4", "3", "3"]
     assert Path("pairs.png").exists()
     Path("mine.csv").write_text("step,1,2,3\n1,5,5,5\n2,4,3,2\n")
-    mine = dfdbench("rig optics pairs --lens mine.csv --range 1 3 --out a.png")
-    assert "2-1" in mine.out
+    assert "2-1" in dfdbench("rig optics pairs --lens mine.csv --range 1 3 --out a.png").out
     assert Path("a.png").exists()
 
 
@@ -78,12 +77,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
-    Path("asking.py").write_text(
-        "class Asking:\n"
-        "    def __init__(self, recipe): ...\n"
-        "    def __call__(self, infocus, defocus): ...\n"
-    )
-    asking = "run --method asking.py:Asking --dataset realworld --split k34"
+    asking = "run --method mymodule:Asking --dataset realworld --split k34"
     dfdbench.refused("captured images have none", asking)
     assert "| texture | scenes |" in dfdbench(run, "--format", "markdown").out
     lines = csv.DictReader(io.StringIO(dfdbench(run, "--format", "csv").out))
@@ -125,8 +119,7 @@ def test_a_mistake_is_told_and_nothing_printed(dfdbench: Command, words: str, to
 def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     few = ["rig", "simulate", "realworld", "--steps", "135", "--exposures", "40"]
     assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0
-    alone = dfdbench.fine("rig register k03 --source raw")
-    assert "leave open where the board lies" in alone.out
+    assert "leave open where the board lies" in dfdbench.fine("rig register k03 --source raw").out
     by_hand = Path("raw/k03/registration.toml").read_text() + "# by hand\n"
     Path("raw/k03/registration.toml").write_text(by_hand)
     assert dfdbench("rig register k03 --source raw --fresh").status == 0

@@ -19,8 +19,7 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
     assert "K1" in table
     assert "K2" in table
     before = (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns
-    again = dfdbench(*command, "--format", "csv")
-    assert again.out == (folder / "scores.csv").read_text()
+    assert dfdbench(*command, "--format", "csv").out == (folder / "scores.csv").read_text()
     assert (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns == before
     assert (folder / "scores.png").stat().st_size > 5000
 
@@ -50,8 +49,7 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     assert {"135-129-seed0", "141-129-seed0"} < {path.name for path in folder.iterdir()}
     assert "135-129" in done.out
     assert "141-129" in done.out
-    card = (folder / "135-129-seed0/weights.md").read_text()
-    assert "realworld-1, split train-pruned" in card
+    assert "realworld-1, split train-pruned" in (folder / "135-129-seed0/weights.md").read_text()
     again = dfdbench(*command, "--format", "csv")  # the sets lie in the cache
     assert (again.status, again.out) == (0, done.out), again.err
 

@@ -156,9 +156,9 @@ def find_movement(
 
     Notes
     -----
-    Of a similarity ECC finds an affine transform, to which the nearest is returned. Its last step
-    compares grey levels divided by those around them: on bare walls, different fall-off of light
-    towards the corners otherwise passes for a movement of up to three pixels.
+    For a similarity ECC finds an affine transform; the similarity nearest to it is returned. Its
+    last step compares grey levels divided by those around them: on bare walls, different fall-off
+    of light towards the corners otherwise passes for a movement of up to three pixels.
     """
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)

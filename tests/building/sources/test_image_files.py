@@ -61,9 +61,8 @@ def test_a_grey_jpeg_has_three_channels() -> None:
 
 def test_sixteen_bits_that_are_twelve_are_told() -> None:
     image = (RGB.astype(np.uint16) * 16) + 15
-    with pytest.raises(SourceError, match="seems to hold 12 bits") as caught:
+    with pytest.raises(SourceError, match=r"seems to hold 12 bits[^$]*Fix: .*image_bits = 12"):
         image_files.read_photograph(encoded(image), "a.png")
-    assert "image_bits = 12" in caught.value.problems[0].fix
     assert image_files.read_photograph(encoded(image), "a.png", bits=12).max() == 255
     assert image_files.read_photograph(encoded(image), "a.png", bits=16).max() == 16
     with pytest.raises(SourceError, match="more than 10 bits"):
@@ -201,6 +200,5 @@ def test_an_npz_file_holds_one_array_or_one_called_depth() -> None:
         image_files.read_depth_file(held.getvalue()[:-30], "a.npz")
     held = io.BytesIO()
     np.savez(held, near=np.eye(3), far=np.eye(3))
-    with pytest.raises(SourceError, match="none is called depth") as caught:
+    with pytest.raises(SourceError, match=r"none is called depth.*got near, far$"):
         image_files.read_depth_file(held.getvalue(), "a.npz")
-    assert caught.value.problems[0].got == "near, far"

@@ -43,8 +43,7 @@ def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> 
     source = middlebury.MiddleburyScenes(manifest, tiny_folder)
     assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
     assert source.read("One").infocus.shape == (2, 24, 30, 3)
-    missing = manifest.pairs("test")
-    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(missing)
+    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(manifest.pairs("test"))
 
 
 def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> None:
@@ -193,8 +192,7 @@ def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_pat
     (said,) = done.lacking
     assert f"the mirror lacks {FILES} files, such as 404 {wrong}/" in said.what
     # Kept files are not asked for, and say nothing of the mirror.
-    again = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong])
-    assert again.lacking == ()
+    assert middlebury.download_middlebury(manifest, tmp_path / "in", [wrong]).lacking == ()
     site.faults[f"/{BELOW}/One/disp1.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
         middlebury.download_middlebury(manifest, tmp_path / "other", [wrong])
@@ -242,5 +240,4 @@ def test_what_is_no_archive_is_set_aside_and_its_files_come_one_by_one(
     aside = [path.name for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
     assert len(aside) == 1
     assert aside[0].startswith("Two-2views.zip.")
-    source = open_source(default, done.folder)
-    assert build_store(default, source, tmp_path / "a.zarr").pairs == 6
+    assert build_store(default, open_source(default, done.folder), tmp_path / "a.zarr").pairs == 6
