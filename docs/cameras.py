@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 import dfdbench
 from dfdbench.building import SceneImages, build_store
-from dfdbench.building.sources import Made
+from dfdbench.building.sources import Whole
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -63,7 +63,7 @@ CAMERAS = {
 SHARP_FOCUS = {"old-lens": 1.0}
 
 
-class Rooms(Made):
+class Rooms(Whole):
     """The rooms as one camera sees them."""
 
     captures_defocus = True

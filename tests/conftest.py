@@ -1,20 +1,24 @@
 """What several test files need: the shared images, a tiny data set, the demo store."""
 
+import itertools
 import logging
 import os
 import shutil
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+import zarr
 from hypothesis import settings
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from upath import UPath
 
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.building import fetching
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
@@ -29,6 +33,7 @@ from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.made_captures import STEPS, raw_scene
 from tests.once import made_once
+from tests.site import Site, served
 
 # A loaded machine is slow, and slowness is no defect of what is tested.
 settings.register_profile("dfdbench", deadline=None)
@@ -180,6 +185,27 @@ def make_tiny_set(folder: Path) -> None:
     store_of(TINY_TOML, folder / "site", folder / "tiny.zarr")
 
 
+def make_published(folder: Path, scenes: Sequence[str], exposures: Sequence[int] = (30,)) -> Path:
+    """Write scenes of the real-world set as published, noise for images; return the folder."""
+    random = np.random.default_rng(8)
+    for scene in scenes:
+        for exposure, step in itertools.product(exposures, STEPS):
+            image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
+            name = f"exp_{exposure}/image_{step}_{exposure}.00.png"
+            write_png(folder / scene / "left" / name, image)
+        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
+        levels[:9], levels[9:20] = 0, 255
+        write_png(folder / scene / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
+    return folder
+
+
+def rewrite_array(store: Dataset, name: str, change: Callable[[NDArray[Any]], ArrayLike]) -> None:
+    """Change an array of a store on disk, and nothing that the store says of it."""
+    array = zarr.open_group(str(store.path), mode="r+")[name]
+    assert isinstance(array, zarr.Array)
+    array[...] = np.asarray(change(np.asarray(array[...])))
+
+
 def store_of(manifest: Manifest | str, folder: Path, place: Path) -> Dataset:
     """Build a set from files; a text is the tiny set's manifest, edited."""
     if isinstance(manifest, str):
@@ -203,6 +229,32 @@ def tiny_folder(tiny_set: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def tiny_store(tiny_set: Path, tmp_path: Path) -> Dataset:
     return Dataset(shutil.copytree(tiny_set / "tiny.zarr", tmp_path / "tiny.zarr"))
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ask a server a few times in quick succession."""
+    for name, value in {"_TRIES": 4, "_PAUSE": 0.01, "_SILENCE": 0.5}.items():
+        monkeypatch.setattr(fetching, name, value)
+
+
+#: Where a server has the tiny set's files.
+BELOW = "data/scenes/ThirdSize"
+
+
+@pytest.fixture
+def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
+    """A server that has the tiny set's files."""
+    place = tmp_path / "server" / BELOW
+    place.parent.mkdir(parents=True)
+    tiny_folder.rename(place)
+    with served(tmp_path / "server") as site:
+        yield site
+
+
+def served_by(site: Site, toml: str = TINY_TOML) -> str:
+    """The tiny set's manifest with the site's address in it."""
+    return toml.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
 
 
 @pytest.fixture(scope="session")

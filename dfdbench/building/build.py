@@ -15,7 +15,6 @@ from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.building.new_manifest import with_found_scenes
 from dfdbench.building.sources import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts
@@ -29,62 +28,6 @@ from dfdbench.system.parallel import Pool, Threads
 from dfdbench.tables.table import counted, listed
 
 
-def plan_build(
-    manifest: Manifest,
-    store: Place | None = None,
-    recipe: str | None = None,
-    steps: tuple[int, int] | None = None,
-    cache: Path | None = None,
-    source: Path | None = None,
-) -> tuple[Manifest, UPath]:
-    """Return what to build and where; another set than the manifest's needs its own place.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        The data set.
-    store : str, Path or UPath, optional
-        The store to write; by default the data set's place in the cache.
-    recipe : str, optional
-        A blur recipe's name, in place of the manifest's.
-    steps : tuple of int, optional
-        In-focus and defocus voltage step, in place of the manifest's.
-    cache : Path, optional
-        The cache folder; see `dfdbench.system.cache.cache_folder`.
-    source : Path, optional
-        The folder with the files, for a manifest whose scenes are found there.
-
-    Returns
-    -------
-    Manifest
-        With the scenes that were found, if they are to be found.
-    UPath
-        The store to write.
-
-    Raises
-    ------
-    UnknownNameError
-        Where there is no such recipe.
-    SourceError
-        Where scenes are to be found in `source`, and none is.
-    InputError
-        Where the data set's default place would get another recipe or other steps; where a
-        recipe is named with a track.
-
-    Examples
-    --------
-    >>> from dfdbench.datasets.catalog import find_manifest
-    >>> manifest, place = plan_build(find_manifest("demo"), "my.zarr", "text")
-    >>> manifest.stem, place.name
-    ('demo-1', 'my.zarr')
-    """
-    if recipe is not None:
-        find_recipe(recipe)
-    place = as_location(store or default_store(manifest, cache))
-    refuse_another_set(manifest, place, recipe, steps, cache)
-    return with_found_scenes(manifest, source), place
-
-
 def refuse_another_set(
     manifest: Manifest,
     place: UPath,
@@ -96,14 +39,29 @@ def refuse_another_set(
 
     A data set on a track takes no recipe anywhere: the track has a blur of its own.
 
-    The parameters are those of `plan_build`; `place` is the store to write.
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    place : UPath
+        The store to write.
+    recipe : str or None
+        A blur recipe's name, in place of the manifest's.
+    steps : tuple of int or None
+        In-focus and defocus voltage step, in place of the manifest's.
+    cache : Path, optional
+        The cache folder; see `dfdbench.system.cache.cache_folder`.
 
     Raises
     ------
+    UnknownNameError
+        Where there is no such recipe.
     InputError
         If `place` is the data set's own, and recipe or steps are not; if both a recipe and a track
         are named.
     """
+    if recipe is not None:
+        find_recipe(recipe)
     if recipe is not None and manifest.on_track:
         what = f"a track decides how its images are made: no recipe {recipe} on {manifest.short}"
         fix = f"leave out --recipe, or the track, @{manifest.degradation}"

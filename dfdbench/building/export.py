@@ -133,16 +133,13 @@ def blur_name(recipe: BlurRecipe) -> str:
 def _write(path: Path, image: NDArray[Any]) -> None:
     stored = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
     _, encoded = cv2.imencode(".png", stored)
-    content = encoded.tobytes()
     try:
         if path.exists():
-            if path.read_bytes() == content:
-                return
             there = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if there is not None and np.array_equal(there, stored):
                 return
             fix = "export into another folder; pairs before this one are written"
             raise StoreError("a file of that name holds something else", where=str(path), fix=fix)
-        write_whole(path, content)
+        write_whole(path, encoded.tobytes())
     except OSError as error:
         raise StoreError("cannot write the image", where=str(path), got=reason_of(error)) from error

@@ -31,6 +31,9 @@ _BLOCK = 64 * 1024
 _TRY_AGAIN = (408, 425, 429, *range(500, 600))
 _NOT_THERE = (403, 404, 410)
 _FAILURES_TO_GIVE_UP = 3
+# Requests for one file at one address before it is given up; seconds before the third, doubled
+# before each further one; seconds without a byte after which a connection counts as lost.
+_TRIES, _PAUSE, _SILENCE = 6, 0.5, 30.0
 _CONNECTION = re.compile(r"^<?\w*Connection\w*[(]?[^:]*: ")
 _NOT_SENT = "the server does not send the file"
 _LATER = "try again later: files that are whole are kept; or name a --mirror URL"
@@ -88,25 +91,6 @@ class Fate:
         return self.kind in ("new", "kept")
 
 
-@dataclass(frozen=True)
-class Patience:
-    """How long to wait for a server, and how often to ask again.
-
-    Parameters
-    ----------
-    tries : int
-        Requests for one file at one address before it is given up.
-    pause : float
-        Seconds before the third request; doubled before each further one.
-    silence : float
-        Seconds without a byte after which a connection counts as lost.
-    """
-
-    tries: int = 6
-    pause: float = 0.5
-    silence: float = 30.0
-
-
 class Fetcher:
     """Bring files into a folder, each whole and checked or not at all.
 
@@ -120,30 +104,23 @@ class Fetcher:
         Where to.
     on_progress : callable, optional
         Called with files and bytes of all calls, by one thread at a time.
-    patience : Patience, optional
-        With slow and failing servers.
     offline : bool
         Ask nobody: only look at what is there.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        on_progress: Progress | None = None,
-        patience: Patience | None = None,
-        offline: bool = False,
+        self, folder: Path, on_progress: Progress | None = None, offline: bool = False
     ) -> None:
         self._folder, self._on_progress, self._offline = folder, on_progress, offline
-        self._patience = patience or Patience()
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._done = self._files = self._received = 0
         self._failures: Counter[str] = Counter()
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
-            self._patience.tries - 1,
+            _TRIES - 1,
             other=0,
             status_forcelist=_TRY_AGAIN,
-            backoff_factor=self._patience.pause,
+            backoff_factor=_PAUSE,
             # A server may ask for hours.
             respect_retry_after_header=False,
         )
@@ -248,10 +225,9 @@ class Fetcher:
 
     def _receive(self, address: str, part: Path) -> None:
         reason = ""
-        for _ in range(self._patience.tries):
-            silence = self._patience.silence
+        for _ in range(_TRIES):
             try:
-                answer = self._session.get(address, stream=True, timeout=silence)
+                answer = self._session.get(address, stream=True, timeout=_SILENCE)
             except requests.exceptions.RequestException as error:
                 raise _unreachable(address, error) from error
             with answer:
@@ -277,9 +253,8 @@ class Fetcher:
 
 def cannot_keep(place: str | Path, error: OSError) -> SourceError:
     """Return the error that says why the disk does not take a download."""
-    what = f"cannot keep the download: {reason_of(error)}"
     fix = room_or("choose another place with --cache DIR", error)
-    return SourceError(what, where=str(place), fix=fix)
+    return SourceError(f"cannot keep the download: {reason_of(error)}", where=str(place), fix=fix)
 
 
 def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:

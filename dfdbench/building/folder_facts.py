@@ -101,8 +101,8 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     depths = [group for group in layout.groups if _is_depth(folder, group)]
     # Photographs may be grey and have 16 bits, too: a name says more.
     depths = [group for group in depths if group.is_depth] or depths
-    photographs = [group for group in layout.groups if group not in depths]
-    photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAYS)]
+    others = [group for group in layout.groups if group not in depths]
+    photographs = [group for group in others if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
         what = "no depth map and two photographs a scene are found: a depth file is grey "
@@ -210,8 +210,7 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
     energies: dict[str, dict[Key, float]] = {group.pattern: {} for group in groups}
     for group in groups:
         for key in _shared(tuple(keys), group):
-            photograph = _photograph(folder, group, key, facts)
-            energies[group.pattern][key] = laplacian_energy(photograph)
+            energies[group.pattern][key] = laplacian_energy(_photograph(folder, group, key, facts))
     seen = [group for group in groups if energies[group.pattern]]
     if len(seen) < 2:
         what = "no scene has two photographs beside its depth map"

@@ -78,8 +78,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     """
     if not folder.is_dir():
         raise InputError("no such folder", where=str(folder))
-    paths = image_files(folder)
-    layout, facts = _look(folder, paths)
+    layout, facts = _look(folder, image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)

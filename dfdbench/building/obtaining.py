@@ -4,12 +4,13 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dfdbench.building.build import BuildReport, build_store, plan_build
+from dfdbench.building.build import BuildReport, build_store, refuse_another_set
 from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
+from dfdbench.building.new_manifest import with_found_scenes
 from dfdbench.building.sources import Source, open_source
 from dfdbench.building.sources.middlebury import Download, download_middlebury
 from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
@@ -18,28 +19,9 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.cache import DOWNLOADS, cache_folder
-from dfdbench.system.location import Place, is_local
+from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Shown
 from dfdbench.tables.table import counted
-
-
-@dataclass(frozen=True)
-class Obtained:
-    """The files that a build reads.
-
-    Parameters
-    ----------
-    source : Source
-        The files.
-    done : Download or None
-        What was fetched; None if nothing is.
-    refused : int
-        How many downloaded files were damaged and set aside.
-    """
-
-    source: Source
-    done: Download | None = None
-    refused: int = 0
 
 
 def obtain(
@@ -50,7 +32,7 @@ def obtain(
     cache: Path | None = None,
     on_progress: Progress | None = None,
     steps: tuple[int, int] | None = None,
-) -> Obtained:
+) -> tuple[Source, Download | None]:
     """Find the files of a data set, and fetch them first if they can be fetched.
 
     Parameters
@@ -70,6 +52,13 @@ def obtain(
     steps : tuple of int, optional
         In-focus and defocus voltage step, in place of the manifest's.
 
+    Returns
+    -------
+    Source
+        The files.
+    Download or None
+        What was fetched; None if nothing is.
+
     Raises
     ------
     InputError, SourceError
@@ -82,16 +71,15 @@ def obtain(
             if folder is not None:
                 what = "--source reads a copy on disk: nothing is fetched"
             raise InputError(what, where=" and ".join(given), fix="leave it out")
-        return Obtained(open_source(manifest, folder, known_checksums(manifest), steps))
+        return open_source(manifest, folder, known_checksums(manifest), steps), None
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
-    problems = [
+    InputError.raise_if(
         Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")
         for one in mirrors
         if not re.match(r"https?://[^/]+", one)
-    ]
-    InputError.raise_if(problems)
+    )
     place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
     aside = place / SET_ASIDE
     before = _count_files(aside)
@@ -108,7 +96,7 @@ def obtain(
         fix += ", or name a copy on disk: --source DIR"
         raise InputError.of([Problem(what, where=str(place), fix=fix), *done.lacking])
     source = open_source(manifest, place, known_checksums(manifest, place))
-    return Obtained(source, done, _count_files(aside) - before)
+    return source, replace(done, refused=_count_files(aside) - before)
 
 
 def build_dataset(
@@ -124,7 +112,7 @@ def build_dataset(
     pool: Pool | None = None,
     cache: Path | None = None,
     shown: Shown = lambda what: nullcontext(),
-    on_fetched: Callable[[Obtained], None] = lambda obtained: None,
+    on_fetched: Callable[[Download], None] = lambda done: None,
 ) -> BuildReport:
     """Find a data set's files, and build its store of them.
 
@@ -135,25 +123,27 @@ def build_dataset(
     pool : Pool, optional
         As of `build_store`.
     on_fetched : callable
-        Called with the files, before anything is built of them.
+        Called with what was fetched, before anything is built of it.
 
     Raises
     ------
     DfdbenchError
-        As of `plan_build`, `obtain` and `build_store`; where the store would be written into
-        something else.
+        As of `refuse_another_set`, `obtain` and `build_store`; where the store would be written
+        into something else.
     """
     found = find_manifest(of_seed(name, seed))
-    manifest, place = plan_build(found, store, recipe, steps, cache, source)
+    place = as_location(store or default_store(found, cache))
+    refuse_another_set(found, place, recipe, steps, cache)
+    manifest = with_found_scenes(found, source)
     if is_local(place):
         # The cache may be inside the folder of the files; a place that the user names may not.
-        read = source if store else None
-        output_place(place.path, read, option="--store", replaces=True)
+        output_place(place.path, source if store else None, option="--store", replaces=True)
     with shown(f"fetching {manifest.short}") as step:
-        obtained = obtain(manifest, source, mirrors, offline, cache, step, steps)
-    on_fetched(obtained)
+        files, done = obtain(manifest, source, mirrors, offline, cache, step, steps)
+    if done:
+        on_fetched(done)
     with shown(f"building {name}") as step:
-        return build_store(manifest, obtained.source, place, recipe, pool, step)
+        return build_store(manifest, files, place, recipe, pool, step)
 
 
 def _count_files(folder: Path) -> int:

@@ -83,7 +83,7 @@ _AUDIT = {
     "split": Verb("audit.split_command"),
     "difficulty": Verb("audit.difficulty"),
 }
-_OPTICS = {name: Verb(f"optics.{name}") for name in ("blur", "pairs", "sharpness")}
+_OPTICS = {name: Verb(f"rig.{name}") for name in ("blur", "pairs", "sharpness")}
 _SIMULATE = {"realworld": Verb("rig.simulate_realworld"), "lens": Verb("rig.simulate_lens")}
 _RIG = {
     "optics": Verb(

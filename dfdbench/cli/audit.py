@@ -125,14 +125,12 @@ def difficulty(
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
+    manifest, folder = store.manifest, _place(out, store, "bound" if bound else "difficulty", split)
     if bound:
-        folder = _place(out, store, "bound", split)
         _answer_bound(store, split, result or [], folder, format)
         return
     if result:
         raise InputError("runs stand beside the bound", where="--result", fix="add --bound")
-    folder = _place(out, store, "difficulty", split)
-    manifest = store.manifest
     with screen.progress("looking at pairs", "nothing was written") as step:
         found = hardness.split_difficulty(store, split, noise, step)
     rows = hardness.difficulty_rows(manifest, found)

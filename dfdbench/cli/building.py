@@ -19,7 +19,7 @@ from dfdbench.tables.table import counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
-    from dfdbench.building.obtaining import Obtained
+    from dfdbench.building.sources.middlebury import Download
 
 
 def build(
@@ -102,7 +102,6 @@ def export(
 
     output_place(png, option="--png")
     store = open_dataset(name, cache=cache)
-    store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step, images_only)
     text = f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}"
@@ -120,11 +119,9 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
     return infocus, defocus
 
 
-def _tell_fetched(obtained: Obtained) -> None:
-    if (done := obtained.done) is None:
-        return
-    if obtained.refused:
-        count = counted(obtained.refused, "file")
+def _tell_fetched(done: Download) -> None:
+    if done.refused:
+        count = counted(done.refused, "file")
         say(f"refused, and set aside in {done.folder / 'set-aside'}: {count}")
     for problem in done.lacking:
         say(f"warning: {problem}")
@@ -162,8 +159,7 @@ def _missing_text(report: BuildReport) -> str:
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no pair at all    {listed(whole, most=8)}")
-    for scene in [s for s in by_scene if s not in whole]:
-        lines.append(f"  {scene:<17} {listed(by_scene[scene], most=8)}")
+    lines += [f"  {s:<17} {listed(by_scene[s], most=8)}" for s in by_scene if s not in whole]
     lines.append(f"  fix               {report.missing_help}")
     return "\n".join(lines)
 

@@ -76,8 +76,7 @@ def _listed(manifest: catalog.Heading | Manifest, name: str, built: bool) -> dic
 def _cells(record: dict[str, object]) -> tuple[str, ...]:
     words = {True: "yes", False: "no", None: ""}
     told = (value for key, value in record.items() if key != "manifest")
-    shown = (words[v] if v is None or isinstance(v, bool) else str(v) for v in told)
-    return tuple(shown)
+    return tuple(words[v] if v is None or isinstance(v, bool) else str(v) for v in told)
 
 
 def _own(cache: Path | None) -> list[dict[str, object]]:
@@ -368,8 +367,7 @@ def doctor(
     found = describe_environment()
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
     rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
-    table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
-    show(format, [table])
+    show(format, [Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")])
 
 
 def _system(found: Environment) -> Iterator[tuple[str, str]]:

@@ -75,9 +75,8 @@ def predict(
         raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
     folder = len(images) == 1 and images[0].is_dir()
     if not folder and len(images) != 2:
-        what = (
-            f"two photographs or a folder of pairs are needed, not {counted(len(images), 'path')}"
-        )
+        named = counted(len(images), "path")
+        what = f"two photographs or a folder of pairs are needed, not {named}"
         raise InputError(what, fix="dfdbench predict sharp.png blurred.png --out depth.png")
     if folder and figure:
         raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")

@@ -134,16 +134,13 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
     >>> values_of(["noise=2", "schedule=cosine"], "--set")
     {'noise': 2, 'schedule': 'cosine'}
     """
-    values = {}
-    problems = []
-    for text in given or []:
-        name, equals, value = text.partition("=")
-        if name and equals:
-            values[name] = value_of(value, f"{option} {name}")
-        else:
-            problems.append(Problem("not a NAME=VALUE", where=option, got=text))
-    InputError.raise_if(problems)
-    return values
+    parts = [text.partition("=") for text in given or []]
+    InputError.raise_if(
+        Problem("not a NAME=VALUE", where=option, got=f"{name}{equals}{value}")
+        for name, equals, value in parts
+        if not (name and equals)
+    )
+    return {name: value_of(value, f"{option} {name}") for name, _, value in parts}
 
 
 def value_of(text: str, where: str) -> Any:

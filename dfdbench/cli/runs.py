@@ -205,8 +205,7 @@ def tune(
     kept = shlex.join(word for each in others for word in ("--param", each))
     best = " ".join(filter(None, (kept, best_words(found))))
     then = f"dfdbench run --dataset {dataset} --method {method} {best}"
-    table = tried_table(found, f"{method} on training captures of {dataset}")
-    show(format, [table], next=then)
+    show(format, [tried_table(found, f"{method} on training captures of {dataset}")], next=then)
     say(f"next         {then}")
 
 

@@ -131,10 +131,9 @@ def _say_built(report: BuildReport) -> None:
 def _listed(text: str | None) -> list[Any] | None:
     if text is None:
         return None
-    values = [part.strip() for part in text.split(",")]
-    if not all(values):
+    if not all(part.strip() for part in text.split(",")):
         raise InputError(f"not a list of values, as 0,1,2: {text!r}", where="--values")
-    return [options.value_of(value, "--values") for value in values]
+    return options.several(text, "--values")
 
 
 def reduce(

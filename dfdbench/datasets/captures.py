@@ -162,9 +162,8 @@ class Capture:
             return self
         for number in images:
             if not 0 <= number < len(self.images):
-                there = f"0 to {len(self.images) - 1}"
-                where = self.pair.id
-                raise InputError(f"image {number} is not there", where=where, expected=there)
+                what = f"image {number} is not there"
+                raise InputError(what, where=self.pair.id, expected=f"0 to {len(self.images) - 1}")
         facts = {
             name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
             for name in BY_IMAGE
@@ -193,7 +192,7 @@ class Capture:
         return [*images[:_SHOWN], depth_map(self.levels, self.valid, "ground truth")]
 
 
-def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
+def capture_of(stack: xarray.DataArray) -> Capture:
     """Return a stack as a capture without depth.
 
     Parameters
@@ -201,8 +200,6 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
     stack : DataArray of uint8 or uint16, dimensions (image, y, x, channel)
         What is not among its coordinates and attributes counts as unknown; images without a role
         are defocus images.
-    name : str
-        What it is called.
 
     Raises
     ------
@@ -212,10 +209,10 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
     if tuple(stack.dims) != ("image", "y", "x", "channel") or stack.sizes["channel"] != 3:
         got = ", ".join(f"{key} {size}" for key, size in stack.sizes.items())
         what = "not a stack of dimensions image, y, x, channel, with 3 channels"
-        raise InputError(what, where=name, got=got)
+        raise InputError(what, where="stack", got=got)
     if stack.dtype not in (np.uint8, np.uint16):
-        what = "not a stack"
-        raise InputError(what, where=name, expected="uint8 or uint16", got=str(stack.dtype))
+        got = str(stack.dtype)
+        raise InputError("not a stack", where="stack", expected="uint8 or uint16", got=got)
     count = stack.sizes["image"]
     roles = stack["role"].values if "role" in stack.coords else ["defocus"] * count
     by_image = {key: stack[key].values.astype(float) for key in BY_IMAGE if key in stack.coords}
@@ -230,7 +227,7 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
         scale = DepthScale(near=near, far=far)
         about = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=scale)
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
-    return Capture(Pair(name, ()), stack.values, depth, facts, about)
+    return Capture(Pair("stack", ()), stack.values, depth, facts, about)
 
 
 def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -365,13 +365,12 @@ class Captures(Sequence[Capture]):
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
     what = "the crop does not lie within the image"
-    problems = [
+    InputError.raise_if(
         Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
-    ]
-    InputError.raise_if(problems)
+    )
 
 
 def open_dataset(name: str, place: Place | None = None, cache: Path | None = None) -> Dataset:

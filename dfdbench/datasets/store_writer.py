@@ -90,14 +90,13 @@ class SceneWriter:
             return None
         try:
             dataset = open_scene(place, scene)
-            attributes = dataset.attrs
-            if attributes.get("source_sha256") != signature or "digest" not in attributes:
+            if dataset.attrs.get("source_sha256") != signature:
                 return None
             digest = combine(scene_digests(dataset))
         except Exception:
             # Damaged: written again.
             return None
-        return digest if digest == attributes["digest"] else None
+        return digest if digest == dataset.attrs.get("digest") else None
 
 
 class StoreWriter:

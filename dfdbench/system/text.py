@@ -99,11 +99,10 @@ def require_same(
     before: Mapping[str, Any], now: Mapping[str, Any], what: str, where: str, fix: str = ""
 ) -> None:
     """Raise an InputError that names everything in which two nested records differ."""
-    problems = [
+    InputError.raise_if(
         Problem(f"{what}, with {name} {one} instead of {other}", where=where, fix=fix)
         for name, one, other in differences(before, now)
-    ]
-    InputError.raise_if(problems)
+    )
 
 
 def toml_text(content: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.row_file import known_fingerprints
-from dfdbench.building.build import build_store, plan_build, refuse_another_set, scene_dataset
+from dfdbench.building.build import build_store, refuse_another_set, scene_dataset
 from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import default_store, find_manifest
@@ -54,8 +54,7 @@ def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     report = build_store(tiny_manifest, source, place, None, pool, lambda *step: seen.append(step))
     assert report.fingerprint == tiny_store.fingerprint
     assert seen == [(1, 3), (2, 3), (3, 3)]
-    again = build_store(tiny_manifest, source, place, None, pool)
-    assert again.scenes_kept == tiny_store.scenes
+    assert build_store(tiny_manifest, source, place, None, pool).scenes_kept == tiny_store.scenes
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:
@@ -154,32 +153,23 @@ def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None
 DEMO, CAPTURED = find_manifest("demo"), find_manifest("realworld")
 
 
-def test_a_build_lies_in_the_cache_unless_a_place_is_given(tmp_path: Path) -> None:
-    manifest, place = plan_build(DEMO, cache=tmp_path)
-    assert (manifest, Path(place.path)) == (DEMO, tmp_path / "stores/demo-1.zarr")
-    assert plan_build(DEMO, "memory://mine.zarr", "text")[1].protocol == "memory"
-
-
-@pytest.mark.parametrize("named", [False, True])
-def test_other_blur_or_steps_are_refused_in_the_sets_own_place(tmp_path: Path, named: bool) -> None:
-    places = [default_store(manifest, tmp_path) if named else None for manifest in (DEMO, CAPTURED)]
+def test_other_blur_or_steps_are_refused_in_the_sets_own_place(tmp_path: Path) -> None:
+    blurred, captured = (UPath(default_store(manifest, tmp_path)) for manifest in (DEMO, CAPTURED))
     with pytest.raises(InputError, match="another blur recipe"):
-        plan_build(DEMO, places[0], "text", cache=tmp_path)
+        refuse_another_set(DEMO, blurred, "text", None, tmp_path)
     with pytest.raises(InputError, match="other voltage steps"):
-        plan_build(CAPTURED, places[1], steps=(1, 2), cache=tmp_path)
-    capture = CAPTURED.capture
-    assert capture is not None
-    usual = (capture.infocus_step, capture.defocus_step)
-    plan_build(CAPTURED, places[1], steps=usual, cache=tmp_path)
-    plan_build(DEMO, places[0], "published", cache=tmp_path)
+        refuse_another_set(CAPTURED, captured, None, (1, 2), tmp_path)
+    refuse_another_set(CAPTURED, captured, None, (141, 129), tmp_path)
+    refuse_another_set(DEMO, blurred, "published", None, tmp_path)
+    for elsewhere in (UPath("memory://mine.zarr"), UPath(tmp_path / "stores/demo-2.zarr")):
+        refuse_another_set(DEMO, elsewhere, "text", None, tmp_path)
 
 
 def test_a_link_to_the_sets_own_place_is_that_place(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "cache")
+    linked = UPath(default_store(DEMO, tmp_path / "link"))
     with pytest.raises(InputError, match="another blur recipe"):
-        plan_build(DEMO, default_store(DEMO, tmp_path / "link"), "text", cache=tmp_path / "cache")
-    other = UPath(tmp_path / "cache/stores/demo-2.zarr")
-    refuse_another_set(DEMO, other, "text", None, tmp_path / "cache")
+        refuse_another_set(DEMO, linked, "text", None, tmp_path / "cache")
 
 
 def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:

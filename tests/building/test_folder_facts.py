@@ -62,8 +62,7 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
         cv2.imwrite(str(folder / scene / "depth.tiff"), metres)
     facts = facts_of(folder)
     assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
-    said = "in desk 64 × 64, not 96 × 72): resample it"
-    assert any(said in text for text in facts.open)
+    assert any("in desk 64 × 64, not 96 × 72): resample it" in text for text in facts.open)
 
 
 def test_grey_photographs_of_16_bits_are_told_from_depth_by_its_name(folder: Path) -> None:
@@ -77,9 +76,8 @@ def test_depth_in_files_that_are_not_read_is_told(folder: Path) -> None:
         (folder / scene / "depth.png").unlink()
         (folder / scene / "more.jpg").write_bytes((folder / scene / "sharp.png").read_bytes())
         (folder / scene / "depth.mat").touch()
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r": got .*not read: 4 \.mat"):
         facts_of(folder)
-    assert "not read: 4 .mat" in caught.value.problems[0].got
 
 
 def test_depth_in_metres_is_read_from_arrays(folder: Path) -> None:

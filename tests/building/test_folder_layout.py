@@ -28,8 +28,7 @@ def patterns(paths: list[str]) -> list[str]:
     ],
 )
 def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
-    paths = [kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]
-    assert patterns(paths) == kinds
+    assert patterns([kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]) == kinds
 
 
 def test_kinds_may_differ_in_nothing_but_their_endings() -> None:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store, plan_build
+from dfdbench.building.build import build_store
 from dfdbench.building.new_manifest import new_manifest, with_found_scenes
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest, manifest_in
@@ -59,8 +59,8 @@ PLACES = ("Apartment1", "Bedroom_room2", "Bedroom_room3", "Lab 4", "Museum")
 
 def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     folder = make_idfd(tmp_path, PLACES)
-    manifest, place = plan_build(find_manifest("idfd"), tmp_path / "one.zarr", source=folder)
-    report = build_store(manifest, open_source(manifest, folder), place)
+    manifest = with_found_scenes(find_manifest("idfd"), folder)
+    report = build_store(manifest, open_source(manifest, folder), tmp_path / "one.zarr")
     assert (report.problems, report.missing) == ((), ())
     assert report.warnings == ("13 scenes found; idfd has 764",)
     store = Dataset(tmp_path / "one.zarr")
@@ -68,7 +68,7 @@ def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     assert len(store.manifest.scenes_of("train")) == 10
     assert np.nanmax(store.captures("test")[0].depth) == pytest.approx(4)
     assert datasheet_of(store.manifest) is not None
-    assert with_found_scenes(find_manifest("idfd"), folder) == store.manifest
+    assert store.manifest == manifest
 
 
 def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
@@ -80,9 +80,8 @@ def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_scene_to_find_says_what_is_there(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"no file fits files\.infocus") as raised:
+    with pytest.raises(SourceError, match=r"no file fits files\.infocus.*door/blurred\.png"):
         with_found_scenes(find_manifest("idfd"), make_folder(tmp_path / "other"))
-    assert "door/blurred.png" in str(raised.value)
 
 
 def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
@@ -114,6 +113,6 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
         new_manifest(tmp_path / "none")
     (tmp_path / "one.png").touch()
     (tmp_path / "two.txt").touch()
-    with pytest.raises(InputError, match="no scene with two photographs") as caught:
+    told = r"no scene with two photographs.*: got one\.png; not read: 1 \.txt$"
+    with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)
-    assert caught.value.problems[0].got == "one.png; not read: 1 .txt"

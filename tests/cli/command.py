@@ -1,8 +1,9 @@
 """The command line, called as a user calls it."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Outcome(NamedTuple):
@@ -25,6 +26,12 @@ class Command:
         done = self(words, *arguments)
         assert done.status == 0, done.err
         return done
+
+    def facts(self, words: str, *arguments: str, status: int = 0) -> Any:
+        """Call it for its answer as JSON."""
+        done = self(words, *arguments, "--format", "json")
+        assert done.status == status, done.err
+        return json.loads(done.out)
 
     def refused(self, says: str, words: str, *arguments: str) -> Outcome:
         """Call it where a mistake is to end it with a message."""

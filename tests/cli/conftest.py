@@ -1,7 +1,7 @@
 """The command line as a fixture, for the tests of each family of verbs."""
 
+import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,28 +10,17 @@ import pytest
 from dfdbench.cli import main
 from dfdbench.datasets.manifest import Manifest
 from tests.cli.command import Command, Outcome
-from tests.conftest import TINY_TOML, store_of, write_png
-from tests.site import Site, served
-
-MINE = """
-import numpy as np
-
-def predict(infocus, defocus):
-    print("predicting")
-    return np.full(infocus.shape[:2], 90)
-
-def nan(infocus, defocus):
-    return np.full(infocus.shape[:2], np.nan)
-"""
+from tests.conftest import TINY_TOML, served_by, store_of, write_png
+from tests.site import Site
 
 
 @pytest.fixture
 def dfdbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Command:
-    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods."""
-    (tmp_path / "work").mkdir(exist_ok=True)
-    (tmp_path / "work/mymodule.py").write_text(MINE)
+    """Calls the command line in a folder of the test's own, where `mymodule` lies."""
+    (tmp_path / "work").mkdir()
+    shutil.copy(Path(__file__).with_name("mymodule.py"), tmp_path / "work")
     monkeypatch.chdir(tmp_path / "work")
 
     def command(*arguments: str) -> Outcome:
@@ -47,9 +36,6 @@ def dfdbench(
     return Command(command)
 
 
-BELOW = "data/scenes/ThirdSize"
-
-
 @pytest.fixture
 def tiny_toml(tmp_path: Path) -> str:
     path = tmp_path / "tiny-1.toml"
@@ -58,15 +44,10 @@ def tiny_toml(tmp_path: Path) -> str:
 
 
 @pytest.fixture
-def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
-    place = tmp_path / "server" / BELOW
-    place.parent.mkdir(parents=True)
-    tiny_folder.rename(place)
-    with served(tmp_path / "server") as site:
-        text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
-        (tmp_path / "work").mkdir(exist_ok=True)
-        (tmp_path / "work/tiny-1.toml").write_text(text)
-        yield site
+def site(site: Site, dfdbench: Command) -> Site:
+    """The server, with the manifest that names it in the folder of the command line."""
+    Path("tiny-1.toml").write_text(served_by(site))
+    return site
 
 
 @pytest.fixture

@@ -54,8 +54,8 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
     rows = json.loads(Path("results/uneven-difficulty/all/difficulty.json").read_text())["rows"]
     assert len(rows) == 6
     assert all(0 <= row["neighbours"] <= 1 for row in rows)
-    harder = dfdbench(f"audit difficulty {uneven} --split all --noise 20 --format json")
-    for quiet, noisy in zip(rows, json.loads(harder.out)["rows"], strict=True):
+    harder = dfdbench.facts(f"audit difficulty {uneven} --split all --noise 20")
+    for quiet, noisy in zip(rows, harder["rows"], strict=True):
         assert quiet["neighbours"] < noisy["neighbours"]
     assert Path("results/uneven-difficulty/all/difficulty.png").exists()
 
@@ -91,8 +91,7 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     manifest = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
     assert set(manifest.scenes_of("train-covered")).isdisjoint(manifest.scenes_of("test-covered"))
     assert len(manifest.scenes_of("test-covered")) == 2
-    single = dfdbench("audit split", uneven, "--test-scenes", "1", "--format", "json")
-    found = json.loads(single.out)
+    found = dfdbench.facts("audit split", uneven, "--test-scenes", "1")
     assert (found["choices"], found["exhaustive"], found["published"]["rank"]) == (3, True, None)
     assert found["candidates"][-1]["test"] == ["Three"]
     folds = dfdbench("audit split", uneven, "--folds", "3")
@@ -101,26 +100,6 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     assert "Three: rare in all other scenes: 36-38" in folds.out
     fragment = Path("results/uneven-splits/folds-3/folds.toml").read_text()
     assert len(tomllib.loads(fragment)["folds"]) == 3
-
-
-LEARNED = """
-import numpy as np
-
-class Elsewhere:
-    trained_on = "tiny-1, all but K2"
-
-    def __call__(self, infocus, defocus):
-        # Right wherever the depth is 100, far off elsewhere.
-        return np.full(infocus.shape[:2], 100)
-
-class Apart(Elsewhere):
-    trained_on = "tiny-1, all but Two"
-"""
-
-
-@pytest.fixture(autouse=True)
-def learned(dfdbench: Command) -> None:
-    Path("learned.py").write_text(LEARNED)
 
 
 def test_what_training_lacks_is_named_and_ends_with_1(dfdbench: Command, uneven: str) -> None:
@@ -140,8 +119,7 @@ def test_what_training_lacks_is_named_and_ends_with_1(dfdbench: Command, uneven:
     assert record["test"]["unknown_pixels"] == 4 * 31 + 3 * 32
     assert record["verdicts"][36:39] == ["missing"] * 3
     assert (folder / "coverage.png").stat().st_size > 10_000
-    printed = dfdbench("audit coverage", uneven, "--criterion", "thesis", "--format", "json")
-    assert json.loads(printed.out) == record
+    assert dfdbench.facts("audit coverage", uneven, "--criterion", "thesis", status=1) == record
 
 
 @pytest.mark.slow
@@ -156,8 +134,7 @@ def test_each_fold_and_each_scene_have_their_row(dfdbench: Command, uneven: str)
     folds = dfdbench("audit coverage", uneven, "--each", "fold", "--format", "markdown")
     assert folds.status == 1
     assert "| K2 | Three |" in folds.out
-    scenes = dfdbench("audit coverage", uneven, "--each", "scene", "--format", "json")
-    records = json.loads(scenes.out)["records"]
+    records = dfdbench.facts("audit coverage", uneven, "--each", "scene", status=1)["records"]
     assert records["Three"]["shares"]["missing"] > 0
     assert records["One"]["shares"]["missing"] == 0
 
@@ -173,13 +150,12 @@ def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
 
 @pytest.mark.slow
 def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: str) -> None:
-    ran = dfdbench.fine("run --method learned:Elsewhere --dataset", uneven, "--split", "K2")
-    path = Path("results/uneven-K2/learned-Elsewhere/result.json")
+    ran = dfdbench.fine("run --method mymodule:Elsewhere --dataset", uneven, "--split", "K2")
+    path = Path("results/uneven-K2/mymodule-Elsewhere/result.json")
     (warning,) = load_result(path).warnings
     assert "tiny-1, all but K2, leaves missing or scarce: 36-38" in warning
     assert "missing or scarce: 36-38" in ran.out
-    outcome = dfdbench("audit coverage", uneven, "--result", str(path))
-    assert outcome.status == 1
+    assert dfdbench("audit coverage", uneven, "--result", str(path)).status == 1
     errors = json.loads((path.parent / "coverage/errors.json").read_text())
     assert errors["verdicts"]["covered"]["mean_absolute_error"] == 0
     assert errors["verdicts"]["missing"]["mean_absolute_error"] == pytest.approx(63, abs=0.1)
@@ -188,8 +164,8 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     for figure in ("coverage.png", "errors.png", "masks.png"):
         assert (path.parent / "coverage" / figure).stat().st_size > 5_000
     # Another method on a split whose levels its training has.
-    dfdbench("run --method learned:Apart --dataset", uneven, "--split", "Two")
-    other = dfdbench("audit coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
+    dfdbench("run --method mymodule:Apart --dataset", uneven, "--split", "Two")
+    other = dfdbench("audit coverage", uneven, "--result", "results/uneven-Two/mymodule-Apart")
     assert "what is wrong is not coverage" in other.out
     assert other.status == 0
 
@@ -218,8 +194,8 @@ def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str, verb: st
         ("coverage STORE --each fold --test Two", "--each takes no split"),
         ("coverage STORE --each fold --fold K1", "leave out --fold"),
         ("coverage STORE --result none.json", "cannot read the result"),
-        ("coverage STORE --out learned.py", "another place with --out"),
-        ("coverage learned.py", "a file, and not a data set"),
+        ("coverage STORE --out mymodule.py", "another place with --out"),
+        ("coverage mymodule.py", "a file, and not a data set"),
         ("coverage STORE --density-factor inf", "a density factor is"),
         ("split STORE", "ask for one thing"),
         ("split STORE --test-scenes 3", "--test-scenes 1 or 2"),
@@ -235,27 +211,21 @@ def test_an_empty_place_is_told(dfdbench: Command, uneven: str) -> None:
     dfdbench.refused("no place is named", "audit coverage", uneven, "--out", "")
 
 
-@pytest.fixture(scope="module")
-def middlebury(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("middlebury") / "middlebury-default-1.zarr"
-    manifest = find_manifest("middlebury-default")
-    return str(store_of(manifest, shared_data / "middlebury", path).path)
-
-
 @pytest.mark.slow
-def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
+def test_middlebury_shows_what_the_thesis_found(
+    dfdbench: Command, shared_data: Path, tmp_path: Path
+) -> None:
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
-    fold = dfdbench("audit coverage", middlebury, "--fold", "K03", "--format", "json")
-    assert fold.status == 1
-    ranges = sorted(json.loads(fold.out)["ranges"], key=lambda item: -item["share"])
+    manifest, middlebury = find_manifest("middlebury-default"), str(tmp_path / "middlebury.zarr")
+    store_of(manifest, shared_data / "middlebury", tmp_path / "middlebury.zarr")
+    fold = dfdbench.facts("audit coverage", middlebury, "--fold", "K03", status=1)
+    ranges = sorted(fold["ranges"], key=lambda item: -item["share"])
     largest = [(item["first"], item["last"], next(iter(item["scenes"]))) for item in ranges[:2]]
     assert largest == [(36, 39, "Midd2"), (56, 56, "Midd1")]
-    scenes = dfdbench(f"audit coverage {middlebury} --each scene --format json").out
-    each = json.loads(scenes)["records"]
+    each = dfdbench.facts(f"audit coverage {middlebury} --each scene", status=1)["records"]
     uncovered = sorted(name for name in each if each[name]["shares"]["thesis"] > 0.01)
     assert " ".join(uncovered) == (
         "Art Baby2 Bowling1 Bowling2 Cloth2 Lampshade1 Laundry Midd1 Midd2 Monopoly Reindeer"
     )
-    split = dfdbench(f"audit split {middlebury} --test-scenes 3 --format json").out
-    proposed = json.loads(split)
+    proposed = dfdbench.facts(f"audit split {middlebury} --test-scenes 3")
     assert (proposed["choices"], proposed["covered"]) == (2925, 141)

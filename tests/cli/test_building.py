@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.command import Command
-from tests.cli.conftest import BELOW
-from tests.conftest import TINY_TOML, store_of
+from tests.conftest import BELOW, TINY_TOML, store_of
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
@@ -28,8 +27,7 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     assert "One" in outcome.err
     assert "view5/illumination1/exposure0" in outcome.err
     assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
-    allowed = dfdbench.fine(build, "--allow-missing")
-    assert "2 of them kept from before" in allowed.out
+    assert "2 of them kept from before" in dfdbench.fine(build, "--allow-missing").out
 
 
 #: The command, which is sent Ctrl-C once the first scene is written, and writes no second before
@@ -85,12 +83,10 @@ def test_from_the_site_to_a_store_and_to_files(
     assert "fetched 17 files" in built.err
     assert "tiny-1.lock" in built.err
     asked = len(site.requests)
-    again = dfdbench.fine("build tiny-1.toml --offline", *cache)
-    assert "3 of them kept from before" in again.out
+    assert "3 of them kept from before" in dfdbench.fine("build tiny-1.toml --offline", *cache).out
     assert len(site.requests) == asked
     store = str(tmp_path / "mine/stores/tiny-1.zarr")
-    sound = dfdbench.fine("verify", store)
-    assert "sound" in sound.out
+    assert "sound" in dfdbench.fine("verify", store).out
     shown = dfdbench("info", store)
     assert "11 of 11, 0 missing" in shown.out
     assert "published: sigma_min 0.32" in shown.out
@@ -102,8 +98,7 @@ def test_from_the_site_to_a_store_and_to_files(
     broken = dfdbench("verify", store)
     assert broken.status == 1
     assert "One/depth: cannot be decoded" in broken.out
-    mended = dfdbench("build tiny-1.toml --offline", *cache)
-    assert "3 scenes, 2 of them kept" in mended.out
+    assert "3 scenes, 2 of them kept" in dfdbench("build tiny-1.toml --offline", *cache).out
     assert dfdbench("verify", store).status == 0
 
 
@@ -114,11 +109,6 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     both = dfdbench.refused("not a PNG file", "build tiny-1.toml")
     assert "no address has these 1 files" in both.err
     assert "set aside in" in both.err
-    right = (place / "Two/Illum1/Exp0/view5.png").read_bytes()
-    (place / "Two/Illum1/Exp0/view1.png").write_bytes(right)
-    missing = dfdbench.refused("missing: 1 of 11 pairs", "build tiny-1.toml")
-    assert "fingerprint" in missing.out
-    assert dfdbench("build tiny-1.toml --allow-missing").status == 0
 
 
 @pytest.mark.slow
@@ -166,15 +156,17 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     (folder / "desk/blurred.png").unlink()
     metres = np.asarray(cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED))
     cv2.imwrite(str(folder / "door/depth.png"), metres // 1000)
-    image = np.asarray(cv2.imread(str(folder / "lamp/sharp.png")))
-    cv2.imwrite(str(folder / "lamp/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
+    shutil.copy(folder / "shelf/blurred.png", folder / "lamp/blurred.png")
+    image = np.asarray(cv2.imread(str(folder / "shelf/sharp.png")))
+    cv2.imwrite(str(folder / "shelf/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
     built = dfdbench.refused("1. a file is missing", "build mine-1.toml --source", str(folder))
-    assert "built mine-1: 2 pairs of 2 scenes" in built.out
+    assert "built mine-1: 1 pair of 1 scene" in built.out
     assert "another unit, or other bounds" in built.err
     assert "depth_unit = 1 (metres)" in built.err
-    assert "lamp/sharp.png: the defocus image is the sharper one" in built.err
-    assert "missing: 2 of 4 pairs" in built.err
-    assert "no pair at all    desk, door" in built.err
+    assert "3. no alignment of the pair's images was found" in built.err
+    assert "shelf/sharp.png: the defocus image is the sharper one" in built.err
+    assert "missing: 3 of 4 pairs" in built.err
+    assert "no pair at all    desk, door, lamp" in built.err
     dfdbench.fine("build mine-1.toml --source", str(folder), "--allow-missing")
 
 
@@ -185,8 +177,7 @@ def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Pat
     built = dfdbench.refused("47 files are missing", "build zedd --source", str(folder))
     assert "built zedd-1: 5 pairs of 1 scene" in built.out
     assert "1. a file is missing" in built.err
-    Path("stacks.py").write_text(PEAK)
-    for method in ("stacks:predict", "mymodule:predict"):
+    for method in ("mymodule:peak", "mymodule:predict"):
         ran = dfdbench.fine("run --method", method, "--dataset", "zedd", "--split", "val_0001")
         assert "protocol valid" in ran.out
 
@@ -195,8 +186,7 @@ def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_
     folder = make_zedd(tmp_path / "ZEDD", split="test")
     dfdbench("build", "zedd-test", "--source", str(folder), "--allow-missing")
     assert "2 pairs" in dfdbench("export", "zedd-test", "--png", "stacks", "--images-only").out
-    Path("stacks.py").write_text(PEAK)
-    made = dfdbench("predict", "stacks", "--method", "stacks:predict", "--out", "zedd.zip")
+    made = dfdbench("predict", "stacks", "--method", "mymodule:peak", "--out", "zedd.zip")
     assert "2 maps of distances in metres" in made.out
     with zipfile.ZipFile("zedd.zip") as archive:
         assert archive.namelist() == ["zedd_output_0001.npy", "zedd_output_0002.npy"]
@@ -204,25 +194,12 @@ def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_
     assert depth.dtype == np.float32
     assert depth.shape == floor().shape
     assert set(np.unique(depth)) <= {np.float32(metres) for metres in MOTORS.values()}
-    Path("levels.py").write_text("def predict(stack): return stack.values[0, ..., 0]")
-    levels = "predict stacks --method levels:predict --out levels.zip"
+    levels = "predict stacks --method mymodule:first --out levels.zip"
     dfdbench.refused("answers in levels", levels)
     shutil.copytree("stacks/test_0001/aperture28", "stacks/test_0001/aperture14")
-    twice = "predict stacks --method stacks:predict --out twice.zip"
+    twice = "predict stacks --method mymodule:peak --out twice.zip"
     dfdbench.refused("would be zedd_output_0001.npy, too", twice)
     assert [path.name for path in Path().glob("*.zip")] == ["zedd.zip"]
-
-
-PEAK = """
-import cv2
-import numpy as np
-
-def predict(stack):
-    sharpness = [cv2.Laplacian(image, cv2.CV_32F).max(2) for image in stack.values[1:]]
-    return stack.focus_distance.values[1:][np.argmax(sharpness, 0)].astype(np.float32)
-
-predict.unit = "metres"
-"""
 
 
 def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.cli import Verb
 from tests.cli.command import Command
-from tests.cli.test_optics import BLUR
+from tests.cli.test_rig import BLUR
 from tests.conftest import TINY_TOML, write_png
 from tests.fuzz.arguments import of_type, verbs
 from tests.made_folder import make_folder
@@ -90,8 +90,7 @@ def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_pat
         found = json.loads(done.out)[name]
         assert told is ... or found == told, (words, found)
     assert json.loads(Path("t.json").read_text())["tables"][0]["rows"][0]["method"] == "constant"
-    refused = dfdbench.refused("did you mean middlebury", "info midlebury --format json")
-    assert refused.out == ""
+    assert dfdbench.refused("did you mean middlebury", "info midlebury --format json").out == ""
 
 
 def test_a_closed_pipe_is_no_mistake() -> None:

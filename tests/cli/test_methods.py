@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import cv2
@@ -32,11 +31,8 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
 def test_a_map_at_one_end_of_the_levels_is_said_to_be_odd(
     dfdbench: Command, tmp_path: Path
 ) -> None:
-    Path("near.py").write_text(
-        "def predict(infocus, defocus):\n    return 255.0 + 0 * infocus[..., 0]\n"
-    )
     images = photographs(tmp_path)
-    told = dfdbench.fine("predict", *images, "--method", "near:predict", "--out", "depth.npy")
+    told = dfdbench.fine("predict", *images, "--method", "mymodule:near", "--out", "depth.npy")
     assert "odd          100 % of the pixels are at one end of the levels" in told.err
 
 
@@ -75,7 +71,7 @@ def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_pat
     for needed in ("torch", "onnxruntime"):
         pytest.importorskip(needed, reason="needs the extras nets and onnx")
     export = "export-onnx dfd-net --param weights=demo --out net.onnx"
-    told = json.loads(dfdbench.fine(f"{export} --format json").out)
+    told = dfdbench.facts(export)
     assert (told["model"], told["description"]) == ("net.onnx", "net.toml")
     images = photographs(tmp_path)
     dfdbench.fine("predict", *images, "--method", "net.onnx", "--no-align", "--out", "depth.npy")

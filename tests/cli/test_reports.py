@@ -6,13 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import zarr
 
 from dfdbench import __version__
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import save_result
 from tests.board.made_boards import make_folder
 from tests.cli.command import Command
+from tests.conftest import rewrite_array
 from tests.made_results import make_demo_result
 
 SVG = ("--figure-format", "svg")
@@ -44,8 +44,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
         (("compare", "window=5", "window=5/result.json"), "one run is given twice"),
     ):
         dfdbench.refused(told, *arguments)
-    page = dfdbench("report window=5 window=9 --out page")
-    assert page.out.strip() == "page/report.html"
+    assert dfdbench("report window=5 window=9 --out page").out.strip() == "page/report.html"
     assert Path("page/report.html").stat().st_size > 100_000
     text = dfdbench("report window=5 --out text", *["--format", "markdown"], *SVG)
     assert Path("text/1-seconds-per-pair.svg").read_text("utf-8").startswith("<?xml")
@@ -83,12 +82,9 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert [row["protocol"] for row in rows] == ["valid", "thesis", "thesis-networks-2"]
     assert "1 row valid" in dfdbench("leaderboard --check").out
     assert "\\toprule" in dfdbench("leaderboard --format latex").out
-    assert (
-        json.loads(dfdbench("leaderboard --format json").out)["tables"][0]["rows"][0]["rank"] == 1
-    )
+    assert dfdbench.facts("leaderboard")["tables"][0]["rows"][0]["rank"] == 1
     assert "constant" in dfdbench("leaderboard").out
-    again = dfdbench.fine("leaderboard verify", path, "--pairs", "2", "--format", "json")
-    (row,) = json.loads(again.out)["rows"]
+    (row,) = dfdbench.facts("leaderboard verify", path, "--pairs", "2")["rows"]
     assert (row["verified"], len(row["pairs"]), row["drawn_from"]) == (True, 2, 54)
 
 
@@ -114,12 +110,9 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
 
 def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
     make_folder("constant")
-    depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
-    assert isinstance(depth, zarr.Array)
-    depth[...] = np.asarray(depth[...])[..., ::-1]
+    rewrite_array(tiny_store, "Two/depth", np.fliplr)
     run = ("run", "--dataset", str(tiny_store.path), "--method", "constant", "--split", "One")
-    refused = dfdbench.refused("does not hold what was built", *run, "--submit")
-    assert "Two/depth" in refused.err
+    assert "Two/depth" in dfdbench.refused("does not hold what was built", *run, "--submit").err
     assert not Path("results").exists()
 
 

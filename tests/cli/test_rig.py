@@ -11,7 +11,34 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import DfdbenchError
 from tests.cli.command import Command
 
+BLUR = "rig optics blur --f-number 3.7 --focal-length 9.6mm --focus 0.5m"
+PIXEL = "--pixel 4.8um"
 SIMULATE = "rig simulate realworld --out raw --steps 129,141 --exposures 40"
+
+
+def test_blur_prints_a_table_and_draws_the_curve(dfdbench: Command) -> None:
+    outcome = dfdbench.fine(f"{BLUR} --pixel 4.8um --range 40cm 4")
+    assert "10.58 pixels" in outcome.out
+    assert "0.4568 m to 0.5522 m" in outcome.out
+    assert Path("blur.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Command) -> None:
+    outcome = dfdbench("rig optics pairs --range 1.5 2.2")
+    row = next(line for line in outcome.out.splitlines() if "141-129" in line)
+    assert row.split() == ["3", "141-129", "1", "1", "2", "2", "3", "3", "3", "4", "4", "3", "3"]
+    assert Path("pairs.png").exists()
+    Path("mine.csv").write_text("step,1,2,3\n1,5,5,5\n2,4,3,2\n")
+    assert "2-1" in dfdbench("rig optics pairs --lens mine.csv --range 1 3 --out a.png").out
+    assert Path("a.png").exists()
+
+
+def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
+    assert "46 images" in dfdbench("rig simulate lens --out dots").out
+    measured = dfdbench.fine("rig optics sharpness dots")
+    assert "54.75" in measured.out
+    assert "going down" in measured.out
+    assert {path.name for path in Path("sharpness").iterdir()} == {"temperature.png", "voltage.png"}
 
 
 @pytest.mark.slow
@@ -50,12 +77,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
-    Path("asking.py").write_text(
-        "class Asking:\n"
-        "    def __init__(self, recipe): ...\n"
-        "    def __call__(self, infocus, defocus): ...\n"
-    )
-    asking = "run --method asking.py:Asking --dataset realworld --split k34"
+    asking = "run --method mymodule:Asking --dataset realworld --split k34"
     dfdbench.refused("captured images have none", asking)
     assert "| texture | scenes |" in dfdbench(run, "--format", "markdown").out
     lines = csv.DictReader(io.StringIO(dfdbench(run, "--format", "csv").out))
@@ -77,18 +99,27 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
         ("rig register all --source none", "no folder of captures"),
         ("rig register all --source . --dataset middlebury", "not captured by"),
         ("build realworld --source none --pair 141", "voltage steps, as 141,129"),
+        (f"{BLUR} --pixel 4.8", "--pixel"),
+        (f"{BLUR} --pixel 4.8m", "1mm at most"),
+        (f"{BLUR} {PIXEL} --range 4 1", "the range is empty"),
+        (f"{BLUR} {PIXEL} --out /proc/no/blur.png", "cannot write the answer"),
+        (f"{BLUR} {PIXEL} --out blur.jpg", "not a picture's name"),
+        (f"{BLUR} {PIXEL} --range 5mm 8mm", "within the focal length"),
+        (f"{BLUR} {PIXEL} --f-number -1", "f_number"),
+        (f"{BLUR} {PIXEL} --focus 1mm", "focus_distance"),
+        ("rig optics pairs --lens none.csv", "cannot read the lens table"),
+        ("rig optics pairs --range 5 6", "0.4 to 4 m"),
     ],
 )
-def test_a_mistake_is_told(dfdbench: Command, words: str, told: str) -> None:
-    dfdbench.refused(told, words)
+def test_a_mistake_is_told_and_nothing_printed(dfdbench: Command, words: str, told: str) -> None:
+    assert dfdbench.refused(told, words).out == ""
 
 
 @pytest.mark.slow
 def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     few = ["rig", "simulate", "realworld", "--steps", "135", "--exposures", "40"]
     assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0
-    alone = dfdbench.fine("rig register k03 --source raw")
-    assert "leave open where the board lies" in alone.out
+    assert "leave open where the board lies" in dfdbench.fine("rig register k03 --source raw").out
     by_hand = Path("raw/k03/registration.toml").read_text() + "# by hand\n"
     Path("raw/k03/registration.toml").write_text(by_hand)
     assert dfdbench("rig register k03 --source raw --fresh").status == 0
@@ -112,21 +143,6 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
 
 REALWORLD = find_manifest("realworld")
 SCENES, STEPS = REALWORLD.scene_names, range(127, 144)
-
-
-@pytest.mark.parametrize(
-    ("text", "known", "found"),
-    [
-        ("k33,k00-k02", SCENES, ("k00", "k01", "k02", "k33")),
-        ("141, 127-129", STEPS, (127, 128, 129, 141)),
-        # A span may pass over what is not known; its ends may not.
-        ("10-40", (10, 20, 40), (10, 20, 40)),
-    ],
-)
-def test_a_list_is_put_in_order(
-    text: str, known: Sequence[object], found: tuple[object, ...]
-) -> None:
-    assert chosen(text, "--steps", known) == found
 
 
 @pytest.mark.parametrize(

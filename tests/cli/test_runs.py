@@ -141,16 +141,14 @@ def test_a_folder_is_scored_and_submitted(
         np.save(path, demo_store.read_levels(pairs[name])[0])
     make_folder("elsewhere")
     asked = ["score", "--predictions", "elsewhere", "--dataset", "demo", "--submit"]
-    done = dfdbench.fine(*asked)
-    assert "elsewhere (scored, not run) on demo-1, split test" in done.out
+    assert "elsewhere (scored, not run) on demo-1, split test" in dfdbench.fine(*asked).out
     folder = tmp_path / "work/results/demo-1-test/elsewhere-scored"
     result = load_result(folder)
     assert (result.averages or {})["thesis"]["nrmse"] == 0
     assert (folder / "figures/worst.png").is_file()
     rows = sorted((tmp_path / "work/leaderboard/results").rglob("*.json"))
     assert [path.name for path in rows] == ["elsewhere.json"]
-    board = dfdbench.fine("leaderboard")
-    assert "elsewhere" in board.out
+    assert "elsewhere" in dfdbench.fine("leaderboard").out
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
 
 
@@ -163,4 +161,3 @@ def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store
     best = tuned.err.rpartition("--param smoothing=")[2].strip()
     assert best in {"1", "2.5"}
     assert best in tuned.out.splitlines()[4]
-    dfdbench.refused("nothing to try", "tune --method constant --dataset", place)

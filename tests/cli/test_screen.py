@@ -7,7 +7,7 @@ from dfdbench.cli import screen
 from dfdbench.cli.screen import give, print_table
 from dfdbench.errors import ResultError
 from dfdbench.tables.table import Format, Table
-from tests.cli.test_optics import BLUR
+from tests.cli.test_rig import BLUR
 from tests.process import python
 
 

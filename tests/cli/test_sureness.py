@@ -15,39 +15,12 @@ from dfdbench.results.run_folder import read_prediction
 from tests.board.made_boards import entry_of
 from tests.cli.command import Command
 
-METHODS = """
-import numpy as np
-
-def sure(infocus, defocus):
-    error = np.abs(infocus[..., 0].astype(float) - defocus[..., 0])
-    return infocus[..., 0] / 2, 5 + error
-
-def gaps(infocus, defocus):
-    depth = infocus[..., 0] / 2
-    depth[:12] = np.nan
-    return depth
-
-def sometimes(infocus, defocus):
-    depth = infocus[..., 0] / 2
-    if infocus.shape[1] == 31:
-        depth[:12] = np.nan
-    return depth
-
-def nought(infocus, defocus):
-    return infocus[..., 0] / 2, np.zeros(infocus.shape[:2])
-"""
-
-
-@pytest.fixture(autouse=True)
-def methods(dfdbench: Command) -> None:
-    Path("says.py").write_text(METHODS)
-
 
 def test_a_sigma_is_scored_kept_drawn_and_scored_again(
     dfdbench: Command, tiny_store: Dataset
 ) -> None:
     store = str(tiny_store.path)
-    ran = dfdbench.fine("run --method says:sure --out run --dataset", store)
+    ran = dfdbench.fine("run --method mymodule:sure --out run --dataset", store)
     assert sum(line.startswith("score") for line in ran.err.splitlines()) == 1
     said = ran.out.replace("\n", " ")
     assert "in 90 % intervals 0." in said.partition("how sure it is")[2]
@@ -72,18 +45,17 @@ def test_a_sigma_is_scored_kept_drawn_and_scored_again(
         file = Path("maps", f"{record.id}.npz")
         file.parent.mkdir(parents=True, exist_ok=True)
         np.savez(file, depth=depth, sigma=sigma)
-    shown = dfdbench.fine("run --method says:sure --out run --protocol sure --dataset", store)
+    shown = dfdbench.fine("run --method mymodule:sure --out run --protocol sure --dataset", store)
     assert "in 90 % intervals → 0.9" in shown.out
     assert "7 pairs taken over" in shown.err
     page = Path("page")
     dfdbench.fine("report run --out page")
     assert "how sure it is" in (page / "report.html").read_text("utf-8")
     dfdbench.fine("score --predictions maps --out scored --dataset", store)
-    again = load_result("scored")
-    for one, other in zip(result.pairs, again.pairs, strict=True):
+    for one, other in zip(result.pairs, load_result("scored").pairs, strict=True):
         assert one.scores == other.scores
         assert one.prediction_sha256 == other.prediction_sha256
-    parallel = dfdbench.fine("run --method says:sure --workers 2 --out two --dataset", store)
+    parallel = dfdbench.fine("run --method mymodule:sure --workers 2 --out two --dataset", store)
     assert "differs" not in parallel.err
     assert [p.scores for p in load_result("two").pairs] == [p.scores for p in result.pairs]
 
@@ -94,7 +66,7 @@ def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
     store = str(tiny_store.path)
     entries = []
     for name, lacking in (("gaps", 7), ("sometimes", 4)):
-        ran = dfdbench.fine(f"run --method says:{name} --out {name} --dataset", store)
+        ran = dfdbench.fine(f"run --method mymodule:{name} --out {name} --dataset", store)
         pairs = f"{lacking} pairs without an answer for every pixel"
         assert f"score        none: {pairs}" in ran.err
         assert f"note: {pairs}" in ran.out.replace("\n", " ") or pairs in ran.out
@@ -116,7 +88,11 @@ def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
         for board in boards(entries)
     }
     for protocol in ("thesis", "valid"):
-        assert ranks[protocol] == {"mymodule:predict": 1, "says:gaps": None, "says:sometimes": None}
+        assert ranks[protocol] == {
+            "mymodule:predict": 1,
+            "mymodule:gaps": None,
+            "mymodule:sometimes": None,
+        }
     assert "mymodule:predict" not in ranks["sure"]
     # A pair that is answered in full has its own error at any density, and no order of its pixels.
     full = [pair for pair in load_result("sometimes").pairs if pair.answered == 1]
@@ -133,12 +109,12 @@ def test_a_sigma_of_nought_fails_the_pair_and_who_says_nothing_has_no_such_score
     dfdbench: Command, tiny_store: Dataset
 ) -> None:
     store = str(tiny_store.path)
-    failed = dfdbench("run --method says:nought --out nought --dataset", store)
+    failed = dfdbench("run --method mymodule:nought --out nought --dataset", store)
     assert failed.status == 1
     assert "sigma of 0 to 0; expected finite numbers above 0" in " ".join(failed.out.split())
-    checked = dfdbench("check-method says:nought")
+    checked = dfdbench("check-method mymodule:nought")
     assert (checked.status, "sigma of 0 to 0" in " ".join(checked.out.split())) == (1, True)
-    assert dfdbench("check-method says:sure").status == 0
+    assert dfdbench("check-method mymodule:sure").status == 0
     ask = "run --method mymodule:predict --protocol sure --out plain --dataset"
     dfdbench.refused("neither says how sure it is nor leaves pixels", ask, store)
     content = json.loads(Path("plain/result.json").read_text())
@@ -153,19 +129,19 @@ def test_predict_keeps_sigma_where_there_is_room_and_says_so(
     images = [str(tmp_path / "in/a" / f"{name}.png") for name in ("infocus", "defocus")]
     for image in images:
         cv2.imwrite(image, noise)
-    kept = dfdbench.fine("predict --method says:sure --out a.npz --no-align", *images)
+    kept = dfdbench.fine("predict --method mymodule:sure --out a.npz --no-align", *images)
     assert "5, the median pixel's; beside the depth" in kept.err
     with np.load("a.npz") as arrays:
         assert sorted(arrays) == ["depth", "sigma"]
         assert (arrays["sigma"] == 5).all()
-    lost = dfdbench.fine("predict --method says:sure --out a.npy --no-align", *images)
+    lost = dfdbench.fine("predict --method mymodule:sure --out a.npy --no-align", *images)
     assert "not in a.npy: --out NAME.npz" in lost.err
     several = dfdbench.fine(
-        "predict --method says:sure --out maps --no-align", str(tmp_path / "in")
+        "predict --method mymodule:sure --out maps --no-align", str(tmp_path / "in")
     )
     assert "beside the depth of 1 map, in .npz files" in several.err
     assert Path("maps/a.npz").exists()
-    gaps = "predict --method says:gaps --no-align --out"
+    gaps = "predict --method mymodule:gaps --no-align --out"
     told = dfdbench.fine(f"{gaps} b.npy --figure b.png", *images)
     assert "no answer    in 600 of 2000 pixels" in told.err
     dfdbench.refused("600 of 2000 pixels have no answer", f"{gaps} c.png", *images)

@@ -35,8 +35,7 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Dataset) ->
     dfdbench.refused("no checkpoint to go on from", *train, "--resume")
     assert dfdbench(*train, "--max-time", "0.001s").status == 0
     dfdbench.refused("--resume goes on, --fresh starts anew", *train)
-    resumed = dfdbench.fine(*train, "--resume")
-    assert "4, ended by its number of steps" in resumed.out
+    assert "4, ended by its number of steps" in dfdbench.fine(*train, "--resume").out
     assert dfdbench(*train, "--resume", "--fresh").status == 2
     weights = Path("training/tiny-train/dfd-net-published/weights.safetensors")
     for mistake in (["--set", "crop=17"], ["--device", "tpu"], ["--weights", str(weights)]):
@@ -61,14 +60,12 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (
         (["--max-time", "30"], "as 90s, 30m or 1h30m"),
-        (["--set", "normalization=fixed"], "needs weights to begin with"),
         (["--fold", "K1", "--split", "train"], "give one of them"),
         (["--weights", "none.safetensors"], "no such weights"),
         (["--out", "taken"], "not a folder"),
         (["--set", "nois=1"], "unknown choice"),
         (["--config", "no.toml"], "published"),
         (["--device", "tpu"], "cpu"),
-        (["--set", "crop=64"], "at most 24"),
     ):
         dfdbench.refused(message, "train dfd-net", *store, *arguments)
     assert not Path("training").exists()
@@ -84,9 +81,8 @@ def test_a_duration_is_told_in_hours_minutes_and_seconds(text: str, seconds: flo
 
 @pytest.mark.parametrize("text", ["", "30", "0s", "0h0m", "-5m", "5m1h", "1.5", "1e3s", "soon"])
 def test_what_is_no_duration_is_told(text: str) -> None:
-    with pytest.raises(InputError, match="not a duration") as caught:
+    with pytest.raises(InputError, match=r"not a duration.*\(--max-time\)"):
         seconds_of(text)
-    assert caught.value.problems[0].where == "--max-time"
 
 
 @pytest.mark.slow

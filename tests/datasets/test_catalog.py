@@ -36,8 +36,7 @@ def test_a_manifest_is_found_by_each_of_its_names() -> None:
 
 def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
     (tmp_path / "tiny-1.toml").write_text(TINY_TOML)
-    mine = find_manifest(str(tmp_path / "tiny-1.toml"))
-    assert mine.stem == "tiny-1"
+    assert find_manifest(str(tmp_path / "tiny-1.toml")).stem == "tiny-1"
     edited = find_manifest("demo").toml.replace("network_crop = 224", "network_crop = 16")
     (tmp_path / "demo.toml").write_text(edited)
     with pytest.raises(ManifestError, match="the name of the released demo-1"):

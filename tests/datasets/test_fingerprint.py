@@ -1,4 +1,3 @@
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -21,14 +20,6 @@ from dfdbench.datasets.fingerprint import (
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.errors import StoreError
 
-
-def test_memory_layout_and_byte_order_do_not_enter() -> None:
-    values = np.arange(24, dtype="<i4").reshape(2, 3, 4)
-    plain = array_digest("a", ("z", "y", "x"), values)
-    assert array_digest("a", ("z", "y", "x"), values.astype(">i4")) == plain
-    assert array_digest("a", ("z", "y", "x"), np.asfortranarray(values)) == plain
-
-
 VALUES = np.arange(6, dtype="<i4").reshape(2, 3)
 
 
@@ -48,8 +39,7 @@ def test_what_it_holds_does_enter(name: str, dimensions: tuple[str, str], values
 
 def test_coordinates_enter_a_scene() -> None:
     scene = xarray.Dataset({"depth": (("view",), [1, 2])}, coords={"view": [1, 5]})
-    moved = scene.assign_coords(view=[1, 6])
-    assert combine(scene_digests(scene)) != combine(scene_digests(moved))
+    assert combine(scene_digests(scene)) != combine(scene_digests(scene.assign_coords(view=[1, 6])))
 
 
 def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
@@ -69,21 +59,11 @@ def _double_the_blur(attributes: dict[str, Any]) -> None:
     attributes["recipe"]["parameters"]["sigma_step"] *= 2
 
 
-def _shrink_the_crop(attributes: dict[str, Any]) -> None:
-    edited = attributes["manifest"].replace("network_crop = 16", "network_crop = 8")
-    assert edited != attributes["manifest"]
-    sha256 = hashlib.sha256(edited.encode()).hexdigest()
-    attributes.update(manifest=edited, manifest_sha256=sha256)
-
-
 @pytest.mark.parametrize(
     "edit",
     [
         _double_the_blur,
-        _shrink_the_crop,
         lambda attributes: attributes.update(degradation="noise-1"),
-        lambda attributes: attributes.update(options={"pair": [141, 129]}),
-        lambda attributes: attributes.update(missing_pairs=["One"]),
         lambda attributes: attributes.update(fingerprint="0" * 64),
         lambda attributes: attributes.update(manifest=1.5),
         lambda attributes: attributes.pop("recipe"),

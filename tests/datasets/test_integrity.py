@@ -9,6 +9,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.integrity import StoreDifference, require_sound, verify_store
 from dfdbench.errors import StoreError
+from tests.conftest import rewrite_array
 
 
 def local(store: Dataset) -> Path:
@@ -26,10 +27,7 @@ def test_a_sound_store(tiny_store: Dataset) -> None:
 
 
 def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
-    root = zarr.open_group(local(tiny_store), mode="r+")
-    depth = root["Two/depth"]
-    assert isinstance(depth, zarr.Array)
-    depth[0, 0, 0] = 77.5
+    rewrite_array(tiny_store, "Two/depth", lambda depth: depth + 1)
     chunk = next(path for path in (local(tiny_store) / "One/images/c").rglob("0") if path.is_file())
     chunk.write_bytes(b"rot")
     shutil.rmtree(local(tiny_store) / "Three/depth")
@@ -55,16 +53,12 @@ def test_a_scene_that_is_gone_is_named(tiny_store: Dataset) -> None:
 def test_what_was_added_is_named(tiny_store: Dataset) -> None:
     scene = zarr.open_group(local(tiny_store), path="One", mode="r+")
     scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
-    found = verify_store(Dataset(tiny_store.path))
-    (difference,) = found.differences
+    (difference,) = verify_store(Dataset(tiny_store.path)).differences
     assert (difference.array, difference.what) == ("more", "was not there when it was built")
 
 
 def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Dataset) -> None:
-    root = zarr.open_group(local(tiny_store), mode="r+")
-    depth = root["Two/depth"]
-    assert isinstance(depth, zarr.Array)
-    depth[...] = np.asarray(depth[...])[..., ::-1]
+    rewrite_array(tiny_store, "Two/depth", np.fliplr)
     scene = zarr.open_group(local(tiny_store), path="Two", mode="r+")
     dataset = Dataset(tiny_store.path).stored("Two")
     digests = scene_digests(dataset)
@@ -77,9 +71,7 @@ def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Datase
 def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_store: Dataset) -> None:
     require_sound(tiny_store)
     for name in ("depth", "images"):
-        array = zarr.open_group(local(tiny_store), mode="r+")[f"Two/{name}"]
-        assert isinstance(array, zarr.Array)
-        array[...] = np.asarray(array[...])[..., ::-1, :]
+        rewrite_array(tiny_store, f"Two/{name}", lambda values: values[..., ::-1, :])
     with pytest.raises(StoreError, match="does not hold what was built") as caught:
         require_sound(Dataset(tiny_store.path))
     places = [problem.where.rpartition(", ")[2] for problem in caught.value.problems]

@@ -33,8 +33,7 @@ def build(tiny_manifest: Manifest, tiny_folder: Path) -> Build:
 
 
 def test_the_same_store_anywhere(place: Places, build: Build, tiny_store: Dataset) -> None:
-    report = build(place("s.zarr"), threads=2)
-    assert report.fingerprint == tiny_store.fingerprint
+    assert build(place("s.zarr"), threads=2).fingerprint == tiny_store.fingerprint
     store = Dataset(str(place("s.zarr")))
     assert store.scenes == tiny_store.scenes
     pair = store.pairs("test")[2]
@@ -91,8 +90,7 @@ def test_a_move_cut_short_goes_on(place: Places, build: Build, tiny_store: Datas
     (place("s.zarr") / "One/zarr.json").unlink()
     with pytest.raises(StoreError):
         Dataset(place("s.zarr"))
-    report = build(place("s.zarr"))
-    assert report.scenes_built == ()
+    assert build(place("s.zarr")).scenes_built == ()
     assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
 
 

@@ -86,9 +86,8 @@ def test_what_is_no_address_is_refused_before_anything_is_asked(address: str) ->
 
 def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dfdbench.system.parallel._SECONDS_TO_ANSWER", 1)
-    with pytest.raises(InputError, match="no scheduler answers") as caught:
+    with pytest.raises(InputError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
         Cluster("tcp://127.0.0.1:9").map(abs, [1])
-    assert "tcp://127.0.0.1:9" in str(caught.value)
 
 
 def note_and_wait(file: str) -> None:

@@ -109,12 +109,11 @@ class SceneImages:
         """
         images = [infocus] if defocus is None else [infocus, defocus]
         depth = np.where(valid, levels, np.nan).astype(np.float32)
-        facts = ImageFacts(PAIR[: len(images)])
-        return cls(np.stack(images, axis=-4), depth, available, facts)
+        return cls(np.stack(images, axis=-4), depth, available, ImageFacts(PAIR[: len(images)]))
 
 
-class Made:
-    """What the sources of sets that the package makes itself have in common."""
+class Whole:
+    """What sources that have every pair, or say scene by scene what is lacking, have in common."""
 
     options: Mapping[str, Any] = {}
 
@@ -122,11 +121,11 @@ class Made:
         self._manifest = manifest
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every pair: nothing has to be fetched."""
+        """Return every pair of the manifest."""
         return self._manifest.pairs()
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return an empty text: nothing can be missing."""
+        """Return an empty text: of what is made nothing can be missing."""
         return ""
 
 

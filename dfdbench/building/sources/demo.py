@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources import Made, SceneImages
+from dfdbench.building.sources import SceneImages, Whole
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
@@ -131,7 +131,7 @@ _READ_NOISE = 12.0  # electrons
 _CONVERTER_STEPS = 1023  # 10 bit
 
 
-class DemoScenes(Made):
+class DemoScenes(Whole):
     """The demo set's generator; the same manifest gives the same images everywhere.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
-from dfdbench.building.sources import SceneError, SceneImages, gathered
+from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered
 from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
@@ -24,7 +24,7 @@ _NAMED, _LACKED = 8, 3
 _MISSING = "a file is missing"
 
 
-class FolderScenes:
+class FolderScenes(Whole):
     """Scenes below a folder, found by the patterns of the manifest's section `files`.
 
     Parameters
@@ -42,14 +42,13 @@ class FolderScenes:
         Where there is no such folder, or a pattern matches none of its files.
     """
 
-    options: Mapping[str, Any] = {}
     captures_defocus = True
 
     def __init__(
         self, manifest: Manifest, folder: Path, checksums: Mapping[str, str] | None = None
     ) -> None:
         assert manifest.files is not None  # reading the manifest checked that
-        self._manifest = manifest
+        super().__init__(manifest)
         self._files: CapturedFiles = manifest.files
         inside = folder / (manifest.files.inside or "")
         self._folder = inside if inside.is_dir() else folder
@@ -57,10 +56,6 @@ class FolderScenes:
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
         SourceError.raise_if(self._patterns_that_match_nothing())
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every pair: scenes whose files are missing are reported when they are read."""
-        return self._manifest.pairs()
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 over the scene's files."""
@@ -179,8 +174,7 @@ class FolderScenes:
         # Listed once: a folder may hold every scene.
         if parent not in self._endings:
             self._endings[parent] = _endings_in(self._folder / parent)
-        endings = self._endings[parent].get(stem, ())
-        return [f"{parent}/{stem}{end}".lstrip("/") for end in endings]
+        return [f"{parent}/{stem}{end}".lstrip("/") for end in self._endings[parent].get(stem, ())]
 
     def _where(self, path: str) -> str:
         return str(self._folder / path)

@@ -1,7 +1,6 @@
 """Read photographs (PNG, JPEG, TIFF) and depth files (also npy, npz, pfm); reject damaged ones."""
 
 import io
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,15 +33,11 @@ _MOST_CHANNELS = 4
 # Of a file with less than these bits it is likelier that the camera has no more than that it
 # saw nothing bright.
 _CONVERTERS = (8, 10, 12)
-# What makes an image upright, by the EXIF tag's value.
-_UPRIGHT: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
-    2: np.fliplr,
-    3: lambda image: np.rot90(image, 2),
-    4: np.flipud,
-    5: lambda image: np.rot90(np.fliplr(image), 1),
-    6: lambda image: np.rot90(image, -1),
-    7: lambda image: np.rot90(np.fliplr(image), -1),
-    8: lambda image: np.rot90(image, 1),
+# By the EXIF tag's value, whether an image is mirrored left to right, and the quarter turns
+# anticlockwise that make it upright then.
+_UPRIGHT = {
+    **{2: (True, 0), 4: (True, 2), 5: (True, 1), 7: (True, -1)},
+    **{3: (False, 2), 6: (False, -1), 8: (False, 1)},
 }
 
 
@@ -88,12 +83,10 @@ def read_photograph(
     """
     upright = _upright(decode_file(content, where), content, where, rotation)
     image = _in_full(upright, where, bits, deep)
-    if image.ndim == 2:
-        return np.repeat(image[..., np.newaxis], 3, axis=2)
-    if image.shape[2] == 4 and not (image[..., 3] == 255).all():
+    if image.shape[2:] == (4,) and not (image[..., 3] == 255).all():
         what = "the photograph has transparent pixels"
         raise SourceError(what, where=where, fix="write it without alpha channel")
-    return np.ascontiguousarray(image[..., 2::-1])
+    return _as_rgb(image)
 
 
 def read_depth_file(
@@ -163,8 +156,7 @@ def decode_file(content: bytes, where: str) -> NDArray[Any]:
     kind = next((name for head, name in _FORMATS.items() if content.startswith(head)), None)
     if kind is None:
         got = f"bytes {content[:8]!r}" if content else "an empty file"
-        expected = "PNG, JPEG or TIFF"
-        raise SourceError("not an image file", where=where, expected=expected, got=got)
+        raise SourceError("not an image file", where=where, expected="PNG, JPEG or TIFF", got=got)
     damage = _damage(content)
     found = None if damage else cv2.imdecode(np.frombuffer(content, np.uint8), -1)
     if found is None:
@@ -204,9 +196,14 @@ def decode_rgb(content: bytes, where: str) -> Image:
         channels = 1 if image.ndim == 2 else image.shape[2]
         got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
         raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
+    return _as_rgb(image)
+
+
+def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
+    """Return an image of OpenCV's, grey or with blue first, as RGB."""
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
-    return np.ascontiguousarray(image[..., ::-1])
+    return np.ascontiguousarray(image[..., 2::-1])
 
 
 def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
@@ -320,7 +317,8 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
         what = f"the image's EXIF data say that it is to be turned, orientation {orientation}"
         fix = 'exif_rotation = "apply" or "ignore" under [files]: compare with the depth map'
         raise SourceError(what, where=where, fix=fix)
-    return _UPRIGHT[orientation](image)
+    mirrored, turns = _UPRIGHT[orientation]
+    return np.rot90(np.fliplr(image) if mirrored else image, turns)
 
 
 def likely_bits(greatest: int) -> int | None:

@@ -79,9 +79,8 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
         is_json = where.endswith(".json")
         rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
     except ValueError as error:
-        what = f"no table of the images: {error}"
         fix = "" if columns else "a text without a heading needs `columns` under [files]"
-        raise SourceError(what, where=where, fix=fix) from error
+        raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
     if not rows:
         raise SourceError("the table of the images is empty", where=where)
     return rows

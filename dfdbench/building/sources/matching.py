@@ -91,7 +91,7 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     >>> found.right, found.down
     (2.0, -1.0)
     """
-    found, correlation = _movement(fixed, moved, motion)
+    found, correlation = find_movement(fixed, moved, motion)
     right, down = (round(-part, _PLACES) + 0.0 for part in (found.right, found.down))
     degrees = round(-found.degrees, _ANGLE_PLACES) + 0.0
     size = round(found.scale, _SIZE_PLACES) if motion == "similarity" else 1.0
@@ -131,13 +131,23 @@ class Movement:
         return max(abs(turn * corner + complex(self.right, self.down)) for corner in corners)
 
 
-def find_movement(fixed: Image, moved: Image) -> Movement:
+def find_movement(
+    fixed: Image, moved: Image, motion: Motion = "similarity"
+) -> tuple[Movement, float]:
     """Measure how an image is shifted, turned and magnified against another.
 
     Parameters
     ----------
     fixed, moved : ndarray of uint8, shape (y, x, 3)
         Two images of one scene, of one size.
+    motion : {"translation", "euclidean", "similarity"}
+        Whether it may be turned, and be of another size.
+
+    Returns
+    -------
+    Movement
+    float
+        The correlation of both images, smoothed, once they lie on each other.
 
     Raises
     ------
@@ -146,15 +156,10 @@ def find_movement(fixed: Image, moved: Image) -> Movement:
 
     Notes
     -----
-    ECC finds an affine transform; the similarity nearest to it is returned. Its last step compares
-    grey levels divided by those around them: on bare walls, different fall-off of light towards
-    the corners otherwise passes for a movement of up to three pixels.
+    For a similarity ECC finds an affine transform; the similarity nearest to it is returned. Its
+    last step compares grey levels divided by those around them: on bare walls, different fall-off
+    of light towards the corners otherwise passes for a movement of up to three pixels.
     """
-    return _movement(fixed, moved, "similarity")[0]
-
-
-def _movement(fixed: Image, moved: Image, motion: str) -> tuple[Movement, float]:
-    """Return how an image is moved against the fixed one, and their correlation once it is not."""
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)
     correlation = 0.0
@@ -326,7 +331,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             continue
         seen.append(Images.small(sharp, blurred))
         try:
-            moves.append((find_movement(sharp, blurred), sharp.shape))
+            moves.append((find_movement(sharp, blurred)[0], sharp.shape))
             everywhere = np.ones(sharp.shape[:2], bool)
             gains.append(find_gain(sharp.astype(float), blurred.astype(float), everywhere) - 1)
         except InputError:

@@ -285,6 +285,8 @@ class Download:
         The lock file, where this call was the first that was complete.
     lacking : tuple of Problem
         One for each mirror that was asked for files that it does not have.
+    refused : int
+        How many files were damaged and set aside.
     """
 
     folder: Path
@@ -293,6 +295,7 @@ class Download:
     missing: tuple[str, ...]
     lock: Path | None
     lacking: tuple[Problem, ...] = ()
+    refused: int = 0
 
 
 def download_middlebury(
@@ -301,7 +304,6 @@ def download_middlebury(
     mirrors: Sequence[str] = (),
     offline: bool = False,
     on_progress: fetching.Progress | None = None,
-    patience: fetching.Patience | None = None,
 ) -> Download:
     """Bring a data set's files into a folder; check all that are there.
 
@@ -320,8 +322,6 @@ def download_middlebury(
         Ask nobody; only check what is there.
     on_progress : callable, optional
         Told of (files done, files in all, bytes received).
-    patience : Patience, optional
-        With slow and failing servers.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def download_middlebury(
         with hold(folder / f".{fetching.lock_name(manifest)}.lock", taken):
             known = fetching.known_checksums(manifest, folder)
             site = _Site(manifest, folder, tuple(mirrors), known)
-            fetcher = fetching.Fetcher(folder, on_progress, patience, offline)
+            fetcher = fetching.Fetcher(folder, on_progress, offline)
             # The site's archives hold the default lighting and no other.
             default_lighting = set(manifest.axes) == {"view"}
             fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)

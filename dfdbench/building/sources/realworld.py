@@ -116,8 +116,7 @@ class RawScene(CapturedScene):
 
     def images(self, exposure_ms: int, step: int) -> list[Path]:
         """Return the frames of one image."""
-        names = f"{_image_name(exposure_ms, step)}_*.png"
-        return sorted(self._place_of(exposure_ms).glob(names))
+        return sorted(self._place_of(exposure_ms).glob(f"{_image_name(exposure_ms, step)}_*.png"))
 
     def steps(self, exposure_ms: int) -> tuple[int, ...]:
         """Return the voltage steps of which there are frames at an exposure."""
@@ -127,8 +126,7 @@ class RawScene(CapturedScene):
 
     def frame(self, exposure_ms: int, step: int) -> Image:
         """Return the average of an image's frames, not cropped."""
-        frames = [read_rgb(path) for path in self.images(exposure_ms, step)]
-        return average_frames(frames)
+        return average_frames([read_rgb(path) for path in self.images(exposure_ms, step)])
 
     def image(self, exposure_ms: int, step: int) -> Image:
         """Return the average of an image's frames, cropped."""
@@ -334,10 +332,8 @@ class RealworldFolder:
             return "add the scenes that are missing; --allow-missing accepts what is there"
         whole = sum(bool(exposures) for exposures, _ in self._checked.values())
         accepted = f"; --allow-missing builds the {whole} scenes that can be" if whole else ""
-        lines = [f"mend what is named below{accepted}"]
-        for number, problem in enumerate(self.problems, start=1):
-            lines.append(f"{number}. {problem}")
-        return "\n".join(lines)
+        numbered = (f"{number}. {problem}" for number, problem in enumerate(self.problems, 1))
+        return "\n".join((f"mend what is named below{accepted}", *numbered))
 
     @cached_property
     def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:

@@ -4,13 +4,13 @@ import hashlib
 
 import numpy as np
 
-from dfdbench.building.sources import Made, SceneImages
+from dfdbench.building.sources import SceneImages, Whole
 from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
 
 
-class Rooms(Made):
+class Rooms(Whole):
     """The rooms of a seed, photographed by its camera.
 
     Parameters

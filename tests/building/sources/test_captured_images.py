@@ -146,9 +146,8 @@ def test_another_unit_is_told_with_the_one_that_fits(unit: float, fix: str) -> N
     with pytest.raises(SourceError, match="another unit") as caught:
         depth_of(values, files(depth_unit=unit), INVERSE, "d.png")
     assert fix in caught.value.problems[0].fix
-    with pytest.raises(SourceError, match="another unit") as caught:
+    with pytest.raises(SourceError, match=r"another unit[^$]*Fix: .*mend near and far"):
         depth_of(values * 1e9, files(depth_unit=unit), INVERSE, "d.png")
-    assert "mend near and far" in caught.value.problems[0].fix
 
 
 def test_files_may_hold_levels() -> None:

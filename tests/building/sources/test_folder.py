@@ -14,14 +14,11 @@ from dfdbench.building.build import build_store
 from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneError, open_source
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
 from tests.made_folder import FOLDER_TOML, make_folder
-
-ALIGNED = FOLDER_TOML.replace("[table]", 'align = "translation"\nmatch_gain = true\n\n[table]')
 
 
 def manifest_of(text: str = FOLDER_TOML) -> Manifest:
@@ -58,26 +55,6 @@ def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> 
     assert after[seen] == pytest.approx((times * before)[seen], rel=0.03)
 
 
-def test_broken_scenes_are_named_and_the_others_built(folder: Path, tmp_path: Path) -> None:
-    (folder / "desk/blurred.png").unlink()
-    depth = np.asarray(cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED))
-    cv2.imwrite(str(folder / "door/depth.png"), depth // 10)
-    shutil.copy(folder / "shelf/blurred.png", folder / "lamp/blurred.png")
-    manifest = manifest_of(ALIGNED)
-    report = build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    assert report.scenes_built == ("shelf",)
-    assert [pair.id for pair in report.missing] == [
-        "desk/capture1",
-        "door/capture1",
-        "lamp/capture1",
-    ]
-    wrong = ("a file is missing", "another unit, or other bounds", "no alignment")
-    for problem, what in zip(report.problems, wrong, strict=True):
-        assert what in problem.what
-    assert "depth_unit = 0.01 (centimetres)" in report.problems[1].fix
-    assert [pair.id for pair in Dataset(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
-
-
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
     with pytest.raises(
@@ -104,9 +81,8 @@ def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
     with pytest.raises(SceneError, match="a file is missing"):
         source.signature("lamp")
     for step in (source.signature, source.read):
-        with pytest.raises(SceneError, match="several files fit the pattern") as caught:
+        with pytest.raises(SceneError, match=r"the pattern: shelf/sharp\.jpg, shelf/sharp\.png \("):
             step("shelf")
-        assert caught.value.problems[0].what.endswith(": shelf/sharp.jpg, shelf/sharp.png")
 
 
 def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:

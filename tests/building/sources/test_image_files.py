@@ -43,13 +43,11 @@ def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
     np.testing.assert_array_equal(image_files.read_depth_file(content, "a.npy"), depth)
     with pytest.raises(SourceError, match="the npy file is damaged"):
         image_files.read_depth_file(content[:-3], "a.npy")
-    for shape in ((4,), (0, 2), (1, 20, 30), (3, 20, 30), (2, 3, 4, 5)):
+    others = [np.ones(shape) for shape in ((4,), (0, 2), (1, 20, 30), (3, 20, 30), (2, 3, 4, 5))]
+    for values in (*others, np.ones((2, 2), bool), np.ones((2, 2), complex)):
         with pytest.raises(SourceError, match="is not a depth map: numbers of shape") as raised:
-            image_files.read_depth_file(array_file(np.ones(shape)), "a.npy")
-        assert str(shape) in str(raised.value)
-    for kind in (bool, complex):
-        with pytest.raises(SourceError, match="not a depth map"):
-            image_files.read_depth_file(array_file(np.ones((2, 2), kind)), "a.npy")
+            image_files.read_depth_file(array_file(values), "a.npy")
+        assert f"{values.dtype} of shape {values.shape}" in str(raised.value)
     with pytest.raises(SourceError, match="the npy file is damaged"):
         image_files.read_depth_file(array_file(np.array([[None]])), "a.npy")
     with pytest.raises(SourceError, match="not an image file"):
@@ -63,9 +61,8 @@ def test_a_grey_jpeg_has_three_channels() -> None:
 
 def test_sixteen_bits_that_are_twelve_are_told() -> None:
     image = (RGB.astype(np.uint16) * 16) + 15
-    with pytest.raises(SourceError, match="seems to hold 12 bits") as caught:
+    with pytest.raises(SourceError, match=r"seems to hold 12 bits[^$]*Fix: .*image_bits = 12"):
         image_files.read_photograph(encoded(image), "a.png")
-    assert "image_bits = 12" in caught.value.problems[0].fix
     assert image_files.read_photograph(encoded(image), "a.png", bits=12).max() == 255
     assert image_files.read_photograph(encoded(image), "a.png", bits=16).max() == 16
     with pytest.raises(SourceError, match="more than 10 bits"):
@@ -203,6 +200,5 @@ def test_an_npz_file_holds_one_array_or_one_called_depth() -> None:
         image_files.read_depth_file(held.getvalue()[:-30], "a.npz")
     held = io.BytesIO()
     np.savez(held, near=np.eye(3), far=np.eye(3))
-    with pytest.raises(SourceError, match="none is called depth") as caught:
+    with pytest.raises(SourceError, match=r"none is called depth.*got near, far$"):
         image_files.read_depth_file(held.getvalue(), "a.npz")
-    assert caught.value.problems[0].got == "near, far"

@@ -53,8 +53,7 @@ def test_a_stack_is_in_focus_first_and_then_the_farthest_first(folder: Path) -> 
 
 
 def test_a_stack_without_a_table_is_in_order_of_its_numbers(folder: Path) -> None:
-    manifest = manifest_of(WITHOUT_TABLE)
-    images = open_source(manifest, folder).read("desk")
+    images = open_source(manifest_of(WITHOUT_TABLE), folder).read("desk")
     np.testing.assert_array_equal(images.images[0, 1, ..., ::-1], _read(folder / "desk/f_001.png"))
     assert np.isnan(images.facts.focus_distance).all()
 

@@ -1,22 +1,23 @@
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
-from dfdbench.building.fetching import Patience, known_checksums
+from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import middlebury, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from tests.conftest import TINY_DEFAULT_TOML, TINY_TOML, write_png
-from tests.site import Site, served
+from tests.conftest import BELOW, TINY_DEFAULT_TOML, served_by, write_png
+from tests.site import Site
+
+pytestmark = pytest.mark.usefixtures("impatient")
 
 
 def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder: Path) -> None:
@@ -36,13 +37,13 @@ def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder
 def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> None:
     manifest = parse_manifest(TINY_DEFAULT_TOML.encode(), "tiny-1.toml")
     for view in (1, 5):
-        lit = tiny_folder / f"One/Illum1/Exp1/view{view}.png"
-        lit.rename(tiny_folder / f"One/view{view}.png")
+        (tiny_folder / f"One/Illum1/Exp1/view{view}.png").rename(
+            tiny_folder / f"One/view{view}.png"
+        )
     source = middlebury.MiddleburyScenes(manifest, tiny_folder)
     assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
     assert source.read("One").infocus.shape == (2, 24, 30, 3)
-    missing = manifest.pairs("test")
-    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(missing)
+    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(manifest.pairs("test"))
 
 
 def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> None:
@@ -111,24 +112,12 @@ def test_scenes_are_found_in_the_sites_layout(tmp_path: Path, above: str, below:
     assert middlebury.find_scene("Two", "scenes2005", tmp_path) is None
 
 
-BELOW = "data/scenes/ThirdSize"
-QUICK = Patience(tries=4, pause=0.01, silence=0.5)
 FILES = 6 + 11  # depth maps and images of the tiny set
 
 
 @pytest.fixture
-def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
-    place = tmp_path / "server" / BELOW
-    place.parent.mkdir(parents=True)
-    tiny_folder.rename(place)
-    with served(tmp_path / "server") as site:
-        yield site
-
-
-@pytest.fixture
 def manifest(site: Site) -> Manifest:
-    text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
-    return parse_manifest(text.encode(), "tiny-1.toml")
+    return parse_manifest(served_by(site).encode(), "tiny-1.toml")
 
 
 def fingerprint(manifest: Manifest, done: middlebury.Download, tmp_path: Path) -> str:
@@ -140,7 +129,7 @@ def fingerprint(manifest: Manifest, done: middlebury.Download, tmp_path: Path) -
 def test_everything_comes_and_later_builds_ask_nobody(
     manifest: Manifest, site: Site, tiny_store: Dataset, tmp_path: Path
 ) -> None:
-    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in")
     assert (done.new, done.kept, done.missing) == (FILES, 0, ())
     assert done.lock == tmp_path / "in/tiny-1.lock"
     assert len(done.lock.read_text().splitlines()) == FILES
@@ -158,7 +147,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     site.faults[f"/{BELOW}/Two/disp1.png"] = ["wrong"] * 9
     site.faults[f"/{BELOW}/Two/Illum1/Exp0/view5.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
-        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "in")
     said = [problem.what for problem in caught.value.problems]
     assert said == [
         "not a PNG file",
@@ -168,29 +157,29 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
     ]
     assert "One/Illum1/Exp0/view1.png" in str(caught.value)
     site.faults.clear()
-    assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
+    assert middlebury.download_middlebury(manifest, tmp_path / "in").new == 3
 
 
 def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path) -> None:
-    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in")
     image = done.folder / "One/Illum1/Exp0/view1.png"
     right = image.read_bytes()
     image.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
     with pytest.raises(SourceError, match="not the file of this data set"):
         fingerprint(manifest, done, tmp_path)
-    assert middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 1
+    assert middlebury.download_middlebury(manifest, tmp_path / "in").new == 1
     assert image.read_bytes() == right
     # A file that the site has changed since is refused as well.
     image.unlink()
     served_ = site.folder / BELOW / "One/Illum1/Exp0/view1.png"
     served_.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
     with pytest.raises(SourceError, match="not the file of this data set"):
-        middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "in")
 
 
 def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
-    done = middlebury.download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in")
     assert done.missing == ("One/Illum1/Exp0/view1.png",)
     assert done.lock is None
     assert not (tmp_path / "in/tiny-1.lock").exists()
@@ -198,24 +187,22 @@ def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_pat
 
 def test_a_mirror_without_files_is_named(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     wrong = f"{site.address}/nothing"
-    done = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
+    done = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong])
     assert done.new == FILES
     (said,) = done.lacking
     assert f"the mirror lacks {FILES} files, such as 404 {wrong}/" in said.what
     # Kept files are not asked for, and say nothing of the mirror.
-    again = middlebury.download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
-    assert again.lacking == ()
+    assert middlebury.download_middlebury(manifest, tmp_path / "in", [wrong]).lacking == ()
     site.faults[f"/{BELOW}/One/disp1.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
-        middlebury.download_middlebury(manifest, tmp_path / "other", [wrong], patience=QUICK)
+        middlebury.download_middlebury(manifest, tmp_path / "other", [wrong])
     assert caught.value.problems[-1].where == wrong
 
 
 @pytest.fixture
 def default(site: Site) -> Manifest:
     """The tiny set in the site's default lighting alone."""
-    text = TINY_DEFAULT_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
-    return parse_manifest(text.encode(), "tiny-1.toml")
+    return parse_manifest(served_by(site, TINY_DEFAULT_TOML).encode(), "tiny-1.toml")
 
 
 def archives(site: Site) -> Path:
@@ -234,7 +221,7 @@ def archives(site: Site) -> Path:
 
 def test_default_lighting_comes_in_archives(default: Manifest, site: Site, tmp_path: Path) -> None:
     archives(site)
-    done = middlebury.download_middlebury(default, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(default, tmp_path / "in")
     assert done.new == len(site.requests) == 3
     zips = build_store(default, open_source(default, done.folder), tmp_path / "zips.zarr")
     files = open_source(default, site.folder / BELOW)
@@ -248,10 +235,9 @@ def test_what_is_no_archive_is_set_aside_and_its_files_come_one_by_one(
     default: Manifest, site: Site, tmp_path: Path
 ) -> None:
     (archives(site) / "Two-2views.zip").write_bytes(b"<html>")
-    done = middlebury.download_middlebury(default, tmp_path / "in", patience=QUICK)
+    done = middlebury.download_middlebury(default, tmp_path / "in")
     assert done.new == 2 + 4
     aside = [path.name for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
     assert len(aside) == 1
     assert aside[0].startswith("Two-2views.zip.")
-    source = open_source(default, done.folder)
-    assert build_store(default, source, tmp_path / "a.zarr").pairs == 6
+    assert build_store(default, open_source(default, done.folder), tmp_path / "a.zarr").pairs == 6

@@ -18,7 +18,7 @@ from dfdbench.rig.lidar import write_ranges
 from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.simulation.board_scene import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
-from tests.conftest import store_of, write_png
+from tests.conftest import make_published, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
@@ -27,19 +27,7 @@ CAPTURE = CAPTURED.capture or pytest.fail("the rig captured it")
 
 @pytest.fixture
 def published(tmp_path: Path) -> Path:
-    """k33 and k34 as published, at two exposures and three voltage steps, noise for images."""
-    random = np.random.default_rng(8)
-    for scene in ("k33", "k34"):
-        place = tmp_path / "site" / scene
-        for exposure in (10, 30):
-            for step in (129, 130, 141):
-                image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
-                name = f"image_{step}_{exposure}.00.png"
-                write_png(place / "left" / f"exp_{exposure}" / name, image)
-        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
-        levels[:9], levels[9:20] = 0, 255
-        write_png(place / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
-    return tmp_path / "site"
+    return make_published(tmp_path / "site", ("k33", "k34"), (10, 30))
 
 
 @pytest.fixture
@@ -50,8 +38,7 @@ def spoiled(captures: Path, tmp_path: Path) -> Path:
 
 
 def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Path) -> None:
-    source = open_source(CAPTURED, published)
-    report = build_store(CAPTURED, source, tmp_path / "s.zarr")
+    report = build_store(CAPTURED, open_source(CAPTURED, published), tmp_path / "s.zarr")
     assert (report.pairs, report.scenes_built) == (4, ("k33", "k34"))
     store = Dataset(tmp_path / "s.zarr")
     assert (store.recipe_name, store.recipe) == ("", None)
@@ -68,8 +55,8 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
 
 
 def test_another_pair_of_voltage_steps(published: Path) -> None:
-    images = RealworldFolder(CAPTURED, published, (141, 130)).read("k34")
-    path = published / "k34/left/exp_10/image_130_10.00.png"
+    images = RealworldFolder(CAPTURED, published, (141, 135)).read("k34")
+    path = published / "k34/left/exp_10/image_135_10.00.png"
     assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
     for wrong in ((141, 141), (141, 99)):
         with pytest.raises(SourceError, match="are not two steps"):
@@ -91,8 +78,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
         ("near", CAPTURED, 255 - levels),
         ("far", as_captured, levels),
     ):
-        place = tmp_path / f"{name}.zarr"
-        store = store_of(manifest, published, place)
+        store = store_of(manifest, published, tmp_path / f"{name}.zarr")
         images = store.read(store.pairs("k33")[0])
         assert (images.levels[20:] == expected).all()
         assert (images.levels[:20] == 0).all()
@@ -141,15 +127,13 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
 def test_synthetic_blur_takes_the_sharpest_step(captures: Path, tmp_path: Path) -> None:
     manifest = manifest_with_few_steps("realworld-synthetic")
     store = store_of(manifest, captures, tmp_path / "s.zarr")
-    pair = store.pairs("k03")[0]
-    images = store.read(pair)
+    images = store.read(store.pairs("k03")[0])
     scene = raw_scene(captures, "k03")
     assert (images.infocus == scene.image(40, 135)).all()
     levels, valid = scene.depth
     assert (images.levels == 255 - levels).all()
     assert (images.valid == valid).all()
-    expected = synthesize(images.infocus, images.levels, RECIPES["published"])
-    assert (images.defocus == expected).all()
+    assert (images.defocus == synthesize(images.infocus, images.levels, RECIPES["published"])).all()
 
 
 def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
