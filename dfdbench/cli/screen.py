@@ -123,7 +123,7 @@ def writing(place: Path) -> Iterator[None]:
         yield
     except OSError as error:
         what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
-        raise ResultError(what, where=where, fix="choose another place with --out") from error
+        raise ResultError(what, where=where, fix="choose another place") from error
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -122,7 +122,7 @@ def _train_on_cameras(
 ) -> None:
     with needed():
         from dfdbench.figures.trainings import cameras_figure
-        from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.methods.networks.weights import find_weights, load_weights
         from dfdbench.training.cameras import Course, set_examples, steps_of, train_on_cameras
         from dfdbench.training.stacks import STACK_NET
         from dfdbench.training.trainer import FIGURES
@@ -132,6 +132,9 @@ def _train_on_cameras(
     if split and not dataset:
         raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
     start = find_weights(method, weights) if weights else None
+    if start:
+        # Refused before examples are made, which takes long.
+        load_weights(start, method)
     store = open_dataset(dataset, cache=cache) if dataset else None
     what = f"{store.path.stem}-{split or 'train'}" if store else "rooms"
     default = Path("training") / what / (method + (f"-seed{seed}" if seed else ""))

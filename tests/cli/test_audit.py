@@ -194,7 +194,7 @@ def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str, verb: st
         ("coverage STORE --each fold --test Two", "--each takes no split"),
         ("coverage STORE --each fold --fold K1", "leave out --fold"),
         ("coverage STORE --result none.json", "cannot read the result"),
-        ("coverage STORE --out mymodule.py", "another place with --out"),
+        ("coverage STORE --out mymodule.py", "choose another place"),
         ("coverage mymodule.py", "a file, and not a data set"),
         ("coverage STORE --density-factor inf", "a density factor is"),
         ("split STORE", "ask for one thing"),

@@ -7,7 +7,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from tests.cli.command import QUICK, Command
 
-pytest.importorskip("torch", reason="needs the extra nets")
+shipped = pytest.importorskip("dfdbench.methods.networks.weights", reason="needs the extra nets")
 
 
 @pytest.mark.slow
@@ -108,6 +108,10 @@ def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None
         (["--fold", "K1", "--device", "cpu"], "volume-net has no such choice (--device)"),
         (["--split", "train"], "rendered rooms have no splits"),
         (["--set", "crop=64", "--set", "steps=0"], "no number of steps (--set steps)"),
+        (
+            ["--weights", str(shipped.find_weights("dfd-net", "demo"))],
+            "dfd-net instead of volume-net",
+        ),
     ):
         dfdbench.refused(message, "train volume-net", *arguments)
     assert not Path("training").exists()
