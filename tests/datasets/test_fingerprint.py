@@ -1,3 +1,4 @@
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -59,11 +60,21 @@ def _double_the_blur(attributes: dict[str, Any]) -> None:
     attributes["recipe"]["parameters"]["sigma_step"] *= 2
 
 
+def _shrink_the_crop(attributes: dict[str, Any]) -> None:
+    edited = attributes["manifest"].replace("network_crop = 16", "network_crop = 8")
+    assert edited != attributes["manifest"]
+    sha256 = hashlib.sha256(edited.encode()).hexdigest()
+    attributes.update(manifest=edited, manifest_sha256=sha256)
+
+
 @pytest.mark.parametrize(
     "edit",
     [
         _double_the_blur,
+        _shrink_the_crop,
         lambda attributes: attributes.update(degradation="noise-1"),
+        lambda attributes: attributes.update(options={"pair": [141, 129]}),
+        lambda attributes: attributes.update(missing_pairs=["One"]),
         lambda attributes: attributes.update(fingerprint="0" * 64),
         lambda attributes: attributes.update(manifest=1.5),
         lambda attributes: attributes.pop("recipe"),

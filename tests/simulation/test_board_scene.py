@@ -7,6 +7,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError
 from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.optics.sharpness import spectrum_sum
 from dfdbench.rig.geometry import Pose
 from dfdbench.rig.lidar import read_beams
 from dfdbench.rig.registration import read_registration
@@ -81,6 +82,16 @@ def test_the_blur_follows_the_lens_table() -> None:
 
 
 FEW = CaptureSettings(steps=(135,), exposures=(30,), frames=1, scans=2)
+
+
+def test_the_sharpest_step_is_the_one_with_the_smallest_radius() -> None:
+    random = np.random.default_rng(0)
+    view = View(np.full((64, 64), 1.5), np.zeros((64, 64, 3)), random.random((64, 64, 3)))
+    sums = {
+        step: spectrum_sum((255 * defocus(view, read_lens_table(), step)).astype(np.uint8))
+        for step in (129, 135, 141)
+    }
+    assert max(sums, key=lambda step: sums[step]) == 135
 
 
 @pytest.fixture(scope="module")

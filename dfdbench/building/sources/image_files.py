@@ -36,8 +36,13 @@ _CONVERTERS = (8, 10, 12)
 # By the EXIF tag's value, whether an image is mirrored left to right, and the quarter turns
 # anticlockwise that make it upright then.
 _UPRIGHT = {
-    **{2: (True, 0), 4: (True, 2), 5: (True, 1), 7: (True, -1)},
-    **{3: (False, 2), 6: (False, -1), 8: (False, 1)},
+    2: (True, 0),
+    3: (False, 2),
+    4: (True, 2),
+    5: (True, 1),
+    6: (False, -1),
+    7: (True, -1),
+    8: (False, 1),
 }
 
 
