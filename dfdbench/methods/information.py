@@ -26,14 +26,16 @@ def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
     levels : ndarray of int
         The depth levels that `blurred` holds, rising.
     """
-    found = []
     last = len(levels) - 1
-    for middle in np.linspace(0, last, min(_LEVELS_LOOKED_AT, last + 1)).astype(int):
-        low, high = max(middle - 1, 0), min(middle + 1, last)
-        change = blurred.factors[:, high] - blurred.factors[:, low]
-        slope = blurred.nodes @ change / np.float32(levels[high] - levels[low])
-        squares = np.square(slope / blurred.noise).sum(axis=2).mean(dtype=np.float64)
-        found.append(float(squares) / blurred.spread[middle])
+    middles = np.linspace(0, last, min(_LEVELS_LOOKED_AT, last + 1)).astype(int)
+    sums = np.zeros(len(middles))
+    for band in blurred.bands():
+        for place, middle in enumerate(middles):
+            low, high = max(middle - 1, 0), min(middle + 1, last)
+            change = blurred.factors[:, high] - blurred.factors[:, low]
+            slope = band.nodes @ change / np.float32(levels[high] - levels[low])
+            sums[place] += np.square(slope / band.noise).sum(axis=2).sum(dtype=np.float64)
+    found = sums / math.prod(blurred.aim.shape[:2]) / blurred.spread[middles]
     return math.fsum(found) / len(found)
 
 

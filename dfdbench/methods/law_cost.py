@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import cv2
@@ -83,7 +83,7 @@ def level_costs_by_rows(
 ) -> Callable[..., NDArray[np.uint16]]:
     """Return what gives the `level_costs` of some ``rows``, a slice without a step.
 
-    Of a pair no more is held than the in-focus image blurred by few kernels.
+    Of a pair no more is held than its two images.
     """
     most = max(round(UNIT * (limit if len(images) == 1 else min(limit, MOST_NATS))), 1)
     if isinstance(blurs[0], BlurRecipe):
@@ -155,6 +155,8 @@ Array = NDArray[Any]
 KERNEL_TOLERANCE = 2e-4
 # Levels whose squares are worked out, and held, at once.
 _AT_ONCE = 16
+# What the images of a band blurred by the few kernels take: those of half a megapixel do.
+_MOST_BYTES = 80_000_000
 # Every so many levels, and the side of the corner, that tell how well a law explains a pair.
 _COARSE, _CORNER = 8, 256
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
@@ -163,34 +165,67 @@ MISFIT_STEPS = 256
 
 @dataclass(frozen=True)
 class Blurred:
-    """A pair under a law: the in-focus image blurred by few kernels, and what each level takes.
+    """A pair under a law: its images, and what each level takes of few kernels.
 
     Parameters
     ----------
-    nodes : ndarray of float32, shape (y, x, channel, node)
-        The in-focus image blurred by each of the few kernels; grey levels, or where the law is
-        linear 255ths of light.
+    law : BlurLaw
+        How the defocus image came about.
+    infocus : ndarray of uint8, shape (y, x, channel)
+        The in-focus image; of a part, with what its blur reaches beside it.
+    inside : tuple of slice
+        Where the part lies in it.
     aim : ndarray of float32, shape (y, x, channel)
-        The defocus image in the same unit, moved back and of the in-focus image's brightness.
+        The defocus image moved back and of the in-focus image's brightness: in grey levels, or
+        where the law is linear 255ths of light.
     factors : ndarray of float32, shape (node, level)
-        What a level's blurred image takes of each.
+        What a level's blurred image takes of each kernel's.
     noise : ndarray of float32, shape (y, x, channel)
         Standard deviation of the defocus image's noise, in the same unit.
     spread : ndarray of float64, shape (level,)
         How much more variance a residual has at each level, the in-focus image's noise counted.
     """
 
-    nodes: NDArray[np.float32]
+    law: BlurLaw
+    infocus: Array
+    inside: tuple[slice, slice]
     aim: NDArray[np.float32]
     factors: NDArray[np.float32]
     noise: NDArray[np.float32]
     spread: NDArray[np.float64]
 
-    def part(self, rows: slice, columns: slice = slice(None)) -> Blurred:
-        """Return it of a part of the image."""
-        each = (self.nodes, self.aim, self.noise)
-        nodes, aim, noise = (np.ascontiguousarray(one[rows, columns]) for one in each)
-        return replace(self, nodes=nodes, aim=aim, noise=noise)
+    @cached_property
+    def nodes(self) -> NDArray[np.float32]:
+        """The in-focus image blurred by each kernel, shape (y, x, channel, node): large."""
+        kernels = _few(self.law)[0]
+        light = light_of(self.infocus, self.law.linear)
+        nodes = np.empty((*self.aim.shape, len(kernels)), np.float32)
+        for number, kernel in enumerate(kernels):
+            nodes[..., number] = blur(light, kernel)[self.inside]
+        return nodes
+
+    def part(self, rows: slice = slice(None), columns: slice = slice(None)) -> Blurred:
+        """Return it of a part of the whole image."""
+        height, width = self.aim.shape[:2]
+        (top, bottom, _), (left, right, _) = rows.indices(height), columns.indices(width)
+        if (bottom - top, right - left) == (height, width):
+            return self
+        reach = self.law.kernel_size // 2
+        above, before = max(top - reach, 0), max(left - reach, 0)
+        return replace(
+            self,
+            infocus=self.infocus[above : bottom + reach, before : right + reach],
+            inside=(slice(top - above, bottom - above), slice(left - before, right - before)),
+            aim=np.ascontiguousarray(self.aim[rows, columns]),
+            noise=np.ascontiguousarray(self.noise[rows, columns]),
+        )
+
+    def bands(self) -> Iterator[Blurred]:
+        """Yield it in bands of rows whose `nodes` are not large, the whole if it is small."""
+        height, width, channels = self.aim.shape
+        rows = max(_MOST_BYTES // (4 * width * channels * len(self.factors)), 1)
+        for top in range(0, height, rows):
+            yield self.part(slice(top, top + rows))
 
     def squares(self) -> Iterator[NDArray[np.float32]]:
         """Yield what each level costs at every pixel, two a nat: float32, shape (y, x).
@@ -221,16 +256,13 @@ def blurred_by(
     levels : ndarray of int, optional
         The depth levels in question; default: all.
     """
-    kernels, factors, shares = _few(law)
+    _, factors, shares = _few(law)
     chosen = slice(None) if levels is None else levels
-    light = light_of(infocus, law.linear)
-    nodes = np.empty((*light.shape, len(kernels)), np.float32)
-    for number, kernel in enumerate(kernels):
-        nodes[..., number] = blur(light, kernel)
     spread = 1 + law.infocus_noise**2 * shares[chosen]
     factors = np.ascontiguousarray(factors[:, chosen])
-    aim = aligned(law, light, defocus)
-    return Blurred(nodes, aim, factors, noise_of(law, aim), spread)
+    aim = aligned(law, light_of(infocus, law.linear), defocus)
+    everywhere = (slice(None), slice(None))
+    return Blurred(law, infocus, everywhere, aim, factors, noise_of(law, aim), spread)
 
 
 def aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
@@ -345,12 +377,11 @@ def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
     in units of the law's noise. It is below 1, as the best level is chosen.
     """
     some = np.arange(0, LAST_LEVEL + 1, _COARSE)
-    blurred = blurred_by(law, infocus, defocus, some)
-    corner = (slice(_CORNER), slice(_CORNER))
-    nodes, aim, noise = (each[corner] for each in (blurred.nodes, blurred.aim, blurred.noise))
-    least = np.full(aim.shape[:2], np.inf)
-    for place, spread in enumerate(blurred.spread):
-        squares = np.square((nodes @ blurred.factors[:, place] - aim) / noise).mean(axis=2)
+    corner = blurred_by(law, infocus, defocus, some).part(slice(_CORNER), slice(_CORNER))
+    least = np.full(corner.aim.shape[:2], np.inf)
+    for place, spread in enumerate(corner.spread):
+        left = (corner.nodes @ corner.factors[:, place] - corner.aim) / corner.noise
+        squares = np.square(left).mean(axis=2)
         least = np.minimum(least, squares / spread)
     return float(np.sqrt(np.median(least)))
 

@@ -21,8 +21,8 @@ DIRECTIONS = 8
 #: Largest cost and step together: the sums over all paths are kept in 16 bits.
 MOST = 65535 // DIRECTIONS
 
-# What the costs of a band of rows take at most: those of 0.2 megapixels at 256 levels.
-_MOST_BYTES = 100_000_000
+# What the costs of a band of rows take at most: those of a tenth of a megapixel at 256 levels.
+_MOST_BYTES = 50_000_000
 
 # Above any cost of a path, and still in 16 bits with a step added.
 _FAR = np.uint16(2**15)
