@@ -243,10 +243,6 @@ _UNIT = 4
 REPAIRS = ((-16, 128, 64, 32, 16, 8), (0, 16, 8, 0))
 
 
-# Of blocks, what costs along paths take at most at a time.
-_BAND_BYTES = 25_000_000
-
-
 def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
     """Give blocks of 2 x 2 pixels the labels that are best along rows and columns."""
     # Two edges between blocks.
@@ -258,7 +254,6 @@ def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
         small,
         large,
         directions=4,
-        most_bytes=_BAND_BYTES,
     )
     for rows, sums in bands:
         labels[rows] = sums.argmin(axis=2)

@@ -1,6 +1,7 @@
 """Semi-global matching over the cost of each depth level."""
 
 import copy
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -21,8 +22,8 @@ DIRECTIONS = 8
 #: Largest cost and step together: the sums over all paths are kept in 16 bits.
 MOST = 65535 // DIRECTIONS
 
-# What the costs of a band of rows take at most: those of a tenth of a megapixel at 256 levels.
-_MOST_BYTES = 50_000_000
+# What costs take at most that are not worked out in bands: those of 480 x 640 pixels do.
+_MOST_BYTES = 160_000_000
 
 # Above any cost of a path, and still in 16 bits with a step added.
 _FAR = np.uint16(2**15)
@@ -58,7 +59,7 @@ def path_costs(
     [[[1, 16], [24, 1]]]
     """
     whole = path_costs_by_bands(
-        lambda rows: costs, costs.shape, small, large, directions, most_bytes=costs.nbytes
+        lambda rows: costs, costs.shape, small, large, directions, max(len(costs), 1)
     )
     return next(whole)[1]
 
@@ -69,7 +70,7 @@ def path_costs_by_bands(
     small: int,
     large: int,
     directions: int = 8,
-    most_bytes: int = _MOST_BYTES,
+    rows: int | None = None,
 ) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
     """Yield bands of rows and their path costs, the last one first: never is all in memory.
 
@@ -81,18 +82,22 @@ def path_costs_by_bands(
         Of all costs, (y, x, label).
     small, large, directions
         As for `path_costs`.
-    most_bytes : int
-        What the costs of a band take at most, if it has more than one row.
+    rows : int, optional
+        How many a band has; default: all of a small image, of a larger as many as need the least
+        memory.
 
     Examples
     --------
     >>> costs = np.array([[[0, 2]], [[3, 0]]], np.uint16)
-    >>> bands = path_costs_by_bands(lambda rows: costs[rows], costs.shape, 1, 1, most_bytes=4)
+    >>> bands = path_costs_by_bands(lambda rows: costs[rows], costs.shape, 1, 1, rows=1)
     >>> [(rows.start, sums.tolist()) for rows, sums in bands]
     [(1, [[[24, 1]]]), (0, [[[1, 16]]])]
     """
-    height, width, labels = shape
-    rows = max(most_bytes // (2 * width * labels), 1)
+    height = shape[0]
+    if rows is None:
+        # A band's costs and sums take as much as the ends of the paths, kept for each band.
+        whole = 2 * math.prod(shape) <= _MOST_BYTES
+        rows = height if whole else math.isqrt(height * directions // 2)
     bands = [slice(top, min(top + rows, height)) for top in range(0, height, rows)]
     # Paths from above are followed twice: to know where each band begins, then with those from
     # below, which come up band by band.
