@@ -154,6 +154,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
         "the server does not send the file",
         "1 damaged files in all, set aside; the other 14 are whole and kept",
         "no address has these 1 files: One/Illum1/Exp0/view1.png",
+        f"1 file set aside in {tmp_path / 'in/set-aside'}",
     ]
     assert "One/Illum1/Exp0/view1.png" in str(caught.value)
     site.faults.clear()
