@@ -55,6 +55,8 @@ class Facts:
 
     Parameters
     ----------
+    folder : Path
+        Holds the files.
     roles : dict of str to Group
         The files of ``infocus``, ``defocus`` and ``depth``; of stacks ``images``, ``metadata``.
     shapes : dict
@@ -69,7 +71,8 @@ class Facts:
         In words: what was found, and what a person has to say.
     """
 
-    roles: dict[str, Group]
+    folder: Path
+    roles: dict[str, Group] = field(default_factory=dict)
     shapes: dict[Key, tuple[int, ...]] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
     unit: str = "none is known"
@@ -108,18 +111,18 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
         raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
-    facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
+    facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
-    _tell_photographs(folder, fitting, keys, facts)
-    _tell_focus(folder, fitting, keys, facts)
+    _tell_photographs(fitting, keys, facts)
+    _tell_focus(fitting, keys, facts)
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
-    _tell_depth(folder, scenes, facts)
+    _tell_depth(scenes, facts)
     sharp, soft = facts.roles["infocus"], facts.roles["defocus"]
     matching = matching_of(
-        (key[1], _photograph(folder, sharp, key, facts), _photograph(folder, soft, key, facts))
+        (key[1], _photograph(sharp, key, facts), _photograph(soft, key, facts))
         for key in _shared(tuple(keys), *facts.roles.values())[:_ALIGNED]
     )
     _tell_matching(matching, facts)
@@ -144,11 +147,11 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     sharp = [group for group in others if group not in depths]
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
     likely = (named or (sharp if len(sharp) == 1 else []))[:1]
-    facts = Facts(dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
+    facts = Facts(folder, dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
     keys = _spread(layout.scenes, _STACKS)
     images = {key: layout.images[stack.files[key]] for key in layout.scenes}
     first = Group(stack.pattern, {key: images[key][0] for key in keys})
-    _tell_photographs(folder, [*likely, first], keys, facts)
+    _tell_photographs([*likely, first], keys, facts)
     counts = sorted(set(map(len, images.values())))
     told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
     facts.found.append(f"stacks {stack.pattern} of {told} images")
@@ -160,10 +163,10 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.open.append("whether an image is in focus all over: infocus")
     if depths:
         facts.roles["depth"] = depths[0]
-        _tell_depth(folder, layout.scenes, facts, metres=True)
+        _tell_depth(layout.scenes, facts, metres=True)
     else:
         facts.open.append("depth: none was found, so that nothing can be scored")
-    _tell_table(folder, layout, stack, images[layout.scenes[0]], facts)
+    _tell_table(layout, stack, images[layout.scenes[0]], facts)
     if more:
         named_more = listed((group.pattern for group in more), _STACKS_NAMED)
         facts.open.append(f"whether these stacks are values of an axis: {named_more}")
@@ -227,17 +230,17 @@ def _decoded(
     return ((key, *_read(folder, group, key)) for key in keys if key in group.files)
 
 
-def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
-    path = folder / group.files[key]
+def _photograph(group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
+    path = facts.folder / group.files[key]
     bits = int(facts.files.get("image_bits", 16))
     return read_photograph(path.read_bytes(), str(path), bits, "ignore")
 
 
-def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     """Add the photographs' sizes, bits and rotation."""
     greatest, deep, turned, count = 0, True, 0, 0
     for group in groups:
-        for key, content, image in _decoded(folder, group, keys):
+        for key, content, image in _decoded(facts.folder, group, keys):
             facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
             turned, count = turned + (orientation_of(content) > 1), count + 1
@@ -252,11 +255,11 @@ def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts:
     facts.found.append(f"photographs of {', '.join(map(_size, sizes))} pixels")
 
 
-def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     energies: dict[str, dict[Key, float]] = {group.pattern: {} for group in groups}
     for group in groups:
         for key in _shared(tuple(keys), group):
-            energies[group.pattern][key] = laplacian_energy(_photograph(folder, group, key, facts))
+            energies[group.pattern][key] = laplacian_energy(_photograph(group, key, facts))
     seen = [group for group in groups if energies[group.pattern]]
     if len(seen) < 2:
         what = "no scene has two photographs beside its depth map"
@@ -291,12 +294,12 @@ def _smallest_aperture_first(order: list[Group]) -> list[Group]:
     return first + rest if len(first) == 1 and len(rest) > 1 else order
 
 
-def _tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:
+def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:
     """Add what the depth files hold; `metres` keeps those in metres as they are."""
     group = facts.roles["depth"]
     some: list[NDArray[Any]] = []
     sizes: dict[Key, tuple[int, ...]] = {}
-    for key, _, image in _decoded(folder, group, _spread(keys, _DEPTH_MAPS)):
+    for key, _, image in _decoded(facts.folder, group, _spread(keys, _DEPTH_MAPS)):
         flat = (image if image.ndim == 2 else image[..., 0]).ravel()
         some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
         sizes[key] = image.shape[:2]
@@ -311,7 +314,7 @@ def _tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = 
         return
     told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
     if not told.size:
-        raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
+        raise SourceError("depth maps tell no depths", where=str(facts.folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
     facts.found.append(f"depth {group.pattern}, {kind}, {share:.1f} % of it missing")
     _tell_sizes(sizes, facts)
@@ -360,11 +363,9 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
     facts.open += matching.open
 
 
-def _tell_table(
-    folder: Path, layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts
-) -> None:
+def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
     """Add the table that has a row per image, in the scenes' folders or above them."""
-    for table in tables_below(folder):
+    for table in tables_below(facts.folder):
         if len(table.rows) == len(images) and table.is_above(images[0]):
             # As deep as the table lies, folders are those of the stack's pattern.
             folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]

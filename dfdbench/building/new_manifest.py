@@ -237,13 +237,9 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
         split = (told and _split_name(scene.split)) or counted
         chosen.setdefault(split, []).append(scene.name)
     if len(scenes) == 1 and not told:
-        return _split_toml({"test": chosen["train"]})
-    if "test" not in chosen and len(scenes) > 1:
+        chosen = {"test": chosen["train"]}
+    elif "test" not in chosen and len(scenes) > 1:
         chosen["test"] = [chosen["train"].pop()]
-    return _split_toml(chosen)
-
-
-def _split_toml(chosen: dict[str, list[str]]) -> list[str]:
     return [
         f'[[splits]]\nname = "{split}"\npartition = "own"\npairs = {len(names)}\n'
         f"scenes = [\n{_rows(names)}]\n"
