@@ -3,9 +3,8 @@
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.folder import read_table
@@ -380,11 +379,8 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
         told, split = _split_of(path)
         if read := _read(_FORMS[0], told):
             named[read[0]][split, read[1]] = path
-    folders: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for pattern, files in _endings_joined(named).items():
-        for (split, _), path in files.items():
-            folders[pattern][split].append(path)
-    sizes = Counter(_sizes(files) for files in folders.values())
+    found = _endings_joined(named)
+    sizes = Counter(map(_sizes, found.values()))
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
     if times < _ROLES:
         return None
@@ -394,25 +390,26 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
         for number in range(1, count + 1)
     )
     groups = {
-        pattern: dict(zip(scenes, chain(*(in_order(files[s]) for s in sorted(files))), strict=True))
-        for pattern, files in folders.items()
+        pattern: dict(zip(scenes, _in_order(files), strict=True))
+        for pattern, files in found.items()
         if _sizes(files) == common
     }
     return _sorted(groups, scenes, True, paths)
 
 
-def _sizes(files: dict[str, list[str]]) -> tuple[tuple[str, int], ...]:
-    return tuple(sorted((split, len(found)) for split, found in files.items()))
+def _sizes(files: dict[Key, str]) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted(Counter(split for split, _ in files).items()))
 
 
-def in_order(paths: Iterable[str]) -> list[str]:
-    """Return paths as cameras count: 2 comes before 10."""
+def _in_order(files: dict[Key, str]) -> list[str]:
+    """Return a kind's files by their split, then as cameras count: 2 comes before 10."""
 
-    def key(path: str) -> list[tuple[int, str]]:
+    def place(item: tuple[Key, str]) -> tuple[str, list[tuple[int, str]]]:
+        (split, _), path = item
         parts = re.findall(r"\d+|\D+", path)
-        return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+        return split, [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
-    return sorted(paths, key=key)
+    return [path for _, path in sorted(files.items(), key=place)]
 
 
 def _sorted(
