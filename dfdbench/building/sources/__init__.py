@@ -108,6 +108,27 @@ class SceneImages:
         return cls(np.stack(images, axis=-4), depth, available, ImageFacts(PAIR[: len(images)]))
 
 
+def laid_out(
+    manifest: Manifest, found: Mapping[Pair, NDArray[Any]]
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return what is there of each pair in one array, zero elsewhere, and where something is.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        Its axes are the first ones of what is returned, shapes (*pair axes, ...) and (*pair axes,).
+    found : mapping of Pair to ndarray
+        Arrays of one shape, of pairs of one scene.
+    """
+    extent = tuple(map(len, manifest.axes.values()))
+    first = next(iter(found.values()))
+    whole, there = np.zeros((*extent, *first.shape), first.dtype), np.zeros(extent, bool)
+    for pair, values in found.items():
+        at = tuple(manifest.axes[axis].index(value) for axis, value in pair.coordinates)
+        whole[at], there[at] = values, True
+    return whole, there
+
+
 class Whole:
     """What sources that have every pair, or say scene by scene what is lacking, have in common."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
-from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered
+from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, laid_out
 from dfdbench.building.sources.captured_images import (
     CapturedImages,
     File,
@@ -139,15 +139,15 @@ class FolderScenes(Whole):
         axes, depth = self._manifest.axes, self._manifest.depth
         extent = tuple(len(values) for values in axes.values())
         first = next(iter(captured.values()))
-        images = np.zeros((*extent, *first.images.shape), first.images.dtype)
-        available = np.zeros(extent, bool)
+        images, available = laid_out(
+            self._manifest, {pair: found.images for pair, found in captured.items()}
+        )
         facts = {name: np.full((*extent, len(first.images)), np.nan) for name in BY_IMAGE}
         known = np.full((*(len(axes[axis]) for axis in depth.axes), *first.depth.shape), np.nan)
         seen = np.zeros(known.shape[:-2], bool)
         notes: dict[str, Any] = {}
         for pair, found in captured.items():
             at = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-            images[at], available[at] = found.images, True
             for name, values in facts.items():
                 values[at] = [image.facts[name] for image in taken[pair]]
             at = tuple(axes[axis].index(pair.at[axis]) for axis in depth.axes)

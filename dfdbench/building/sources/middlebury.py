@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.building import fetching
 from dfdbench.building.fetching import archive_members, check_checksum, read_member, sha256
-from dfdbench.building.sources import SceneImages, gathered
+from dfdbench.building.sources import SceneImages, gathered, laid_out
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
 from dfdbench.errors import Problem, SourceError
@@ -111,7 +111,10 @@ class MiddleburyScenes:
                     content = self._content(scene, name)
                     images[pair] = decode_image(content, files.where(name), shape)
         SourceError.raise_if(problems)
-        return self._assemble(read, images, shape or (0, 0))
+        infocus, available = laid_out(self._manifest, images)
+        empty = np.full(infocus.shape[-3:-1], unknown, np.uint8)
+        depth = np.stack([read.get(view, empty) for view in self._manifest.axes["view"]])
+        return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return where the files that are missing can be had, and what they are called."""
@@ -140,22 +143,6 @@ class MiddleburyScenes:
         content = files.read(name)
         check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
         return content
-
-    def _assemble(
-        self, depths: Mapping[int, Levels], images: Mapping[Pair, Levels], shape: tuple[int, ...]
-    ) -> SceneImages:
-        axes = self._manifest.axes
-        extent = tuple(len(values) for values in axes.values())
-        infocus = np.zeros((*extent, *shape, 3), np.uint8)
-        available = np.zeros(extent, bool)
-        for pair, image in images.items():
-            place = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-            infocus[place] = image
-            available[place] = True
-        unknown = self._manifest.depth.unknown
-        empty = np.full(shape, unknown, np.uint8)
-        depth = np.stack([depths.get(view, empty) for view in axes["view"]])
-        return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
 
 def image_name(at: Mapping[str, int]) -> str:
