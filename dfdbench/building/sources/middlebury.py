@@ -264,8 +264,6 @@ class Download:
         Where the files lie, in the site's layout.
     new, kept : int
         Files fetched now, and found whole from before.
-    missing : tuple of str
-        Files that no address has, or that are not there where nobody may be asked.
     lock : Path or None
         The lock file, where this call was the first that was complete.
     lacking : tuple of Problem
@@ -277,7 +275,6 @@ class Download:
     folder: Path
     new: int
     kept: int
-    missing: tuple[str, ...]
     lock: Path | None
     lacking: tuple[Problem, ...] = ()
     refused: int = 0
@@ -339,7 +336,6 @@ def download_middlebury(
         folder,
         sum(fate.kind == "new" for fate in fates),
         sum(fate.kind == "kept" for fate in fates),
-        tuple(fate.name for fate in fates if fate.kind == "missing"),
         lock,
         lacking,
         fetcher.refused,
