@@ -16,7 +16,7 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.integrity import require_sound
+from dfdbench.datasets.fingerprint import require_sound
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.evaluate import (
     built_track,

@@ -7,7 +7,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board import LEADERBOARD, board, cards, row_file
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.integrity import require_sound
+from dfdbench.datasets.fingerprint import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods

@@ -114,6 +114,8 @@ class Fetcher:
         self._folder, self._on_progress, self._offline = folder, on_progress, offline
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._done = self._files = self._received = 0
+        #: Files that were set aside, each content of a name once.
+        self.refused = 0
         self._failures: Counter[str] = Counter()
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
@@ -203,6 +205,8 @@ class Fetcher:
     def _set_aside(self, path: Path, name: str) -> None:
         place = self._folder / SET_ASIDE / f"{name}.{sha256(path.read_bytes())[:12]}"
         place.parent.mkdir(parents=True, exist_ok=True)
+        with self._lock:
+            self.refused += not place.exists()
         path.replace(place)
 
     def _download(self, address: str, part: Path) -> None:

@@ -1,16 +1,25 @@
 """Look into a folder's captures: which images are in focus, what the depth files hold."""
 
+import json
 import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import Group, Key, Layout, unread_files
+from dfdbench.building.folder_layout import (
+    Group,
+    Key,
+    Layout,
+    Table,
+    is_number,
+    tables_below,
+    unread_files,
+)
 from dfdbench.building.sources.image_files import (
     ARRAYS,
     SUFFIXES,
@@ -19,7 +28,8 @@ from dfdbench.building.sources.image_files import (
     orientation_of,
     read_photograph,
 )
-from dfdbench.building.sources.matching import Matching, matching_of
+from dfdbench.building.sources.matching import Align, Matching, matching_of
+from dfdbench.datasets.captured_files import BY_IMAGE, places_in
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import counted, listed
@@ -30,6 +40,8 @@ _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
 # if each has many photographs.
 _LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
 _NAMED = 4
+_IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
+_STACKS, _STACKS_NAMED = 4, 3
 # Bounds have to hold every scene: more depth maps are read, and of each some of its pixels.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
 # Depths of a camera's scenes, in metres: a median in between is taken for metres.
@@ -43,46 +55,34 @@ class Facts:
 
     Parameters
     ----------
+    folder : Path
+        Holds the files.
     roles : dict of str to Group
         The files of ``infocus``, ``defocus`` and ``depth``; of stacks ``images``, ``metadata``.
     shapes : dict
         Rows and columns of the photographs of each scene that was looked at.
-    depth_unit, near, far : float or None
-        How many metres one unit of a depth file seems to be, and the distances between which
-        almost all depths lie; None where the files hold levels.
-    missing : list of int
-        Values that stand for no depth.
-    depth_ends : tuple of float or None
-        The nearest and the farthest value of files that hold neither metres nor levels.
-    metres : bool
-        Whether the set keeps metres, and does not turn them into levels.
-    more : list of str
-        Lines for the section `files`.
-    image_bits : int or None
-        How many of 16 bits are used, where it is less.
-    matching : Matching
-        What the photographs seem to need.
+    files : dict of str to str
+        What else the manifest's section `files` says, each field as TOML.
+    unit : str
+        What the set's depth is in.
+    scale : tuple of float or None
+        The distances between which almost all depths lie; None where the files hold levels.
     found, open : list of str
         In words: what was found, and what a person has to say.
     """
 
-    roles: dict[str, Group]
+    folder: Path
+    roles: dict[str, Group] = field(default_factory=dict)
     shapes: dict[Key, tuple[int, ...]] = field(default_factory=dict)
-    depth_unit: float | None = None
-    near: float | None = None
-    far: float | None = None
-    missing: list[int] = field(default_factory=list)
-    depth_ends: tuple[float, float] | None = None
-    metres: bool = False
-    more: list[str] = field(default_factory=list)
-    image_bits: int | None = None
-    matching: Matching = field(default_factory=Matching)
+    files: dict[str, str] = field(default_factory=dict)
+    unit: str = "none is known"
+    scale: tuple[float, float] | None = None
     found: list[str] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
 
 
 def look_into(folder: Path, layout: Layout) -> Facts:
-    """Return what a folder's files seem to be.
+    """Return what a folder's pairs seem to be.
 
     Parameters
     ----------
@@ -111,22 +111,70 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
         raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
-    facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
-    keys = spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
-    tell_photographs(folder, fitting, keys, facts)
-    _tell_focus(folder, fitting, keys, facts)
+    facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)
+    keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
+    _tell_photographs(fitting, keys, facts)
+    _tell_focus(fitting, keys, facts)
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
-    tell_depth(folder, scenes, facts)
+    _tell_depth(scenes, facts)
     sharp, soft = facts.roles["infocus"], facts.roles["defocus"]
-    facts.matching = matching_of(
-        (key[1], _photograph(folder, sharp, key, facts), _photograph(folder, soft, key, facts))
+    matching = matching_of(
+        (key[1], _photograph(sharp, key, facts), _photograph(soft, key, facts))
         for key in _shared(tuple(keys), *facts.roles.values())[:_ALIGNED]
     )
-    facts.found += facts.matching.found
-    facts.open += facts.matching.open
+    _tell_matching(matching, facts)
+    return facts
+
+
+def look_into_stacks(folder: Path, layout: Layout) -> Facts:
+    """Return what a folder's stacks seem to be.
+
+    Raises
+    ------
+    SourceError
+        Where a file that is looked at is damaged.
+    """
+    stack, *more = layout.stacks
+    others = [
+        group
+        for group in layout.groups
+        if group not in layout.stacks and len(group.files) == len(layout.scenes)
+    ]
+    depths = [group for group in others if group.is_depth]
+    sharp = [group for group in others if group not in depths]
+    named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
+    likely = (named or (sharp if len(sharp) == 1 else []))[:1]
+    facts = Facts(folder, dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
+    keys = _spread(layout.scenes, _STACKS)
+    images = {key: layout.images[stack.files[key]] for key in layout.scenes}
+    first = Group(stack.pattern, {key: images[key][0] for key in keys})
+    _tell_photographs([*likely, first], keys, facts)
+    counts = sorted(set(map(len, images.values())))
+    told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
+    facts.found.append(f"stacks {stack.pattern} of {told} images")
+    if named:
+        facts.found.append(f"in focus all over {named[0].pattern}")
+    elif likely:
+        facts.open.append(f"whether {likely[0].pattern} is in focus all over")
+    else:
+        facts.open.append("whether an image is in focus all over: infocus")
+    if depths:
+        facts.roles["depth"] = depths[0]
+        _tell_depth(layout.scenes, facts, metres=True)
+    else:
+        facts.open.append("depth: none was found, so that nothing can be scored")
+    _tell_table(layout, stack, images[layout.scenes[0]], facts)
+    if more:
+        named_more = listed((group.pattern for group in more), _STACKS_NAMED)
+        facts.open.append(f"whether these stacks are values of an axis: {named_more}")
+    left = [g.pattern for g in layout.groups if g not in (*facts.roles.values(), *more)]
+    if left:
+        kinds, names = counted(len(left), "kind"), listed(left, _STACKS_NAMED)
+        facts.open.append(f"{kinds} of files belong to no stack: {names}")
+    _tell_matching(Matching(), facts)
     return facts
 
 
@@ -170,7 +218,7 @@ def _is_depth(folder: Path, group: Group) -> bool:
     return flat and (group.is_depth or image.dtype != np.uint8)
 
 
-def spread(keys: Sequence[Key], most: int) -> list[Key]:
+def _spread(keys: Sequence[Key], most: int) -> list[Key]:
     """Return some of the scenes, so many at most, spread over all."""
     return list(keys[:: max(1, math.ceil(len(keys) / most))])
 
@@ -182,22 +230,23 @@ def _decoded(
     return ((key, *_read(folder, group, key)) for key in keys if key in group.files)
 
 
-def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
-    path = folder / group.files[key]
-    return read_photograph(path.read_bytes(), str(path), facts.image_bits or 16, "ignore")
+def _photograph(group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
+    path = facts.folder / group.files[key]
+    bits = int(facts.files.get("image_bits", 16))
+    return read_photograph(path.read_bytes(), str(path), bits, "ignore")
 
 
-def tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     """Add the photographs' sizes, bits and rotation."""
     greatest, deep, turned, count = 0, True, 0, 0
     for group in groups:
-        for key, content, image in _decoded(folder, group, keys):
+        for key, content, image in _decoded(facts.folder, group, keys):
             facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
             turned, count = turned + (orientation_of(content) > 1), count + 1
-    facts.image_bits = likely_bits(greatest) if deep else None
-    if facts.image_bits:
-        facts.found.append(f"16-bit photographs that hold {facts.image_bits} bits")
+    if deep and (bits := likely_bits(greatest)):
+        facts.files["image_bits"] = str(bits)
+        facts.found.append(f"16-bit photographs that hold {bits} bits")
     if turned:
         facts.open.append(
             f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
@@ -206,11 +255,11 @@ def tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: 
     facts.found.append(f"photographs of {', '.join(map(_size, sizes))} pixels")
 
 
-def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     energies: dict[str, dict[Key, float]] = {group.pattern: {} for group in groups}
     for group in groups:
         for key in _shared(tuple(keys), group):
-            energies[group.pattern][key] = laplacian_energy(_photograph(folder, group, key, facts))
+            energies[group.pattern][key] = laplacian_energy(_photograph(group, key, facts))
     seen = [group for group in groups if energies[group.pattern]]
     if len(seen) < 2:
         what = "no scene has two photographs beside its depth map"
@@ -245,12 +294,12 @@ def _smallest_aperture_first(order: list[Group]) -> list[Group]:
     return first + rest if len(first) == 1 and len(rest) > 1 else order
 
 
-def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:
+def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:
     """Add what the depth files hold; `metres` keeps those in metres as they are."""
     group = facts.roles["depth"]
     some: list[NDArray[Any]] = []
     sizes: dict[Key, tuple[int, ...]] = {}
-    for key, _, image in _decoded(folder, group, spread(keys, _DEPTH_MAPS)):
+    for key, _, image in _decoded(facts.folder, group, _spread(keys, _DEPTH_MAPS)):
         flat = (image if image.ndim == 2 else image[..., 0]).ravel()
         some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
         sizes[key] = image.shape[:2]
@@ -259,13 +308,13 @@ def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = F
     last = np.iinfo(kind).max if kind.kind == "u" else None
     stand = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
-    facts.missing = stand
+    facts.files["depth_missing"], facts.unit = str(stand), "levels, as in the files"
     if kind.kind == "f" and ("disp" in group.pattern.lower() or (values < 0).any()):
         _tell_ends(values[np.isfinite(values)], facts)
         return
     told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
     if not told.size:
-        raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
+        raise SourceError("depth maps tell no depths", where=str(facts.folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
     facts.found.append(f"depth {group.pattern}, {kind}, {share:.1f} % of it missing")
     _tell_sizes(sizes, facts)
@@ -273,16 +322,16 @@ def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = F
         facts.open.append("8-bit depth is taken for levels: whether brighter is nearer, and what")
         return
     median = float(np.median(told))
-    facts.metres = metres
-    facts.depth_unit = next(u for u in (1.0, 0.001, 1e-6) if median * u < _PLAUSIBLE[1])
-    ends = np.percentile(told * facts.depth_unit, [_SHARE, 100 - _SHARE])
-    facts.near, facts.far = _rounded(float(ends[0]), False), _rounded(float(ends[1]), True)
+    unit = next(u for u in (1.0, 0.001, 1e-6) if median * u < _PLAUSIBLE[1])
+    ends = np.percentile(told * unit, [_SHARE, 100 - _SHARE])
+    near, far = _rounded(float(ends[0]), False), _rounded(float(ends[1]), True)
+    facts.files["depth_unit"], facts.scale = f"{unit} # metres", (near, far)
+    facts.unit = "metres" if metres else f"linear in 1/z from {near:g} m (255) to {far:g} m (1)"
     facts.open.append(
-        f"whether one unit of depth is {facts.depth_unit:g} m: the median is "
-        f"{median * facts.depth_unit:.3g} m then"
+        f"whether one unit of depth is {unit:g} m: the median is {median * unit:.3g} m then"
     )
     facts.open.append(
-        f"whether near {facts.near:g} m and far {facts.far:g} m are right: they hold "
+        f"whether near {near:g} m and far {far:g} m are right: they hold "
         f"{100 - 2 * _SHARE:g} % of the depths of {counted(len(some), 'scene')}"
     )
 
@@ -293,12 +342,65 @@ def _tell_ends(values: NDArray[np.float64], facts: Facts) -> None:
         raise SourceError("depth maps tell no depths", where=facts.roles["depth"].pattern)
     room = 0.01 * float(np.ptp(values)) or 1.0
     low, high = float(values.min()) - room, float(values.max()) + room
-    facts.depth_ends, facts.missing = (float(f"{high:.4g}"), float(f"{low:.4g}")), []
+    ends = [float(f"{high:.4g}"), float(f"{low:.4g}")]
+    facts.files |= {"depth_ends": f"{ends} # the nearest, the farthest", "depth_missing": "[]"}
+    facts.unit = "levels, linear in the files' values"
     facts.found.append(
         f"depth {facts.roles['depth'].pattern}, neither metres nor levels: {low + room:.4g} to "
         f"{high - room:.4g}"
     )
     facts.open.append("whether greater depth values are nearer, as in disparity: depth_ends")
+
+
+def _tell_matching(matching: Matching, facts: Facts) -> None:
+    others = ", ".join(f'"{name}"' for name in get_args(Align) if name != matching.align)
+    facts.files["align"] = f'"{matching.align}" # or {others}'
+    facts.files["match_gain"] = str(matching.match_gain).lower()
+    if matching.flat_field:
+        curves = [[round(factor, 4) for factor in curve] for curve in matching.flat_field]
+        facts.files["flat_field"] = str(curves)
+    facts.found += matching.found
+    facts.open += matching.open
+
+
+def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
+    """Add the table that has a row per image, in the scenes' folders or above them."""
+    for table in tables_below(facts.folder):
+        if len(table.rows) == len(images) and table.is_above(images[0]):
+            # As deep as the table lies, folders are those of the stack's pattern.
+            folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
+            pattern = str(PurePosixPath(*folders, table.path.name))
+            facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
+            facts.found.append(f"a table with a row per image: {pattern}")
+            _tell_columns(table, stack, facts)
+            return
+    facts.open.append(
+        "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
+    )
+
+
+def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
+    rows = table.rows
+    if table.columns:
+        facts.files["columns"] = json.dumps(table.columns)
+    if set(BY_IMAGE) & set(rows[0]):
+        return
+    in_names = places_in(stack.pattern)
+    numeric = [
+        name
+        for name in rows[0]
+        if name not in in_names and all(is_number(row.get(name, "")) for row in rows)
+    ]
+    told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
+    told = told or [name for name in numeric if len({row[name] for row in rows}) == len(rows)][-1:]
+    if not told:
+        facts.open.append("which column tells the focus: focus_distance or focus_depth")
+        return
+    name = told[0]
+    positive = all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()
+    unit = "in metres" if positive else "in the unit of the depth files"
+    facts.files["focus_distance" if positive else "focus_depth"] = f'"{{{name}}}" # {unit}'
+    facts.open.append(f"whether {name} is the focus {unit}")
 
 
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:

@@ -1,16 +1,16 @@
 """Guess how a folder of captures is laid out: which files belong to one scene, by their names."""
 
+import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from functools import partial
-from itertools import chain
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from dfdbench.building.sources.folder import read_table
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
-from dfdbench.datasets.captured_files import ANY_ENDING
-from dfdbench.errors import InputError, reason_of
+from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE
+from dfdbench.errors import InputError, SourceError, reason_of
 
 #: What a depth file's path says.
 DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
@@ -20,12 +20,22 @@ _MOST_GROUPS = 10
 _ROLES = 3
 # Kinds of files that are named where they are not read.
 _NAMED = 6
-# A file's whole name is the scene's, or its start, or its end.
-_FORMS = (
-    r"(?P<scene>.*)",
-    r"(?P<scene>.+[^_\-.])[_\-.][A-Za-z][^_\-.]*",
-    r"[A-Za-z][^_\-.]*[_\-.](?P<scene>.+)",
+# A file's whole name is the scene's, its start, or its end; or that of a folder, so many down.
+_FORMS = tuple(
+    rf"(?:.*/)?{form}\.[^./]+"
+    for form in (
+        r"(?P<scene>[^/]*)",
+        r"(?P<scene>[^/]+[^_\-./])[_\-.][A-Za-z][^_\-./]*",
+        r"[A-Za-z][^_\-./]*[_\-.](?P<scene>[^/]+)",
+    )
 )
+_FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
+
+# Of so many photographs that differ by a number alone, or rows that tell them apart, is a stack.
+_FEWEST = 3
+_TABLES = (".json", ".csv", ".tsv", ".txt")
+_MOST_COLUMNS = 16
+_NO_STACK: Mapping[str, tuple[str, ...]] = {}
 
 #: The part of a set that a scene lies in, "" where there are none, and the scene's name.
 Key = tuple[str, str]
@@ -67,23 +77,26 @@ class Layout:
         Whether files go together by their order alone, since their names differ.
     left : tuple of str
         Image files that belong to no scene.
+    images : mapping of str to tuple of str
+        The images of each stack in the order of their numbers, by the one name that stands for
+        them in a group: it has ``{image}`` for the number, or columns of a table.
     """
 
     groups: tuple[Group, ...]
     scenes: tuple[Key, ...]
     by_order: bool
     left: tuple[str, ...]
+    images: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def of_scenes(self, scenes: tuple[Key, ...]) -> "Layout":
-        """Return the layout of some of the scenes; the files of others are left."""
-        kept = [
-            Group(group.pattern, {key: group.files[key] for key in scenes if key in group.files})
+    @property
+    def stacks(self) -> tuple[Group, ...]:
+        """The stacks that every scene has."""
+        return tuple(
+            group
             for group in self.groups
-        ]
-        others = {path for group in self.groups for path in group.files.values()}
-        others -= {path for group in kept for path in group.files.values()}
-        left = tuple(sorted({*self.left, *others}))
-        return Layout(tuple(g for g in kept if g.files), scenes, self.by_order, left)
+            if len(group.files) == len(self.scenes)
+            and all(path in self.images for path in group.files.values())
+        )
 
 
 def image_files(folder: Path) -> tuple[str, ...]:
@@ -149,24 +162,137 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    layouts = [_layout(paths, partial(_by_name, form)) for form in _FORMS]
-    whole = [*folder_layouts(paths), *(layout for layout in layouts if layout)]
+    whole = _layouts(paths, (*_folders(paths), *_FORMS))
     # A scene with a depth file and two others cannot be a kind of files read as a scene.
     order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
     return whole[order.index(max(order))] if whole else _by_order(paths)
 
 
-def folder_layouts(paths: tuple[str, ...], least: int = _ROLES) -> list[Layout]:
-    """Return how files go together if a folder's name tells the scene, of `least` files or more."""
+def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
+    """Return how the files of focal stacks go together.
+
+    Parameters
+    ----------
+    folder : Path
+        Gives a single scene its name.
+    paths : tuple of str
+        Image files and depth arrays below it.
+
+    Returns
+    -------
+    Layout or None
+        None where no photographs are a stack, or depth maps are, too: then the numbers are scenes.
+    """
+    families: dict[str, dict[int, str]] = defaultdict(dict)
+    for path in paths:
+        for template, number in _templates(PurePosixPath(path)):
+            families[template][number] = path
+    if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
+        return None
+    # What tables tell goes before numbers: two may go together, as run and motor.
+    by_table: dict[str, dict[int, str]] = {}
+    for table in tables_below(folder):
+        by_table |= _named_by(table.rows, [path for path in paths if table.is_above(path)])
+    images: dict[str, tuple[str, ...]] = {}
+    taken: set[str] = set()
+    for template, found in sorted(
+        (by_table or families).items(), key=lambda item: (-len(item[1]), item[0])
+    ):
+        members = tuple(found[number] for number in sorted(found))
+        if len(members) >= _FEWEST and not taken & set(members):
+            images[template] = members
+            taken.update(members)
+    left = tuple(sorted({*paths, *images} - taken))
+    layouts = _layouts(left, _folders(left), 1, images)
+    if len(images) == 1:
+        key = ("", folder.resolve().name)
+        groups = tuple(Group(path, {key: path}) for path in left)
+        layouts.insert(0, Layout(groups, (key,), False, (), images))
+    with_stacks = (layout for layout in layouts if layout.stacks)
+    return max(with_stacks, key=lambda layout: len(layout.scenes), default=None)
+
+
+def _templates(place: PurePosixPath) -> Iterator[tuple[str, int]]:
+    for match in re.finditer(r"\d+", place.stem):
+        stem = f"{place.stem[: match.start()]}{{{IMAGE}}}{place.stem[match.end() :]}"
+        yield str(place.with_name(stem + place.suffix)), int(match[0])
+
+
+def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[int, str]]:
+    """Return families of files by their names with a column in braces where the row's cell is."""
+    names = {path: PurePosixPath(path) for path in paths}
+    stems = "\n".join({place.stem for place in names.values()})
+
+    def word(row: dict[str, str], column: str) -> str:
+        # As it stands between _ and - in a name.
+        return rf"(?<![^_\n-]){re.escape(row[column])}(?![^_\n-])"
+
+    columns = [
+        name
+        for name in rows[0]
+        if len({row.get(name) for row in rows}) == len(rows)
+        and all(row.get(name) and re.search(word(row, name), stems) for row in rows)
+    ]
+    families: dict[str, dict[int, str]] = defaultdict(dict)
+    for path, place in names.items() if columns else ():
+        for number, row in enumerate(rows):
+            stem = place.stem
+            for name in columns:
+                stem = re.sub(word(row, name), f"{{{name}}}", stem, count=1)
+            if all(f"{{{name}}}" in stem for name in columns):
+                families[str(place.with_name(stem + place.suffix))][number] = path
+    return {name: found for name, found in families.items() if len(found) == len(rows)}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that may tell of images: its path, its rows, and its columns without a heading."""
+
+    path: PurePosixPath
+    rows: list[dict[str, str]]
+    columns: list[str]
+
+    def is_above(self, path: str) -> bool:
+        """Whether a file lies in the table's folder, or below."""
+        return self.path.parent in PurePosixPath(path).parents
+
+
+def tables_below(folder: Path) -> Iterator[Table]:
+    """Yield the tables below a folder that have rows enough for a stack, the deepest first."""
+    for path in sorted(shown_files(folder), key=lambda each: (-len(each.parts), str(each))):
+        table = _table(folder, path) if path.suffix.lower() in _TABLES else None
+        if table and len(table.rows) >= _FEWEST:
+            yield table
+
+
+def _table(folder: Path, path: PurePosixPath) -> Table | None:
+    try:
+        content = (folder / path).read_bytes()
+    except OSError:
+        return None
+    for count in range(_MOST_COLUMNS) if path.suffix != ".json" else (0,):
+        columns = [f"column_{number}" for number in range(1, count + 1)]
+        try:
+            rows = read_table(content, path.name, columns)
+        except SourceError:
+            continue
+        # A heading is words.
+        if columns or not any(map(is_number, rows[0])):
+            return Table(path, rows, columns)
+    return None
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell holds a number, and a finite one."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _folders(paths: tuple[str, ...]) -> tuple[str, ...]:
     depth = max((path.count("/") for path in paths), default=0)
-    layouts = [_layout(paths, partial(_by_folder, level), least) for level in range(depth)]
-    return [layout for layout in layouts if layout]
-
-
-def single_scene(paths: tuple[str, ...], name: str) -> Layout:
-    """Return a layout of one scene that all files belong to."""
-    key = ("", name)
-    return Layout(tuple(Group(path, {key: path}) for path in paths), (key,), False, ())
+    return tuple(_FOLDER % level for level in range(depth))
 
 
 def _with_depth(groups: tuple[Group, ...]) -> int:
@@ -177,54 +303,55 @@ def _with_depth(groups: tuple[Group, ...]) -> int:
     return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
-def _by_folder(level: int, path: PurePosixPath) -> tuple[str, str] | None:
-    """Return a file's pattern and its scene, told by a folder's name; None if it has none."""
-    parts = list(path.parts)
-    if level >= len(parts) - 1 or parts[level] == "{split}":
-        return None
-    scene, parts[level] = parts[level], "{scene}"
-    return "/".join(parts), scene
-
-
-def _by_name(form: str, path: PurePosixPath) -> tuple[str, str] | None:
-    """Return a file's pattern and its scene, told by its own name."""
-    match = re.fullmatch(form, path.stem, re.DOTALL)
-    if match is None:
+def _read(form: str, path: str) -> tuple[str, str] | None:
+    """Return a file's pattern and its scene; None if it has none."""
+    match = re.fullmatch(form, path, re.DOTALL)
+    if match is None or match["scene"] == "{split}":
         return None
     start, end = match.span("scene")
-    stem = f"{path.stem[:start]}{{scene}}{path.stem[end:]}"
-    return str(path.with_name(stem + path.suffix)), match["scene"]
+    return f"{path[:start]}{{scene}}{path[end:]}", match["scene"]
 
 
-def _split_of(path: str) -> tuple[PurePosixPath, str]:
-    parts = list(PurePosixPath(path).parts)
+def _split_of(path: str) -> tuple[str, str]:
+    parts = path.split("/")
     for level, part in enumerate(parts[:-1]):
         if part.lower() in _SPLITS:
             parts[level] = "{split}"
-            return PurePosixPath(*parts), part
-    return PurePosixPath(path), ""
+            return "/".join(parts), part
+    return path, ""
+
+
+def _layouts(
+    paths: tuple[str, ...],
+    forms: tuple[str, ...],
+    least: int = _ROLES,
+    images: Mapping[str, tuple[str, ...]] = _NO_STACK,
+) -> list[Layout]:
+    layouts = (_layout(paths, form, least, images) for form in forms)
+    return [layout for layout in layouts if layout]
 
 
 def _layout(
-    paths: tuple[str, ...],
-    reading: Callable[[PurePosixPath], tuple[str, str] | None],
-    least: int = _ROLES,
+    paths: tuple[str, ...], form: str, least: int, images: Mapping[str, tuple[str, ...]]
 ) -> Layout | None:
     found: dict[str, dict[Key, str]] = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
-        read = reading(told)
-        if read:
+        if read := _read(form, told):
             found[read[0]][split, read[1]] = path
     found = _endings_joined(found)
     times = Counter(key for files in found.values() for key in files)
     scenes = tuple(sorted(key for key, count in times.items() if count >= least))
+    stacked = {key for files in found.values() for key in scenes if files.get(key) in images}
+    if 2 * len(stacked) > len(scenes):
+        # Most have a stack: the others are no scenes.
+        scenes = tuple(key for key in scenes if key in stacked)
     groups = {
         pattern: {key: files[key] for key in scenes if key in files}
         for pattern, files in found.items()
         if any(key in files for key in scenes)
     }
-    layout = _sorted(groups, scenes, False, paths)
+    layout = _sorted(groups, scenes, False, paths, images)
     depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
     return layout if scenes and len(limited) <= _MOST_GROUPS else None
@@ -250,12 +377,10 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
     named: dict[str, dict[Key, str]] = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
-        named[str(told.with_name("{scene}" + told.suffix))][split, told.stem] = path
-    folders: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for pattern, files in _endings_joined(named).items():
-        for (split, _), path in files.items():
-            folders[pattern][split].append(path)
-    sizes = Counter(_sizes(files) for files in folders.values())
+        if read := _read(_FORMS[0], told):
+            named[read[0]][split, read[1]] = path
+    found = _endings_joined(named)
+    sizes = Counter(map(_sizes, found.values()))
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
     if times < _ROLES:
         return None
@@ -265,25 +390,26 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
         for number in range(1, count + 1)
     )
     groups = {
-        pattern: dict(zip(scenes, chain(*(in_order(files[s]) for s in sorted(files))), strict=True))
-        for pattern, files in folders.items()
+        pattern: dict(zip(scenes, _in_order(files), strict=True))
+        for pattern, files in found.items()
         if _sizes(files) == common
     }
     return _sorted(groups, scenes, True, paths)
 
 
-def _sizes(files: dict[str, list[str]]) -> tuple[tuple[str, int], ...]:
-    return tuple(sorted((split, len(found)) for split, found in files.items()))
+def _sizes(files: dict[Key, str]) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted(Counter(split for split, _ in files).items()))
 
 
-def in_order(paths: Iterable[str]) -> list[str]:
-    """Return paths as cameras count: 2 comes before 10."""
+def _in_order(files: dict[Key, str]) -> list[str]:
+    """Return a kind's files by their split, then as cameras count: 2 comes before 10."""
 
-    def key(path: str) -> list[tuple[int, str]]:
+    def place(item: tuple[Key, str]) -> tuple[str, list[tuple[int, str]]]:
+        (split, _), path = item
         parts = re.findall(r"\d+|\D+", path)
-        return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+        return split, [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
-    return sorted(paths, key=key)
+    return [path for _, path in sorted(files.items(), key=place)]
 
 
 def _sorted(
@@ -291,8 +417,10 @@ def _sorted(
     scenes: tuple[Key, ...],
     by_order: bool,
     paths: tuple[str, ...],
+    images: Mapping[str, tuple[str, ...]] = _NO_STACK,
 ) -> Layout:
     kinds = [Group(pattern, files) for pattern, files in groups.items()]
     kinds.sort(key=lambda group: (-len(group.files), group.pattern))
     used = {path for group in kinds for path in group.files.values()}
-    return Layout(tuple(kinds), scenes, by_order, tuple(p for p in paths if p not in used))
+    left = tuple(path for path in paths if path not in used)
+    return Layout(tuple(kinds), scenes, by_order, left, images)

@@ -8,15 +8,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import get_args
 
-from dfdbench.building.folder_facts import Facts, look_into
-from dfdbench.building.folder_layout import Key, Layout, find_layout, image_files, unread_files
-from dfdbench.building.folder_stacks import find_stacks, look_into_stacks
+from dfdbench.building.folder_facts import Facts, look_into, look_into_stacks
+from dfdbench.building.folder_layout import (
+    Key,
+    Layout,
+    find_layout,
+    find_stacks,
+    image_files,
+    unread_files,
+)
 from dfdbench.building.sources.folder import what_is_in
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.building.sources.matching import Align
-from dfdbench.datasets.captured_files import ANY_ENDING, ROLES
+from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles
 from dfdbench.datasets.manifest import FOUND, Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, SourceError
@@ -31,8 +35,8 @@ _SCALE = """\
 # Metres become levels linearly in 1/z; law = "linear" would make them linear in z.
 [depth.scale]
 law = "inverse"
-near = {near}
-far = {far}
+near = {}
+far = {}
 
 """
 
@@ -89,14 +93,15 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
 def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
     """Return how files go together and what they are: pairs, or stacks where no pairs are."""
     stacks, layout = find_stacks(folder, paths), find_layout(paths)
-    if layout is not None and not (stacks and stacks.has_depth):
+    by_stacks = stacks is not None and any(group.is_depth for group in stacks.groups)
+    if layout is not None and not by_stacks:
         try:
             return layout, look_into(folder, layout)
         except InputError:
             if stacks is None:
                 raise
     if stacks is not None:
-        return stacks.layout, look_into_stacks(folder, stacks)
+        return stacks, look_into_stacks(folder, stacks)
     what = "no scene with two photographs and a depth map that share a name or a folder"
     there = "; ".join(filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder))))
     raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
@@ -156,16 +161,17 @@ class _Scene:
 def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
     whole = [key for key in layout.scenes if all(key in g.files for g in facts.roles.values())]
     taken: set[str] = set()
+    safe = {key: _safe_name(key, whole, taken, layout.by_order) for key in whole}
+    renamed = any(safe[key] != key[1] for key in whole)
     scenes = []
     for key in whole:
         split, name = key
         names = {"split": split} if split else {}
         if layout.by_order:
             names |= {role: Path(facts.roles[role].files[key]).stem for role in ROLES}
-        safe = _safe_name(key, whole, taken, layout.by_order)
-        if safe != name and not layout.by_order:
+        elif renamed:
             names["file"] = name
-        scenes.append(_Scene(safe, split, names))
+        scenes.append(_Scene(safe[key], split, names))
     return scenes
 
 
@@ -187,24 +193,12 @@ def _safe(name: str) -> str:
     return _SAFE.sub("-", plain).strip("-._")
 
 
-def _pattern(role: str, facts: Facts, scenes: list[_Scene]) -> str:
-    pattern = facts.roles[role].pattern
-    if role in scenes[0].names:
-        return pattern.replace("{scene}", f"{{{role}}}")
-    if any("file" in scene.names for scene in scenes):
-        return pattern.replace("{scene}", "{file}")
-    return pattern
-
-
 def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     if not scenes:
         there = ", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items())
         patterns = ", ".join(group.pattern for group in facts.roles.values())
         raise InputError("no scene has all three files", where=patterns, got=there)
     facts.found.insert(0, counted(len(scenes), "scene"))
-    if any("file" in scene.names for scene in scenes):
-        for scene in scenes:
-            scene.names.setdefault("file", scene.name)
     lacking = len(layout.scenes) - len(scenes)
     if lacking:
         facts.open.append(f"{lacking} scenes lack a file and are left out")
@@ -243,13 +237,9 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
         split = (told and _split_name(scene.split)) or counted
         chosen.setdefault(split, []).append(scene.name)
     if len(scenes) == 1 and not told:
-        return _split_toml({"test": chosen["train"]})
-    if "test" not in chosen and len(scenes) > 1:
+        chosen = {"test": chosen["train"]}
+    elif "test" not in chosen and len(scenes) > 1:
         chosen["test"] = [chosen["train"].pop()]
-    return _split_toml(chosen)
-
-
-def _split_toml(chosen: dict[str, list[str]]) -> list[str]:
     return [
         f'[[splits]]\nname = "{split}"\npartition = "own"\npairs = {len(names)}\n'
         f"scenes = [\n{_rows(names)}]\n"
@@ -292,15 +282,6 @@ def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits; what nobody can tell from files says so."""
     count = len(scenes)
     what = "A focal stack" if "images" in facts.roles else "Two photographs"
-    unit = "levels, as in the files"
-    if facts.depth_ends is not None:
-        unit = "levels, linear in the files' values"
-    elif "depth" not in facts.roles:
-        unit = "none is known"
-    elif facts.metres:
-        unit = "metres"
-    elif facts.near is not None:
-        unit = f"linear in 1/z from {facts.near:g} m (255) to {facts.far:g} m (1)"
     template = resources.files("dfdbench.building").joinpath("new_manifest.toml").read_text("utf-8")
     return template.format(
         name=name,
@@ -309,8 +290,8 @@ def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
         crop=min(map(min, facts.shapes.values())),
         count=count,
         pair_images=_pair_images(facts),
-        unit=unit,
-        scale="" if facts.near is None else _SCALE.format(near=facts.near, far=facts.far),
+        unit=facts.unit,
+        scale=_SCALE.format(*facts.scale) if facts.scale else "",
         files=_files(facts, scenes),
     )
 
@@ -323,21 +304,9 @@ def _pair_images(facts: Facts) -> str:
 
 
 def _files(facts: Facts, scenes: list[_Scene]) -> str:
-    lines = ["[files]"]
-    lines += [f"{role} = {_text(_pattern(role, facts, scenes))}" for role in facts.roles]
-    lines += facts.more
-    if facts.depth_ends is not None:
-        lines.append(f"depth_ends = {list(facts.depth_ends)} # the nearest, the farthest")
-    if facts.depth_unit is not None:
-        lines.append(f"depth_unit = {facts.depth_unit} # metres")
-    if "depth" in facts.roles:
-        lines.append(f"depth_missing = {facts.missing}")
-    if facts.image_bits:
-        lines.append(f"image_bits = {facts.image_bits}")
-    others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.matching.align)
-    lines.append(f'align = "{facts.matching.align}" # or {others}')
-    lines.append(f"match_gain = {str(facts.matching.match_gain).lower()}")
-    if facts.matching.flat_field:
-        curves = [[round(factor, 4) for factor in curve] for curve in facts.matching.flat_field]
-        lines.append(f"flat_field = {curves}")
-    return "\n".join(lines) + "\n"
+    stated = dict(facts.files)
+    for role, group in facts.roles.items():
+        name = next((name for name in (role, "file") if name in scenes[0].names), "scene")
+        stated[role] = _text(group.pattern.replace("{scene}", f"{{{name}}}"))
+    lines = [f"{name} = {stated[name]}" for name in CapturedFiles.model_fields if name in stated]
+    return "\n".join(("[files]", *lines)) + "\n"

@@ -4,24 +4,22 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from dfdbench.building.build import BuildReport, build_store, refuse_another_set
-from dfdbench.building.fetching import SET_ASIDE, Progress, known_checksums
+from dfdbench.building.fetching import Progress, known_checksums
 from dfdbench.building.new_manifest import with_found_scenes
 from dfdbench.building.sources import Source, open_source
 from dfdbench.building.sources.middlebury import Download, download_middlebury
 from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Shown
-from dfdbench.tables.table import counted
 
 
 def obtain(
@@ -81,22 +79,13 @@ def obtain(
         if not re.match(r"https?://[^/]+", one)
     )
     place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
-    aside = place / SET_ASIDE
-    before = _count_files(aside)
-    try:
-        done = download_middlebury(manifest, place, mirrors, offline, on_progress)
-    except SourceError as error:
-        if refused := _count_files(aside) - before:
-            kept = Problem(f"{counted(refused, 'file')} set aside in {aside}")
-            raise SourceError.of([*error.problems, kept]) from error
-        raise
+    done = download_middlebury(manifest, place, mirrors, offline, on_progress)
     if not done.new and not done.kept:
         what = f"no file of {manifest.short} is there" + ", and --offline asks nobody" * offline
         fix = "build once without --offline" if offline else "name a --mirror URL"
         fix += ", or name a copy on disk: --source DIR"
         raise InputError.of([Problem(what, where=str(place), fix=fix), *done.lacking])
-    source = open_source(manifest, place, known_checksums(manifest, place))
-    return source, replace(done, refused=_count_files(aside) - before)
+    return open_source(manifest, place, known_checksums(manifest, place)), done
 
 
 def build_dataset(
@@ -144,10 +133,6 @@ def build_dataset(
         on_fetched(done)
     with shown(f"building {name}") as step:
         return build_store(manifest, files, place, recipe, pool, step)
-
-
-def _count_files(folder: Path) -> int:
-    return sum(path.is_file() for path in folder.rglob("*"))
 
 
 def voltage_pair_sets(

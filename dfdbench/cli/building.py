@@ -155,7 +155,7 @@ def _missing_text(report: BuildReport) -> str:
     by_scene: dict[str, list[str]] = {}
     for pair in missing:
         by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
-    whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
+    whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs(s))]
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no pair at all    {listed(whole, most=8)}")

@@ -103,7 +103,7 @@ def verify(
 ) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
     from dfdbench.datasets.dataset import open_dataset
-    from dfdbench.datasets.integrity import verify_store
+    from dfdbench.datasets.fingerprint import verify_store
 
     store = open_dataset(name, cache=cache)
     with progress("reading scenes", "nothing was written") as step:

@@ -149,22 +149,11 @@ def places_in(pattern: str) -> tuple[str, ...]:
 
 
 def fill(pattern: str, values: Mapping[str, str]) -> str:
-    """Return a pattern with what stands in braces replaced.
-
-    Examples
-    --------
-    >>> fill("{scene}/f{aperture}.png", {"scene": "desk", "aperture": "2"})
-    'desk/f2.png'
-    """
-    return _PLACE.sub(lambda match: values[match[1]], pattern)
-
-
-def fill_known(pattern: str, values: Mapping[str, str]) -> str:
     """Return a pattern with what is known replaced, and the rest left in its braces.
 
     Examples
     --------
-    >>> fill_known("{scene}/focus_{image}.png", {"scene": "desk"})
+    >>> fill("{scene}/focus_{image}.png", {"scene": "desk"})
     'desk/focus_{image}.png'
     """
     return _PLACE.sub(lambda match: values.get(match[1], match[0]), pattern)

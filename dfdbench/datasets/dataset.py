@@ -21,10 +21,12 @@ from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, place_of
 from dfdbench.datasets.fingerprint import (
     LONGEST,
+    StoreVerification,
     WholeArrays,
     check_attributes,
     open_scene,
     require_fit,
+    verify_store,
 )
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.errors import (
@@ -40,8 +42,6 @@ from dfdbench.system.thumbnails import gallery, heading
 
 if TYPE_CHECKING:
     import xarray
-
-    from dfdbench.datasets.integrity import StoreVerification
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
@@ -103,8 +103,6 @@ class Dataset:
 
     def verify(self) -> StoreVerification:
         """Read everything again and compare it with the fingerprint."""
-        from dfdbench.datasets.integrity import verify_store  # it imports this module
-
         return verify_store(self)
 
     @property

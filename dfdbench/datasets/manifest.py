@@ -358,16 +358,13 @@ class Manifest(StrictRecord):
         return tuple(name for name in self.scene_names if name in chosen[split])
 
     def pairs(self, split: str = ALL_PAIRS) -> tuple[Pair, ...]:
-        """Return the pairs of a split, exclusions left out, in the manifest's order."""
+        """Return the pairs of a split, exclusions left out, in the manifest's order.
+
+        `split` is anything that `scenes_of` takes, such as a scene's name.
+        """
         excluded = set(excluded_pairs(self.exclusions, self.axes))
         scenes = self.scenes_of(split)
         return tuple(pair for pair in grid_of_pairs(scenes, self.axes) if pair not in excluded)
-
-    def pairs_of_scene(self, scene: str) -> tuple[Pair, ...]:
-        """Return the pairs of one scene, exclusions left out."""
-        if scene not in self.scene_names:
-            raise unknown_name(f"scene of {self.stem}", scene, self.scene_names)
-        return self.pairs(scene)
 
 
 def grid_of_pairs(scenes: tuple[str, ...], axes: dict[str, list[int]]) -> Iterator[Pair]:

@@ -14,7 +14,7 @@ from dfdbench.datasets.captured_files import (
     IMAGE,
     OF_CAMERA,
     CapturedFiles,
-    fill_known,
+    fill,
     places_in,
 )
 from dfdbench.datasets.manifest import (
@@ -280,7 +280,7 @@ def _shared_files(manifest: Manifest, files: CapturedFiles) -> Iterator[Finding]
     for scene in manifest.scenes:
         for pair in grid_of_pairs((scene.name,), manifest.axes):
             values = files.values_of(scene.name, scene.names, pair.at)
-            images = tuple(fill_known(pattern, values) for pattern in patterns)
+            images = tuple(fill(pattern, values) for pattern in patterns)
             if len(set(images)) < len(images):
                 yield f"files, {pair.id}", f"in-focus and defocus image are one file, {images[0]}"
                 return

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import find_layout, image_files
 from dfdbench.errors import InputError
+from dfdbench.system.text import parse_toml
 from tests.made_folder import SCENES, SHAPE, make_folder
 
 
@@ -42,11 +43,13 @@ def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path)
         "defocus": "{scene}/a.png",
         "depth": "{scene}/depth.png",
     }
-    assert (facts.depth_unit, facts.near, facts.far) == (0.001, 1.0, 4.0)
-    assert (facts.missing, facts.image_bits) == ([0], None)
+    files = parse_toml("\n".join(f"{name} = {text}" for name, text in facts.files.items()))
+    assert (files["depth_unit"], facts.scale) == (0.001, (1.0, 4.0))
+    assert files["depth_missing"] == [0]
+    assert "image_bits" not in files
     assert set(facts.shapes.values()) == {SHAPE}
-    assert facts.matching.align != "none"
-    assert facts.matching.match_gain
+    assert files["align"] != "none"
+    assert files["match_gain"]
     assert any("is sharper in 4 of 4" in text for text in facts.found)
     assert any("one unit of depth is 0.001 m: the median is 2.5 m" in text for text in facts.open)
 
@@ -54,14 +57,15 @@ def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path)
 def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
     rewrite(folder, "depth.png", lambda depth: (depth // 20).astype(np.uint8))
     facts = facts_of(folder)
-    assert (facts.depth_unit, facts.near) == (None, None)
+    assert facts.scale is None
+    assert "depth_unit" not in facts.files
     assert any("taken for levels" in text for text in facts.open)
     for scene in SCENES:
         (folder / scene / "depth.png").unlink()
         metres = np.linspace(0.3, 2.0, 64 * 64, dtype=np.float32).reshape(64, 64)
         cv2.imwrite(str(folder / scene / "depth.tiff"), metres)
     facts = facts_of(folder)
-    assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
+    assert (facts.files["depth_unit"], facts.scale) == ("1.0 # metres", (0.3, 2.0))
     assert any("in desk 64 × 64, not 96 × 72): resample it" in text for text in facts.open)
 
 
@@ -87,7 +91,7 @@ def test_depth_in_metres_is_read_from_arrays(folder: Path) -> None:
         np.save(folder / scene / "K_gt.npy", np.eye(3))
     facts = facts_of(folder)
     assert facts.roles["depth"].pattern == "{scene}/depth.npy"
-    assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
+    assert (facts.files["depth_unit"], facts.scale) == ("1.0 # metres", (0.3, 2.0))
 
 
 def test_photographs_of_the_depth_s_size_are_taken(folder: Path) -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.building.folder_stacks import find_stacks
+from dfdbench.building.folder_layout import find_stacks
 from dfdbench.building.new_manifest import new_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from tests.made_folder import SCENES, built, make_folder, rearranged

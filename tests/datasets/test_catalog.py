@@ -128,7 +128,7 @@ def test_near_misses_of_splits_and_scenes_are_named() -> None:
     with pytest.raises(UnknownNameError, match=r"tset(?s:.*)did you mean test"):
         demo.pairs("tset")
     with pytest.raises(UnknownNameError, match=r"Atic(?s:.*)did you mean Attic"):
-        demo.pairs_of_scene("Atic")
+        demo.pairs("Atic")
 
 
 @pytest.mark.parametrize("label", ["noise-1", "noise-0"])

@@ -10,7 +10,7 @@ from upath import UPath
 from dfdbench.building.build import BuildReport, build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.fingerprint import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import SourceError, StoreError

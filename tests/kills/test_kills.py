@@ -25,7 +25,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.cli import main
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.fingerprint import verify_store
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.results.record import load_result
 from tests.conftest import ON_SERVERS, TINY_TOML

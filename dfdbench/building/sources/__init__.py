@@ -18,23 +18,19 @@ from dfdbench.tables.table import listed
 
 #: Where packages offer readers of their own, called with the manifest and the folder or None.
 ENTRY_POINT_GROUP = "dfdbench.sources"
-#: Where a reader is defined. One is imported to be used: all together need a second for that.
-_MADE: Mapping[str, str] = {
-    "demo": "demo:DemoScenes",
-    "realworld-sim": "simulated_rig:SimulatedRig",
-    "unseen": "rendered_rooms:Rooms",
-}
-_READ = {
-    FOLDER: "folder:FolderScenes",
-    "middlebury": "middlebury:MiddleburyScenes",
-    "realworld": "realworld:RealworldFolder",
-}
-#: What the folder of a reader's files looks like.
-_LAYOUTS = {
-    FOLDER: "the files of its manifest",
-    "middlebury": "Aloe/Illum1/Exp0/view1.png, or Aloe-2views.zip",
-    "realworld": "k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw captures as "
-    "dfdbench rig simulate realworld writes them: docs/realworld.md",
+#: Where each reader is defined, and what the folder of its files looks like; made sets have none.
+#: One is imported to be used: all together need a second for that.
+_OURS: Mapping[str, tuple[str, str]] = {
+    "demo": ("demo:DemoScenes", ""),
+    "realworld-sim": ("simulated_rig:SimulatedRig", ""),
+    "unseen": ("rendered_rooms:Rooms", ""),
+    FOLDER: ("folder:FolderScenes", "the files of its manifest"),
+    "middlebury": ("middlebury:MiddleburyScenes", "Aloe/Illum1/Exp0/view1.png, or Aloe-2views.zip"),
+    "realworld": (
+        "realworld:RealworldFolder",
+        "k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw captures as "
+        "dfdbench rig simulate realworld writes them: docs/realworld.md",
+    ),
 }
 
 
@@ -112,6 +108,27 @@ class SceneImages:
         return cls(np.stack(images, axis=-4), depth, available, ImageFacts(PAIR[: len(images)]))
 
 
+def laid_out(
+    manifest: Manifest, found: Mapping[Pair, NDArray[Any]]
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return what is there of each pair in one array, zero elsewhere, and where something is.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        Its axes are the first ones of what is returned, shapes (*pair axes, ...) and (*pair axes,).
+    found : mapping of Pair to ndarray
+        Arrays of one shape, of pairs of one scene.
+    """
+    extent = tuple(map(len, manifest.axes.values()))
+    first = next(iter(found.values()))
+    whole, there = np.zeros((*extent, *first.shape), first.dtype), np.zeros(extent, bool)
+    for pair, values in found.items():
+        at = tuple(manifest.axes[axis].index(value) for axis, value in pair.coordinates)
+        whole[at], there[at] = values, True
+    return whole, there
+
+
 class Whole:
     """What sources that have every pair, or say scene by scene what is lacking, have in common."""
 
@@ -170,7 +187,7 @@ class Source(Protocol):
 
 def is_made(manifest: Manifest) -> bool:
     """Return whether a data set is made by the package itself, of no files."""
-    return manifest.reader in _MADE
+    return manifest.reader in _OURS and not _OURS[manifest.reader][1]
 
 
 def open_source(
@@ -202,32 +219,28 @@ def open_source(
     """
     if pair and manifest.reader != "realworld":
         raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
+    if manifest.reader not in _OURS:
+        return _offered(manifest, folder)
+    place, layout = _OURS[manifest.reader]
+    module, _, name = place.partition(":")
+    reader: Callable[..., Source] = getattr(import_module(f"{__name__}.{module}"), name)
     if is_made(manifest):
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
-        return _reader(_MADE[manifest.reader])(manifest)
-    if manifest.reader not in _LAYOUTS:
-        return _offered(manifest, folder)
+        return reader(manifest)
     if folder is None:
-        layout = manifest.files.patterns.values() if manifest.files else [_LAYOUTS[manifest.reader]]
+        layouts = manifest.files.patterns.values() if manifest.files else [layout]
         what = f"{manifest.short} is read from a folder, and none is named"
         command = "" if manifest.files else f"dfdbench build {manifest.short} "
         fix = f"name the folder: {command}--source DIR"
-        raise SourceError(what, expected=listed(layout), fix=fix)
-    given = pair if manifest.reader == "realworld" else checksums
-    return _reader(_READ[manifest.reader])(manifest, folder, given)
-
-
-def _reader(place: str) -> Callable[..., Source]:
-    module, _, name = place.partition(":")
-    reader: Callable[..., Source] = getattr(import_module(f"{__name__}.{module}"), name)
-    return reader
+        raise SourceError(what, expected=listed(layouts), fix=fix)
+    return reader(manifest, folder, pair if manifest.reader == "realworld" else checksums)
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
     offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
-        known = ", ".join(sorted({*_MADE, *_LAYOUTS, *offered}))
+        known = ", ".join(sorted({*_OURS, *offered}))
         what = f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
         raise SourceError(what)
     point = offered[manifest.reader]

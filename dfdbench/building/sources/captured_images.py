@@ -285,7 +285,7 @@ def matched(
     found: dict[str, float] = {}
     if align != "none":
         fixed = infocus if moved == "defocus" else defocus
-        at = find_placement(eight_bits(fixed), eight_bits(images[moved]), align)
+        at = find_placement(eight_bits(fixed), eight_bits(images[moved]), align).rounded()
         images[moved], covered = place(images[moved].astype(np.float64), at)
         found |= asdict(at)
     if match_gain:

@@ -1,19 +1,34 @@
 """Read a captured set that its manifest describes: pairs or stacks, and a depth map each."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
-from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered
-from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
+from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, laid_out
+from dfdbench.building.sources.captured_images import (
+    CapturedImages,
+    File,
+    captured_images,
+    in_unit_of,
+)
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
-from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, CapturedFiles, fill
-from dfdbench.datasets.captures import ImageFacts
+from dfdbench.datasets.captured_files import (
+    ANY_ENDING,
+    BY_IMAGE,
+    IMAGE,
+    CapturedFiles,
+    fill,
+    places_in,
+)
+from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
@@ -21,7 +36,19 @@ from dfdbench.tables.table import listed
 
 # Entries of a folder that a message names, and files that a scene lacks.
 _NAMED, _LACKED = 8, 3
+_IMAGES_NAMED = 4
 _MISSING = "a file is missing"
+
+Row = Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """An image of a capture: its path, its role, and what is known of it, by `BY_IMAGE`."""
+
+    path: str
+    role: Role
+    facts: dict[str, float]
 
 
 class FolderScenes(Whole):
@@ -62,7 +89,7 @@ class FolderScenes(Whole):
         digest = hashlib.sha256()
         problems: list[Problem] = []
         named: dict[str, None] = {}
-        for pair in self._manifest.pairs_of_scene(scene):
+        for pair in self._manifest.pairs(scene):
             with gathered(problems):
                 others = (self._named(what, pair) for what in ("depth", "metadata"))
                 images = (image.path for image in self._taken(pair))
@@ -80,9 +107,9 @@ class FolderScenes(Whole):
     def read(self, scene: str) -> SceneImages:
         """Read one scene; its images are aligned and matched as the manifest asks."""
         captured: dict[Pair, CapturedImages] = {}
-        taken: dict[Pair, list[TakenImage]] = {}
+        taken: dict[Pair, list[_Taken]] = {}
         problems: list[Problem] = []
-        for pair in self._manifest.pairs_of_scene(scene):
+        for pair in self._manifest.pairs(scene):
             with gathered(problems):
                 taken[pair] = self._taken(pair)
                 photographs = [self._file(image.path) for image in taken[pair]]
@@ -107,22 +134,22 @@ class FolderScenes(Whole):
         return "mend what is named above, or accept the rest: --allow-missing"
 
     def _gathered(
-        self, captured: Mapping[Pair, CapturedImages], taken: Mapping[Pair, list[TakenImage]]
+        self, captured: Mapping[Pair, CapturedImages], taken: Mapping[Pair, list[_Taken]]
     ) -> SceneImages:
         axes, depth = self._manifest.axes, self._manifest.depth
         extent = tuple(len(values) for values in axes.values())
         first = next(iter(captured.values()))
-        images = np.zeros((*extent, *first.images.shape), first.images.dtype)
-        available = np.zeros(extent, bool)
+        images, available = laid_out(
+            self._manifest, {pair: found.images for pair, found in captured.items()}
+        )
         facts = {name: np.full((*extent, len(first.images)), np.nan) for name in BY_IMAGE}
         known = np.full((*(len(axes[axis]) for axis in depth.axes), *first.depth.shape), np.nan)
         seen = np.zeros(known.shape[:-2], bool)
         notes: dict[str, Any] = {}
         for pair, found in captured.items():
             at = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-            images[at], available[at] = found.images, True
             for name, values in facts.items():
-                values[at] = [image.facts.get(name, np.nan) for image in taken[pair]]
+                values[at] = [image.facts[name] for image in taken[pair]]
             at = tuple(axes[axis].index(pair.at[axis]) for axis in depth.axes)
             # Pairs that share a depth map may cover different parts of it once they are aligned.
             known[at] = np.where(seen[at] & np.isnan(known[at]), np.nan, found.depth)
@@ -136,8 +163,58 @@ class FolderScenes(Whole):
             images, known.astype(np.float32), available, ImageFacts(roles, **facts), notes, warnings
         )
 
-    def _taken(self, pair: Pair) -> list[TakenImage]:
-        return taken_images(self._manifest, self._values(pair), self._table(pair), self._folder)
+    def _taken(self, pair: Pair) -> list[_Taken]:
+        """Return the images of a capture: in focus first, then the farthest focus first.
+
+        Raises
+        ------
+        SourceError
+            With all that is wrong: numbers that are none, images that the table or the folder
+            lacks, a focus twice or nearer than the focal length, one image only.
+        """
+        files, values, table = self._files, self._values(pair), self._table(pair)
+        taken: list[_Taken] = []
+        if files.infocus is not None:
+            path = fill(files.infocus, values)
+            taken.append(_Taken(path, "infocus", dict.fromkeys(BY_IMAGE, math.nan)))
+        where, problems = str(self._folder), list[Problem]()
+        rows: Iterable[tuple[str, Row]] = (
+            [(fill(files.defocus, values), {})] if files.defocus else ()
+        )
+        if files.images is not None:
+            pattern = fill(files.images, values)
+            where = table[1] if table else str(self._folder / pattern)
+            there = _numbered(self._folder, pattern)
+            for image in taken:
+                there.pop(image.path, None)
+            rows = list(_rows(pattern, table, there, problems))
+        for path, row in rows:
+            try:
+                taken.append(self._image(path, {**values, **row}))
+            except ValueError as error:
+                problems.append(Problem(str(error), where=where, got=path))
+        problems += _odd_ones(taken, where, self._manifest.pair_images or ())
+        SourceError.raise_if(problems)
+        near, far = self._manifest.depth.ends
+        return sorted(taken, key=lambda image: _place(image, 1 if near > far else -1))
+
+    def _image(self, path: str, values: Row) -> _Taken:
+        facts = {}
+        for name in BY_IMAGE:
+            stated = getattr(self._files, name)
+            text = values.get(name, "") if stated is None else _filled(str(stated), values)
+            facts[name] = _number(name, text) if text else math.nan
+        rig = self._manifest.rig
+        focal_length = (rig and rig.focal_length) or 0.0
+        if facts["focus_distance"] <= focal_length:
+            focus = f"focus_distance {facts['focus_distance']:g} m"
+            raise ValueError(f"{focus} is not beyond the focal length, {focal_length:g} m")
+        focused = np.array(facts["focus_depth"])
+        facts["focus_depth"] = float(in_unit_of(focused, self._files, self._manifest.depth))
+        role = values.get("role", "defocus")
+        if role not in ROLES:
+            raise ValueError(f"role {role} is neither {' nor '.join(ROLES)}")
+        return _Taken(path, ROLES[ROLES.index(role)], facts)
 
     def _table(self, pair: Pair) -> tuple[list[dict[str, str]], str] | None:
         named = self._named("metadata", pair)
@@ -234,3 +311,172 @@ def what_is_in(folder: Path) -> str:
             inside = path.relative_to(folder)
             kinds.setdefault((len(inside.parts), inside.parts[0] + path.suffix), inside.as_posix())
     return listed(kinds.values(), _NAMED) or "nothing"
+
+
+def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[str, str]]:
+    r"""Return the rows of a table in a file: JSON, or text with tabs, commas or blanks between.
+
+    Parameters
+    ----------
+    content : bytes
+        JSON holds a list of records, or lists of one length by name; text has a heading unless
+        `columns` are given. Empty lines, and those that begin with ``#``, do not count.
+    where : str
+        The file's name, for messages.
+    columns : sequence of str
+        What the columns are called, for a text without a heading.
+
+    Raises
+    ------
+    SourceError
+        If it is no such table, or a row is too short or too long.
+
+    Examples
+    --------
+    >>> read_table(b"run, focus_distance\nrun_1, 0.82", "metadata.csv", [])
+    [{'run': 'run_1', 'focus_distance': '0.82'}]
+    >>> read_table(b'{"views": 61, "focus_depth": [-3.1, 0.5]}', "focus.json", [])
+    [{'focus_depth': '-3.1'}, {'focus_depth': '0.5'}]
+    """
+    try:
+        text = content.decode("utf-8")
+        is_json = where.endswith(".json")
+        rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
+    except ValueError as error:
+        fix = "" if columns else "a text without a heading needs `columns` under [files]"
+        raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
+    if not rows:
+        raise SourceError("the table of the images is empty", where=where)
+    return rows
+
+
+def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    between = next((mark for mark in ("\t", ",") if any(mark in line for line in lines)), None)
+    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
+    heading = list(columns) or (cells.pop(0) if cells else [])
+    for row in cells:
+        if len(row) != len(heading):
+            raise ValueError(f"{' | '.join(row)}, where {', '.join(heading)} belong")
+    return [dict(zip(heading, row, strict=True)) for row in cells]
+
+
+def _json_rows(content: Any) -> list[dict[str, str]]:
+    if isinstance(content, dict):
+        lists = {name: value for name, value in content.items() if isinstance(value, list)}
+        longest = max(map(len, lists.values()), default=0)
+        content = [
+            {name: value[number] for name, value in lists.items() if len(value) == longest}
+            for number in range(longest)
+        ]
+    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
+        raise ValueError("neither a list of records nor lists by name")
+    return [{name: str(value) for name, value in row.items()} for row in content]
+
+
+def _filled(pattern: str, values: Row) -> str:
+    lacking = [name for name in places_in(pattern) if name not in values]
+    if lacking:
+        raise ValueError(f"the table has no column {lacking[0]}: it has {', '.join(values)}")
+    return fill(pattern, values)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if math.isnan(number) or (name != "focus_depth" and number <= 0):
+        raise ValueError(f"{name} is {text!r}, and not a number{' above 0' * (name[-1] != 'h')}")
+    return number
+
+
+def _rows(
+    pattern: str,
+    table: tuple[Sequence[Row], str] | None,
+    there: Mapping[str, int],
+    problems: list[Problem],
+) -> Iterator[tuple[str, Row]]:
+    """Yield the files of a stack with their rows; add what does not go together to `problems`."""
+    numbered = IMAGE in places_in(pattern)
+    if table is None:
+        yield from ((path, {IMAGE: str(number)}) for path, number in there.items())
+        return
+    rows, where = table
+    if numbered and IMAGE not in rows[0] and len(rows) != len(there):
+        what = f"the table has {len(rows)} rows, and there are {len(there)} images"
+        problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
+        return
+    in_order, by_number = list(there), {number: path for path, number in there.items()}
+    named = set()
+    for index, row in enumerate(rows):
+        try:
+            if not numbered:
+                path = _filled(pattern, row)
+            elif IMAGE in row:
+                number = int(row[IMAGE])
+                path = by_number.get(number, pattern.replace(f"{{{IMAGE}}}", row[IMAGE]))
+            else:
+                path = in_order[index]
+        except ValueError as error:
+            problems.append(Problem(str(error), where=where))
+            continue
+        named.add(path)
+        yield path, row
+    lacking = [p for p in there if not {p, str(PurePosixPath(p).with_suffix(ANY_ENDING))} & named]
+    if lacking:
+        what = f"images that the table does not tell of: {listed(lacking, _IMAGES_NAMED)}"
+        problems.append(Problem(what, where=where))
+
+
+def _numbered(folder: Path, pattern: str) -> dict[str, int]:
+    """Return the files that a pattern may mean, whatever stands in its braces, and their number.
+
+    Only the last part of the pattern may differ.
+    """
+    parent, _, name = pattern.rpartition("/")
+    if places_in(parent) or not (folder / parent).is_dir():
+        return {}
+    open_end = name.endswith(ANY_ENDING)
+    expression = re.escape(name.removesuffix(ANY_ENDING))
+    for place in places_in(name):
+        group = r"(?P<number>\d+)" if place == IMAGE else ".+"
+        expression = expression.replace(re.escape(f"{{{place}}}"), group, 1)
+    found = {}
+    for path in sorted((folder / parent).iterdir()):
+        if open_end and path.suffix.lower() not in SUFFIXES:
+            continue
+        match = re.fullmatch(expression, path.stem if open_end else path.name)
+        if match and path.is_file():
+            number = int(match.groupdict().get("number") or 0)
+            found[f"{parent}/{path.name}".lstrip("/")] = number
+    return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _odd_ones(taken: Sequence[_Taken], where: str, pair: Sequence[int]) -> Iterator[Problem]:
+    if max(pair, default=0) >= len(taken) > 1:
+        yield Problem(f"pair_images are {pair}, and there are {len(taken)} images", where=where)
+    if len(taken) < 2:
+        what = f"a stack of one image, {taken[0].path}" if taken else "no image fits the pattern"
+        yield Problem(what, where=where)
+    seen: dict[tuple[float, ...], str] = {}
+    for image in taken:
+        at = tuple(image.facts[name] for name in BY_IMAGE)
+        if image.role == "infocus" or all(map(math.isnan, at[:2])):
+            continue
+        key = tuple(-1.0 if math.isnan(number) else number for number in at)
+        other = seen.setdefault(key, image.path)
+        if other != image.path:
+            focus = at[1] if math.isnan(at[0]) else at[0]
+            fix = f"leave {other} or {image.path} out of the table, or mend its focus"
+            yield Problem(f"two images are focused at {focus:g}", where=where, fix=fix)
+
+
+def _place(image: _Taken, nearness: int) -> tuple[bool, float, float]:
+    distance, depth = (image.facts[name] for name in BY_IMAGE[:2])
+    return (
+        image.role != "infocus",
+        0.0 if math.isnan(distance) else -distance,
+        0.0 if math.isnan(depth) else nearness * depth,
+    )

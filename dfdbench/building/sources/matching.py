@@ -2,9 +2,9 @@
 
 import cmath
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -36,7 +36,6 @@ _STEPS, _PRECISION = 200, 1e-6
 _LEAST_CORRELATION = 0.8
 # The share of the image's longer side that a pair may be moved by.
 _FARTHEST = 0.1
-# What is found is rounded, so that the last bits of a platform's arithmetic change no image.
 _PLACES, _ANGLE_PLACES, _SIZE_PLACES = 2, 4, 5
 # Above this level, or below the other, a pixel may have been cut off.
 _BRIGHT, _DARK = 245, 5
@@ -65,8 +64,28 @@ class Placement:
     correlation: float
     magnification: float = 1.0
 
+    def rounded(self) -> Self:
+        """Return it rounded, so that the last bits of a platform's arithmetic change no image."""
+        right, down = (round(part, _PLACES) + 0.0 for part in (self.right, self.down))
+        degrees = round(self.degrees, _ANGLE_PLACES) + 0.0
+        size = round(self.magnification, _SIZE_PLACES)
+        return replace(self, right=right, down=down, degrees=degrees, magnification=size)
 
-def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
+    def at_corners(self, shape: tuple[int, ...]) -> float:
+        """Return how far the corner of an image of this shape is off that is off most, in pixels.
+
+        Examples
+        --------
+        >>> round(Placement(0, 0, 0, 1, magnification=1.006).at_corners((370, 427)), 2)
+        1.69
+        """
+        half = complex(shape[1] - 1, shape[0] - 1) / 2
+        turn = self.magnification * cmath.exp(-1j * math.radians(self.degrees)) - 1
+        corners = (half, -half, half.conjugate(), -half.conjugate())
+        return max(abs(turn * corner - complex(self.right, self.down)) for corner in corners)
+
+
+def find_placement(fixed: Image, moved: Image, motion: Motion = "similarity") -> Placement:
     """Find how an image has to be moved to lie on another (ECC, Evangelidis and Psarakis 2008).
 
     Gain and offset of the images do not matter: the coefficient is enhanced by neither.
@@ -87,72 +106,9 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     --------
     >>> image = np.random.default_rng(0).uniform(0, 255, (80, 90, 3))
     >>> image = cv2.GaussianBlur(image, (0, 0), 3).astype(np.uint8)
-    >>> found = find_placement(image[4:-4, 4:-4], image[3:-5, 6:-2], "translation")
+    >>> found = find_placement(image[4:-4, 4:-4], image[3:-5, 6:-2], "translation").rounded()
     >>> found.right, found.down
     (2.0, -1.0)
-    """
-    found, correlation = find_movement(fixed, moved, motion)
-    right, down = (round(-part, _PLACES) + 0.0 for part in (found.right, found.down))
-    degrees = round(-found.degrees, _ANGLE_PLACES) + 0.0
-    size = round(found.scale, _SIZE_PLACES) if motion == "similarity" else 1.0
-    return Placement(right, down, degrees, round(correlation, 4), size)
-
-
-@dataclass(frozen=True)
-class Movement:
-    """How one image of a pair differs in place from the other: a similarity about the centre.
-
-    Parameters
-    ----------
-    right, down : float
-        Shift of the centre, in pixels.
-    degrees : float
-        Rotation, clockwise.
-    scale : float
-        Magnification, 1 for none.
-    """
-
-    right: float
-    down: float
-    degrees: float
-    scale: float
-
-    def at_corners(self, shape: tuple[int, ...]) -> float:
-        """Return how far the corner of an image of this shape that moves most is moved, in pixels.
-
-        Examples
-        --------
-        >>> round(Movement(0, 0, 0, 1.006).at_corners((370, 427)), 2)
-        1.69
-        """
-        half = complex(shape[1] - 1, shape[0] - 1) / 2
-        turn = self.scale * cmath.exp(1j * math.radians(self.degrees)) - 1
-        corners = (half, -half, half.conjugate(), -half.conjugate())
-        return max(abs(turn * corner + complex(self.right, self.down)) for corner in corners)
-
-
-def find_movement(
-    fixed: Image, moved: Image, motion: Motion = "similarity"
-) -> tuple[Movement, float]:
-    """Measure how an image is shifted, turned and magnified against another.
-
-    Parameters
-    ----------
-    fixed, moved : ndarray of uint8, shape (y, x, 3)
-        Two images of one scene, of one size.
-    motion : {"translation", "euclidean", "similarity"}
-        Whether it may be turned, and be of another size.
-
-    Returns
-    -------
-    Movement
-    float
-        The correlation of both images, smoothed, once they lie on each other.
-
-    Raises
-    ------
-    InputError
-        As of `find_placement`.
 
     Notes
     -----
@@ -184,8 +140,9 @@ def find_movement(
     if np.abs(way).max() > _FARTHEST * max(shape):
         raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
     turn = complex(linear[0, 0] + linear[1, 1], linear[1, 0] - linear[0, 1]) / 2
-    right, down = way.tolist()
-    return Movement(right, down, math.degrees(cmath.phase(turn)), abs(turn)), correlation
+    right, down = (-way).tolist()
+    degrees = -math.degrees(cmath.phase(turn))
+    return Placement(right, down, degrees, round(correlation, 4), abs(turn))
 
 
 def _refined(
@@ -322,7 +279,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     pairs : iterable of (str, ndarray of uint8, ndarray of uint8)
         Each scene's name, its in-focus and its defocus image, shape (y, x, 3).
     """
-    moves: list[tuple[Movement, tuple[int, ...]]] = []
+    moves: list[tuple[Placement, tuple[int, ...]]] = []
     gains, unlike, problems, tried, seen = [0.0], 0, [], 0, []
     for name, sharp, blurred in pairs:
         tried += 1
@@ -331,7 +288,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             continue
         seen.append(Images.small(sharp, blurred))
         try:
-            moves.append((find_movement(sharp, blurred)[0], sharp.shape))
+            moves.append((find_placement(sharp, blurred), sharp.shape))
             everywhere = np.ones(sharp.shape[:2], bool)
             gains.append(find_gain(sharp.astype(float), blurred.astype(float), everywhere) - 1)
         except InputError:
@@ -348,22 +305,20 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     return Matching(align, gain > _UNGAINED, light.falloff, tuple(found), tuple(problems), measured)
 
 
-def _proposed(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str]]:
+def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, list[str]]:
     """Return the alignment to propose, and what was measured."""
 
-    def most(part: Callable[[Movement], Movement]) -> float:
-        return max(part(move).at_corners(shape) for move, shape in moves)
+    def most(**without: float) -> float:
+        return max(replace(move, **without).at_corners(shape) for move, shape in moves)
 
     if not moves:
         return "none", []
-    shift = most(lambda move: Movement(move.right, move.down, 0, 1))
-    turn = most(lambda move: Movement(0, 0, move.degrees, 1))
-    rigid = most(lambda move: Movement(move.right, move.down, move.degrees, 1))
-    magnified = most(lambda move: Movement(0, 0, 0, move.scale))
+    shift, turn = most(degrees=0, magnification=1), most(right=0, down=0, magnification=1)
+    rigid, magnified = most(magnification=1), most(right=0, down=0, degrees=0)
     degrees = max(abs(move.degrees) for move, _ in moves)
-    percent = max(100 * abs(move.scale - 1) for move, _ in moves)
+    percent = max(100 * abs(move.magnification - 1) for move, _ in moves)
     moved = (
-        f"photographs moved by up to {most(lambda move: move):.2f} pixels at the corners: shifted "
+        f"photographs moved by up to {most():.2f} pixels at the corners: shifted "
         f"by {shift:.2f} pixels, turned by {degrees:.3f} degrees, magnified by {percent:.2f} %"
     )
     align: Align = "none"

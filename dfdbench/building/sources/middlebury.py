@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from dfdbench.building import fetching
 from dfdbench.building.fetching import archive_members, check_checksum, read_member, sha256
-from dfdbench.building.sources import SceneImages, gathered
+from dfdbench.building.sources import SceneImages, gathered, laid_out
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.files import LARGEST_ARRAY, hold, read_as
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 Levels = NDArray[np.uint8]
 
@@ -73,7 +73,7 @@ class MiddleburyScenes:
             with gathered(problems):
                 available += [
                     pair
-                    for pair in self._manifest.pairs_of_scene(scene)
+                    for pair in self._manifest.pairs(scene)
                     if files.has(image_name(pair.at)) and files.has(depth_name(pair.at))
                 ]
         SourceError.raise_if(problems)
@@ -96,24 +96,25 @@ class MiddleburyScenes:
             name = depth_name({"view": view})
             if files.has(name):
                 with gathered(problems):
-                    read[view] = decode_levels(
-                        self._content(scene, name), files.where(name), unknown
-                    )
+                    content = self._content(scene, name)
+                    read[view] = decode_levels(content, files.where(name), unknown)
         shape = next(iter(read.values())).shape if read else None
         for view, depth in read.items():
             if depth.shape != shape:
                 what = f"size {depth.shape} differs from the other view's, {shape}"
                 problems.append(Problem(what, where=files.where(depth_name({"view": view}))))
         images: dict[Pair, Levels] = {}
-        for pair in self._manifest.pairs_of_scene(scene):
+        for pair in self._manifest.pairs(scene):
             name = image_name(pair.at)
             if files.has(name) and files.has(depth_name(pair.at)):
                 with gathered(problems):
-                    images[pair] = decode_image(
-                        self._content(scene, name), files.where(name), shape
-                    )
+                    content = self._content(scene, name)
+                    images[pair] = decode_image(content, files.where(name), shape)
         SourceError.raise_if(problems)
-        return self._assemble(read, images, shape or (0, 0))
+        infocus, available = laid_out(self._manifest, images)
+        empty = np.full(infocus.shape[-3:-1], unknown, np.uint8)
+        depth = np.stack([read.get(view, empty) for view in self._manifest.axes["view"]])
+        return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return where the files that are missing can be had, and what they are called."""
@@ -134,7 +135,7 @@ class MiddleburyScenes:
 
     def _names(self, scene: str) -> list[str]:
         depths = [depth_name({"view": view}) for view in self._manifest.axes["view"]]
-        images = [image_name(pair.at) for pair in self._manifest.pairs_of_scene(scene)]
+        images = [image_name(pair.at) for pair in self._manifest.pairs(scene)]
         return [name for name in depths + images if self._scenes[scene].has(name)]
 
     def _content(self, scene: str, name: str) -> bytes:
@@ -142,22 +143,6 @@ class MiddleburyScenes:
         content = files.read(name)
         check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
         return content
-
-    def _assemble(
-        self, depths: Mapping[int, Levels], images: Mapping[Pair, Levels], shape: tuple[int, ...]
-    ) -> SceneImages:
-        axes = self._manifest.axes
-        extent = tuple(len(values) for values in axes.values())
-        infocus = np.zeros((*extent, *shape, 3), np.uint8)
-        available = np.zeros(extent, bool)
-        for pair, image in images.items():
-            place = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-            infocus[place] = image
-            available[place] = True
-        unknown = self._manifest.depth.unknown
-        empty = np.full(shape, unknown, np.uint8)
-        depth = np.stack([depths.get(view, empty) for view in axes["view"]])
-        return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
 
 def image_name(at: Mapping[str, int]) -> str:
@@ -279,8 +264,6 @@ class Download:
         Where the files lie, in the site's layout.
     new, kept : int
         Files fetched now, and found whole from before.
-    missing : tuple of str
-        Files that no address has, or that are not there where nobody may be asked.
     lock : Path or None
         The lock file, where this call was the first that was complete.
     lacking : tuple of Problem
@@ -292,7 +275,6 @@ class Download:
     folder: Path
     new: int
     kept: int
-    missing: tuple[str, ...]
     lock: Path | None
     lacking: tuple[Problem, ...] = ()
     refused: int = 0
@@ -331,27 +313,32 @@ def download_middlebury(
     """
     what = "another download into this folder is running"
     taken = SourceError(what, where=str(folder), fix="wait for it")
+    fetcher = fetching.Fetcher(folder, on_progress, offline)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with hold(folder / f".{fetching.lock_name(manifest)}.lock", taken):
             known = fetching.known_checksums(manifest, folder)
             site = _Site(manifest, folder, tuple(mirrors), known)
-            fetcher = fetching.Fetcher(folder, on_progress, offline)
             # The site's archives hold the default lighting and no other.
             default_lighting = set(manifest.axes) == {"view"}
             fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
             lock = _write_lock(manifest, folder, fates)
+        lacking = fetching.mirrors_lacking(fates, mirrors)
+        _refuse(fates, folder, lacking)
     except OSError as error:
         raise fetching.cannot_keep(error.filename or folder, error) from error
-    lacking = fetching.mirrors_lacking(fates, mirrors)
-    _refuse(fates, folder, lacking)
+    except SourceError as error:
+        if not fetcher.refused:
+            raise
+        kept = f"{counted(fetcher.refused, 'file')} set aside in {folder / fetching.SET_ASIDE}"
+        raise SourceError.of([*error.problems, Problem(kept)]) from error
     return Download(
         folder,
         sum(fate.kind == "new" for fate in fates),
         sum(fate.kind == "kept" for fate in fates),
-        tuple(fate.name for fate in fates if fate.kind == "missing"),
         lock,
         lacking,
+        fetcher.refused,
     )
 
 
@@ -369,7 +356,7 @@ class _Site:
         return [self._file(scene, f"{scene.name}/{name}", self._inspect_depth) for name in names]
 
     def images(self, scene: Scene) -> list[fetching.WantedFile]:
-        names = [image_name(pair.at) for pair in self.manifest.pairs_of_scene(scene.name)]
+        names = [image_name(pair.at) for pair in self.manifest.pairs(scene.name)]
         return [self._file(scene, f"{scene.name}/{name}", self._inspect_image) for name in names]
 
     def archive(self, scene: Scene) -> fetching.WantedFile:
@@ -445,15 +432,14 @@ def _write_lock(manifest: Manifest, folder: Path, fates: list[fetching.Fate]) ->
 
 
 def _refuse(fates: list[fetching.Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
-    problems = [
-        problem
-        for kind in ("damaged", "unreachable")
-        for problem in _first_few([fate for fate in fates if fate.kind == kind], kind)
-    ]
-    damaged = sum(fate.kind == "damaged" for fate in fates)
+    damaged = [fate for fate in fates if fate.kind == "damaged"]
+    problems = [problem for fate in damaged for problem in fate.problems]
+    problems += _first_few([fate for fate in fates if fate.kind == "unreachable"])
     if damaged:
         whole = sum(fate.is_there for fate in fates)
-        what = f"{damaged} damaged files in all, set aside; the other {whole} are whole and kept"
+        what = (
+            f"{len(damaged)} damaged files in all, set aside; the other {whole} are whole and kept"
+        )
         fix = "the same command asks for them again, here or with another --mirror"
         problems.append(Problem(what, where=str(folder / fetching.SET_ASIDE), fix=fix))
     missing = [fate.name for fate in fates if fate.kind == "missing"]
@@ -464,10 +450,10 @@ def _refuse(fates: list[fetching.Fate], folder: Path, lacking: tuple[Problem, ..
         raise SourceError.of([*problems, *lacking])
 
 
-def _first_few(fates: list[fetching.Fate], kind: str) -> list[Problem]:
+def _first_few(fates: list[fetching.Fate]) -> list[Problem]:
     # A server that is down fails every file alike: the first few tell enough.
     problems = [problem for fate in fates for problem in fate.problems]
-    if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
+    if len(problems) <= _NAMES_SHOWN:
         return problems
     names = [fate.name for fate in fates]
     what = f"{len(fates)} files in all could not be had: {listed(names, _NAMES_SHOWN)}"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources import SceneImages, gathered
+from dfdbench.building.sources import SceneImages, gathered, laid_out
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
@@ -308,23 +308,18 @@ class RealworldFolder:
         """Read one scene."""
         files = self._scenes[scene]
         levels, valid = files.depth
-        exposures = self._manifest.axes["exposure_ms"]
-        shape = (len(exposures), *levels.shape, 3)
-        infocus, defocus = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-        available = np.zeros(len(exposures), bool)
+        found: dict[Pair, NDArray[np.uint8]] = {}
         for exposure in self._checked[scene][0]:
-            place = exposures.index(exposure)
             steps = self._steps
             if self._synthetic:
                 # 3.2.5: the sharpest is found first, in whole frames, and cropped then.
                 steps = (steps[sharpest([files.frame(exposure, step) for step in steps])],)
-            images = [files.image(exposure, step) for step in steps]
-            infocus[place], defocus[place] = images[0], images[-1]
-            available[place] = True
+            images = np.stack([files.image(exposure, step) for step in steps])
+            found[Pair(scene, (("exposure_ms", exposure),))] = images
+        laid, available = laid_out(self._manifest, found)
         depth = in_direction_of(levels, valid, self._manifest.depth, whole=self._synthetic)
-        return SceneImages.of_pairs(
-            infocus, depth, valid, available, None if self._synthetic else defocus
-        )
+        defocus = None if self._synthetic else laid[:, -1]
+        return SceneImages.of_pairs(laid[:, 0], depth, valid, available, defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return what is wrong with the scenes that are there, and how to go on."""

@@ -43,10 +43,10 @@ def test_a_turned_and_moved_image_is_brought_back() -> None:
 def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -> None:
     fixed = photograph(0, (370, 427))
     blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
-    found, _ = matching.find_movement(fixed, moved(blurred, degrees=degrees, scale=scale))
-    aim = matching.Movement(0, 0, degrees, scale)
-    assert found.scale == pytest.approx(scale, abs=3e-4)
-    assert found.degrees == pytest.approx(degrees, abs=0.02)
+    found = matching.find_placement(fixed, moved(blurred, degrees=degrees, scale=scale))
+    aim = matching.Placement(0, 0, -degrees, 1, scale)
+    assert found.magnification == pytest.approx(scale, abs=3e-4)
+    assert found.degrees == pytest.approx(-degrees, abs=0.02)
     assert found.at_corners(fixed.shape) == pytest.approx(aim.at_corners(fixed.shape), abs=0.1)
 
 
@@ -72,7 +72,7 @@ def test_fall_off_of_light_is_no_movement() -> None:
     for share, sigma in ((0.08, 0.5), (0.4, 1.5)):
         dimmed = cv2.GaussianBlur(wall, (0, 0), sigma) * (1 - share * off)[..., np.newaxis]
         images.append(np.rint(dimmed).astype(np.uint8))
-    assert matching.find_movement(*images)[0].at_corners(wall.shape) < 0.4
+    assert matching.find_placement(*images).at_corners(wall.shape) < 0.4
 
 
 def test_a_whole_pixel_moves_no_value() -> None:

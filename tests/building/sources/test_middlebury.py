@@ -130,7 +130,7 @@ def test_everything_comes_and_later_builds_ask_nobody(
     manifest: Manifest, site: Site, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     done = middlebury.download_middlebury(manifest, tmp_path / "in")
-    assert (done.new, done.kept, done.missing) == (FILES, 0, ())
+    assert (done.new, done.kept) == (FILES, 0)
     assert done.lock == tmp_path / "in/tiny-1.lock"
     assert len(done.lock.read_text().splitlines()) == FILES
     check = ["sha256sum", "--check", "--quiet", done.lock.name]
@@ -154,6 +154,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
         "the server does not send the file",
         "1 damaged files in all, set aside; the other 14 are whole and kept",
         "no address has these 1 files: One/Illum1/Exp0/view1.png",
+        f"1 file set aside in {tmp_path / 'in/set-aside'}",
     ]
     assert "One/Illum1/Exp0/view1.png" in str(caught.value)
     site.faults.clear()
@@ -180,7 +181,7 @@ def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path
 def test_an_incomplete_one_locks_nothing(manifest: Manifest, site: Site, tmp_path: Path) -> None:
     site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
     done = middlebury.download_middlebury(manifest, tmp_path / "in")
-    assert done.missing == ("One/Illum1/Exp0/view1.png",)
+    assert (done.new, done.kept) == (FILES - 1, 0)
     assert done.lock is None
     assert not (tmp_path / "in/tiny-1.lock").exists()
 
@@ -228,7 +229,7 @@ def test_default_lighting_comes_in_archives(default: Manifest, site: Site, tmp_p
     assert zips.pairs == 6
     assert zips.fingerprint == build_store(default, files, tmp_path / "files.zarr").fingerprint
     again = middlebury.download_middlebury(default, tmp_path / "in", offline=True)
-    assert (again.new, again.kept, again.missing) == (0, 3, ())
+    assert (again.new, again.kept) == (0, 3)
 
 
 def test_what_is_no_archive_is_set_aside_and_its_files_come_one_by_one(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.image_table import read_table
+from dfdbench.building.sources.folder import read_table
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
