@@ -22,7 +22,6 @@ from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, find_protocol, score
-from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import RandomTracks, margin_of, require_crops_fit
 
@@ -71,7 +70,6 @@ class Task:
     def identity(self) -> dict[str, Any]:
         """What must be the same to continue from a checkpoint."""
         return {
-            "dfdbench": PACKAGE_VERSION,
             "method": self.method,
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,

@@ -21,6 +21,7 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
 from dfdbench.system.files import whole_files, write_whole
 from dfdbench.system.text import parse_json, require_same
+from dfdbench.training.learner import Learner
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import DivergedError, Task, evenly_spaced, mean_scores
@@ -260,7 +261,7 @@ class Evaluation:
     folder : Path
         Of the search.
     device : str
-        As of `dfdbench.training.trainer.train`.
+        As of `dfdbench.training.learner.Learner`.
     threads : int or None
         Processor threads of each training; None leaves PyTorch's choice.
     until : float
@@ -313,7 +314,8 @@ class Evaluation:
         every, scenes = store.pairs("all"), (plan.train, plan.other)
         sides = [tuple(pair for pair in every if pair.scene in part) for part in scenes]
         task = Task("dfd-net", store, sides[0], (), plan.trained_on, "", configuration, seed)
-        card = train(task, folder, None, self.device, lambda *_: self._stop_in_time()).card
+        learner = Learner(task, self.device)
+        card = train(learner, folder, None, lambda *_: self._stop_in_time()).card
         network = load_weights(folder / WEIGHTS, "dfd-net")[0]
         centred = plan.variant.scores_centre
         protocol, centre = (OF_CENTRE, CENTRE) if centred else (find_protocol("thesis"), None)
