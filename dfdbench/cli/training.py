@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ from dfdbench.tables.table import Table
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.crops import Selections
+    from dfdbench.training.task import Task
     from dfdbench.training.trainer import Trainee, TrainingFolder, TrainingOutcome
 
 
@@ -61,10 +63,8 @@ def train_command(
     limit, changed = seconds_of(max_time), values_of(changes, "--set")
     use_threads(threads)
     with needed():
-        from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration import precision_for, read_configuration
-        from dfdbench.training.learner import Learner
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
     start = find_weights(method, weights) if weights else None
@@ -82,12 +82,10 @@ def train_command(
         store = open_dataset(dataset, cache=cache)
         configuration = read_configuration(config, changed)
         task = task_of(method, store, configuration, split or "train", fold, seed, start)
-        if configuration.precision == "auto":
-            say("precision    {}: {}".format(*precision_for(find_device(device))))
         trained = f"all-but-{fold}" if fold else split or "train"
         name = f"{method}-{Path(config).stem}{seeded}"
         default = Path("training") / f"{store.path.stem}-{trained}" / name
-        make = lambda _: Learner(task, device)  # noqa: E731
+        make = partial(_on_patches, task, device)
     folder = _folder(out or default, start, resume, fresh)
     learner = make(folder.path)
     with progress(f"training {method}", RESUMED) as bar:
@@ -105,6 +103,16 @@ def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
     )
 
 
+def _on_patches(task: Task, device: str, _: Path) -> Trainee:
+    from dfdbench.methods.networks.inference import find_device
+    from dfdbench.training.configuration import precision_for
+    from dfdbench.training.learner import Learner
+
+    if task.configuration.precision == "auto":
+        say("precision    {}: {}".format(*precision_for(find_device(device))))
+    return Learner(task, device)
+
+
 def _on_cameras(
     method: str,
     dataset: str | None,
@@ -116,7 +124,7 @@ def _on_cameras(
 ) -> tuple[str, Callable[[Path], Trainee]]:
     """Return how a training of cameras is called, and what makes its learner for a folder."""
     from dfdbench.methods.networks.weights import load_weights
-    from dfdbench.training.cameras import CameraLearner, Course, set_examples, steps_of
+    from dfdbench.training.cameras import CameraLearner, Course, steps_of
     from dfdbench.training.stacks import STACK_NET
     from dfdbench.training.volumes import VOLUME_NET
 
@@ -130,8 +138,11 @@ def _on_cameras(
     store = open_dataset(dataset, cache=cache) if dataset else None
 
     def make(folder: Path) -> Trainee:
+        examples: Mapping[str, Sequence[Any]]
         if store:
-            examples, trained_on = set_examples(course, store, split or "train")
+            stem, trained = store.manifest.stem, split or "train"
+            examples = {stem: course.of_captures(store.captures(trained))}
+            trained_on = f"{stem}, split {trained}"
         else:
             resumed = "the same command goes on, at most a camera back"
             with progress("rendering rooms", resumed) as bar:

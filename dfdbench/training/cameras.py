@@ -20,14 +20,13 @@ from torch import Tensor
 from torch.nn import functional
 
 from dfdbench.datasets.captures import Capture
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
-from dfdbench.methods.networks.weights import described, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import weights_sha256
 from dfdbench.system.files import write_whole
-from dfdbench.system.parallel import OnDone
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import precision_for
-from dfdbench.training.task import descend, seeded_network
+from dfdbench.training.task import begun_network
 from dfdbench.training.trainer import Log, Trainee
 
 E = TypeVar("E")
@@ -90,27 +89,35 @@ class Course(Generic[E]):
     error: Callable[[Any, E], float]
 
 
-def set_examples(
-    course: Course[E], store: Dataset, split: str
-) -> tuple[Mapping[str, Sequence[E]], str]:
-    """Return a split's captures as examples of one camera, and what they are in words.
+def kept_examples(
+    folder: Path,
+    makers: Mapping[str, Callable[[], Mapping[str, Any]]],
+    read: Callable[[Mapping[str, Any]], Sequence[E]],
+    on_camera: OnDone | None,
+) -> dict[str, Sequence[E]]:
+    """Return examples by camera; what the folder holds, an ``.npz`` file each, is not made again.
 
-    Raises
-    ------
-    MethodError
-        If the course cannot make examples of them.
-    UnknownNameError
-        If there is no such split.
+    Parameters
+    ----------
+    folder : Path
+        Where they are kept.
+    makers : mapping of str to callable
+        What makes the arrays of a camera, by name.
+    read : callable
+        Return examples of them.
+    on_camera : callable, optional
+        Called with (cameras done, cameras in all).
     """
-    stem = store.manifest.stem
-    return {stem: course.of_captures(store.captures(split))}, f"{stem}, split {split}"
-
-
-def keep_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays by name into an ``.npz`` file, whole or not at all."""
-    content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **arrays)
-    write_whole(path, content.getvalue())
+    found = {}
+    for name, make in one_by_one(makers.items(), on_camera):
+        path = folder / f"{name}.npz"
+        if not path.exists():
+            content = io.BytesIO()
+            np.savez(content, allow_pickle=False, **make())
+            write_whole(path, content.getvalue())
+        with np.load(path) as arrays:
+            found[name] = read(arrays)
+    return found
 
 
 def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
@@ -241,11 +248,8 @@ class CameraLearner(Trainee, Generic[E]):
             what = f"images of {smallest} pixels are too small to train on"
             expected = f"{course.multiple} pixels or more"
             raise InputError(what, where=course.method, expected=expected)
-        network, started_from = seeded_network(course.method, course.architecture, seed), ""
-        if start is not None:
-            begun, card = load_weights(start, course.method)
-            network.load_state_dict(begun.state_dict())
-            started_from = described(start, card)
+        architecture = dict(course.architecture)
+        network, started_from = begun_network(course.method, architecture, seed, start)
         averaged = copy.deepcopy(network)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=_DECAY, fused=True)
@@ -267,9 +271,7 @@ class CameraLearner(Trainee, Generic[E]):
         part = max(self.step / self._total, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)
-        self.step += 1
-        warm = rate * min(1.0, self.step / WARM_UP)
-        value = descend(self.optimizer, loss, warm, self.step, _CLIP)
+        value = self.descend(loss, rate * min(1.0, (self.step + 1) / WARM_UP), _CLIP)
         # The first weights are soon forgotten.
         part = 1 / min(self.step / 20 + 1, _AVERAGED)
         with torch.no_grad():

@@ -16,19 +16,16 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import Pair
 from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.inference import find_device
-from dfdbench.methods.networks.weights import described, load_weights
-from dfdbench.system.text import require_same
 from dfdbench.training.configuration import TrainingConfiguration, settled
-from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
+from dfdbench.training.crops import IGNORED, Cropper, TrainingImages, count_levels
 from dfdbench.training.task import (
     PROTOCOL,
     Task,
-    descend,
+    begun_network,
     evenly_spaced,
     mean_scores,
+    redraw_of,
     require_trainable,
-    seeded_network,
-    training_tracks,
 )
 from dfdbench.training.trainer import EndedBy, Log, Row, Trainee
 
@@ -249,7 +246,8 @@ class Learner(Trainee):
         self.architecture = require_trainable(task)
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
         self.architecture["channel_means"] = images.channel_means()
-        network, started_from = _beginning(task, self.architecture)
+        beginning = task.method, self.architecture, task.seed, task.start
+        network, started_from = begun_network(*beginning)
         network = network.to(found, memory_format=torch.channels_last)  # type: ignore[call-overload]
         groups = _parameter_groups(network, choices.weight_decay, choices.decay_prelu)
         rate, betas = choices.learning_rate, choices.betas
@@ -257,8 +255,7 @@ class Learner(Trainee):
         super().__init__(network, optimizer, choices.steps, task.identity, started_from, found)
         self.schedule = schedule_of(choices)
         drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
-        redraw, tracks = _redraw(task, images), training_tracks(task)
-        self.cropper = Cropper(images, *drawn, task.seed, redraw, tracks)
+        self.cropper = Cropper(images, *drawn, task.seed, redraw_of(task, images))
         if choices.initial_filters == "differences" and task.start is None:
             first_patches, _ = self.cropper.draw(0)
             start_from_differences(network, first_patches)
@@ -291,8 +288,7 @@ class Learner(Trainee):
             logits = self.network(pixels)
         loss = self._loss(logits, levels.to(self.device))
         fix = "lower learning_rate and start over with --fresh"
-        value = descend(self.optimizer, loss, rate, self.step + 1, fix=fix)
-        self.step += 1
+        value = self.descend(loss, rate, fix=fix)
         self.schedule.after(self.step, value)
         return rate, value
 
@@ -349,27 +345,6 @@ class Learner(Trainee):
         super().restore(state)
         self.schedule.restore(state["schedule"])
         self.trained = state["trained"].numpy()
-
-
-def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
-    if task.start is None:
-        return seeded_network(task.method, architecture, task.seed), ""
-    network, card = load_weights(task.start, task.method)
-    architecture["channel_means"] = card.architecture["channel_means"]
-    what = "the weights are of another network"
-    require_same(card.architecture, architecture, what, str(task.start))
-    return network, described(task.start, card)
-
-
-def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
-    if not task.configuration.redraw_depth:
-        return None
-    recipe = task.recipe
-    assert recipe is not None, "require_trainable refuses this"
-    unknown = task.store.manifest.depth.unknown
-    there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
-    known = there[(there >= 0) & (there != unknown)]
-    return Redraw(recipe, int(known.min()), int(known.max()), task.configuration.tilt, unknown)
 
 
 def _parameter_groups(

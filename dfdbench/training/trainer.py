@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from dfdbench.errors import InputError, ResultError, reason_of, room_or
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
@@ -71,6 +72,10 @@ class TrainingOutcome(NamedTuple):
     def within_warm_up(self) -> bool:
         """True if time was up before the learning rate had reached its maximum."""
         return EndedBy.of(self.card.ended_by) is EndedBy.TIME_LIMIT_IN_WARM_UP
+
+
+class DivergedError(InputError):
+    """A training whose loss became NaN or infinite."""
 
 
 class Trainee(ABC):
@@ -132,6 +137,28 @@ class Trainee(ABC):
         DivergedError
             If the loss became NaN or infinite.
         """
+
+    def descend(self, loss: Tensor, rate: float, clip: float | None = None, fix: str = "") -> float:
+        """Do a step at a learning rate, gradients clipped to a norm if one is given.
+
+        Raises
+        ------
+        DivergedError
+            If the loss became NaN or infinite; `fix` is what to do about it.
+        """
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        if clip is not None:
+            nn.utils.clip_grad_norm_(self.network.parameters(), clip)
+        self.optimizer.step()
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            where = f"step {self.step + 1}"
+            raise DivergedError(f"the loss became {value}", where=where, fix=fix)
+        self.step += 1
+        return value
 
     @abstractmethod
     def scores(self, last: bool) -> Row:
