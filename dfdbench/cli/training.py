@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.crops import Selections
     from dfdbench.training.task import Task
-    from dfdbench.training.trainer import Log, TrainingFolder, TrainingOutcome
+    from dfdbench.training.trainer import Trainee, TrainingFolder, TrainingOutcome
 
 
 def train_command(
@@ -59,43 +60,39 @@ def train_command(
     cache: Cache = None,
 ) -> None:
     """Train a network; write its weights, a model card, a log and figures."""
-    limit = seconds_of(max_time)
-    if method in ("stack-net", "volume-net"):
-        _refuse_unused(method, fold is not None, config != "published", device != "auto")
-        use_threads(threads)
-        steps = values_of(changes, "--set")
-        _train_on_cameras(
-            method, dataset, split, weights, limit, resume, fresh, seed, out, steps, format, cache
-        )
-        return
-    dataset = dataset or "middlebury"
+    limit, changed = seconds_of(max_time), values_of(changes, "--set")
+    use_threads(threads)
     with needed():
-        from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration import precision_for, read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
-    use_threads(threads)
-    store = open_dataset(dataset, cache=cache)
-    configuration = read_configuration(config, values_of(changes, "--set"))
-    if split is not None and fold is not None:
-        what = "--split and --fold both say what trains"
-        raise InputError(what, where="--fold", fix="give one of them")
-    split = split or "train"
     start = find_weights(method, weights) if weights else None
-    task = task_of(method, store, configuration, split, fold, seed, start)
-    name = f"{method}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
-    trained = f"all-but-{fold}" if fold else split
-    default = Path("training") / f"{store.path.stem}-{trained}" / name
+    seeded = f"-seed{seed}" if seed else ""
+    make: Callable[[Path], Trainee]
+    if method in ("stack-net", "volume-net"):
+        _refuse_unused(method, fold is not None, config != "published", device != "auto")
+        what, make = _on_cameras(method, dataset, split, start, seed, changed, cache)
+        default = Path("training") / what / (method + seeded)
+    else:
+        if split is not None and fold is not None:
+            what = "--split and --fold both say what trains"
+            raise InputError(what, where="--fold", fix="give one of them")
+        dataset = dataset or "middlebury"
+        store = open_dataset(dataset, cache=cache)
+        configuration = read_configuration(config, changed)
+        task = task_of(method, store, configuration, split or "train", fold, seed, start)
+        trained = f"all-but-{fold}" if fold else split or "train"
+        name = f"{method}-{Path(config).stem}{seeded}"
+        default = Path("training") / f"{store.path.stem}-{trained}" / name
+        make = partial(_on_patches, task, device)
     folder = _folder(out or default, start, resume, fresh)
-    if configuration.precision == "auto":
-        say("precision    {}: {}".format(*precision_for(find_device(device))))
+    learner = make(folder.path)
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = train(task, folder.path, limit, device, bar, fresh)
-    drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
-    tables = [card_table(outcome.card), patches_table(drawn)]
+        outcome = train(learner, folder.path, limit, bar, fresh)
+    tables = [card_table(outcome.card), *_keep_figures(folder, learner, outcome)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
-    _tell_outcome(outcome, f"--method {method} --dataset {dataset}")
+    _tell(outcome, f"--method {method}" + (f" --dataset {dataset}" if dataset else ""))
 
 
 def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
@@ -106,83 +103,87 @@ def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
     )
 
 
-def _train_on_cameras(
+def _on_patches(task: Task, device: str, _: Path) -> Trainee:
+    from dfdbench.methods.networks.inference import find_device
+    from dfdbench.training.configuration import precision_for
+    from dfdbench.training.learner import Learner
+
+    if task.configuration.precision == "auto":
+        say("precision    {}: {}".format(*precision_for(find_device(device))))
+    return Learner(task, device)
+
+
+def _on_cameras(
     method: str,
     dataset: str | None,
     split: str | None,
-    weights: str | None,
-    limit: float | None,
-    resume: bool,
-    fresh: bool,
+    start: Path | None,
     seed: int,
-    out: str | None,
     changes: Mapping[str, Any],
-    format: str,
     cache: Path | None,
-) -> None:
-    with needed():
-        from dfdbench.figures.trainings import cameras_figure
-        from dfdbench.methods.networks.weights import find_weights, load_weights
-        from dfdbench.training.cameras import Course, set_examples, steps_of, train_on_cameras
-        from dfdbench.training.stacks import STACK_NET
-        from dfdbench.training.trainer import FIGURES
-        from dfdbench.training.volumes import VOLUME_NET
+) -> tuple[str, Callable[[Path], Trainee]]:
+    """Return how a training of cameras is called, and what makes its learner for a folder."""
+    from dfdbench.methods.networks.weights import load_weights
+    from dfdbench.training.cameras import CameraLearner, Course, steps_of
+    from dfdbench.training.stacks import STACK_NET
+    from dfdbench.training.volumes import VOLUME_NET
+
     course: Course[Any] = STACK_NET if method == STACK_NET.method else VOLUME_NET
     steps = steps_of(course, changes)
     if split and not dataset:
         raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
-    start = find_weights(method, weights) if weights else None
     if start:
         # Refused before examples are made, which takes long.
         load_weights(start, method)
     store = open_dataset(dataset, cache=cache) if dataset else None
-    what = f"{store.path.stem}-{split or 'train'}" if store else "rooms"
-    default = Path("training") / what / (method + (f"-seed{seed}" if seed else ""))
-    place = _folder(out or default, start, resume, fresh).path
-    if store:
-        examples, trained_on = set_examples(course, store, split or "train")
-    else:
-        with progress("rendering rooms", "the same command goes on, at most a camera back") as bar:
-            examples = course.of_rooms(place.parent / "examples", bar)
-        trained_on = course.rooms
-    with progress(f"training {method}", RESUMED) as bar:
-        path, card, log = train_on_cameras(
-            course, examples, trained_on, place, seed, steps, limit, start, bar, fresh
-        )
-    save_figure(cameras_figure(log, f"{method}, {trained_on}, seed {seed}"), place / FIGURES[0])
-    show(format, [card_table(card)], weights=path, card=card.model_dump())
-    where = f" --dataset {dataset}" if dataset else ""
-    _tell(log, [], path, f"--method {method}{where}")
+
+    def make(folder: Path) -> Trainee:
+        examples: Mapping[str, Sequence[Any]]
+        if store:
+            stem, trained = store.manifest.stem, split or "train"
+            examples = {stem: course.of_captures(store.captures(trained))}
+            trained_on = f"{stem}, split {trained}"
+        else:
+            resumed = "the same command goes on, at most a camera back"
+            with progress("rendering rooms", resumed) as bar:
+                examples = course.of_rooms(folder.parent / "examples", bar)
+            trained_on = course.rooms
+        return CameraLearner(course, examples, trained_on, seed, steps, start)
+
+    return f"{store.path.stem}-{split or 'train'}" if store else "rooms", make
 
 
 def _keep_figures(
-    training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
-) -> Selections:
-    from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
+    training: TrainingFolder, learner: Trainee, outcome: TrainingOutcome
+) -> list[Table]:
+    from dfdbench.figures import trainings
     from dfdbench.training.crops import selections_of
+    from dfdbench.training.learner import Learner
     from dfdbench.training.trainer import FIGURES
 
+    log, card = outcome.log, outcome.card
     course, levels, patches = (training.path / name for name in FIGURES)
-    save_figure(training_figure(outcome.log, title), course)
-    save_figure(levels_figure(outcome.log.levels, title), levels)
-    names = [pair.id for pair in task.train]
+    title = f"{card.method}, {card.trained_on}, seed {card.seed}"
+    if not isinstance(learner, Learner):
+        save_figure(trainings.cameras_figure(log, title), course)
+        return []
+    save_figure(trainings.training_figure(log, title), course)
+    save_figure(trainings.levels_figure(log.levels, title), levels)
     with progress("counting patches", RESUMED) as bar:
-        drawn = selections_of(outcome.cropper, names, outcome.card.steps, bar)
+        drawn = selections_of(learner.cropper, learner.pairs, card.steps, bar)
     training.write_patches(drawn.rows())
-    save_figure(patches_figure(drawn, title), patches)
-    return drawn
+    save_figure(trainings.patches_figure(drawn, title), patches)
+    return [patches_table(drawn)]
 
 
-def _tell_outcome(outcome: TrainingOutcome, run: str) -> None:
+def _tell(outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
-    _tell(outcome.log, ["depth_levels.csv", "patches.csv"], outcome.weights, run)
-
-
-def _tell(log: Log, others: Sequence[str], weights: Path, run: str) -> None:
-    scores = ["scores.csv"] if log.scores else []
-    say(f"log          {', '.join([str(weights.with_name('losses.csv')), *scores, *others])}")
+    log, weights = outcome.log, outcome.weights
+    names = ["scores.csv"] * bool(log.scores)
+    names += ["depth_levels.csv", "patches.csv"] * bool(log.levels)
+    say(f"log          {', '.join([str(weights.with_name('losses.csv')), *names])}")
     say(f"weights      {weights}, and their card {weights.with_suffix('.md')}")
     say(f"next         dfdbench run {run} --param weights={weights}")
 

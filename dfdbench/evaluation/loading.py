@@ -19,7 +19,7 @@ from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.method import Method
-from dfdbench.methods.registry import entry_of, load_method, make_method
+from dfdbench.methods.registry import load_method
 from dfdbench.system.location import is_local
 
 Facts = dict[str, Callable[[], Any]]
@@ -54,7 +54,7 @@ def load_for(
     """
     images, parameters = images_in(parameters)
     taken, recorded = given_by_lens(store.manifest, parameters)
-    found = load_any(method, taken, *_offers(store, seed, given_blur))
+    found = load_method(method, taken, *_offers(store, seed, given_blur))
     if is_local(store.path):
         found.sources.apart = (Path(str(store.path)),)
     if given_blur and "recipe" not in found.uses:
@@ -68,24 +68,6 @@ def load_for(
         raise MethodError(what, where=found.name, fix=fix)
     named = {} if images is None else {"images": list(images)}
     return replace(found, images=images, parameters=found.parameters | recorded | named)
-
-
-def load_any(
-    method: str | Callable[..., Any], parameters: Mapping[str, Any], offers: Facts, for_fits: Facts
-) -> Method:
-    """Load a method by its name, or make one of any callable; offers as of `load_method`.
-
-    A function in a notebook, a lambda, an object may change unnoticed: no run of it can go on, and
-    no other process can load it. Its source has no hash.
-    """
-    if not isinstance(method, str):
-        try:
-            method = entry_of(method)
-        except MethodError:
-            kind: Any = method if hasattr(method, "__qualname__") else type(method)
-            name, entry = kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}"
-            return make_method(name, entry, method, None, parameters, offers, for_fits)
-    return load_method(method, parameters, offers, for_fits)
 
 
 def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:

@@ -30,12 +30,13 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
-from dfdbench.evaluation.loading import images_in, load_any
+from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
+from dfdbench.methods.registry import load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
@@ -432,7 +433,7 @@ def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed:
 
     offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
     unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}
-    return load_any(method, parameters, offers, unknown)
+    return load_method(method, parameters, offers, unknown)
 
 
 def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:

@@ -10,8 +10,8 @@ import numpy as np
 from dfdbench.blur.formation import form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.tracks import TRACKS, Degradation
+from dfdbench.evaluation.check import check_method
 from dfdbench.evaluation.loading import load_to_check
-from dfdbench.methods.check import check_method
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.methods.rims import settle_rims

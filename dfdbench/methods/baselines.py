@@ -70,12 +70,14 @@ class PositionalPrior:
 
     Examples
     --------
-    >>> from dfdbench.methods.check import MadePair
+    >>> from dfdbench.datasets.captures import Capture
+    >>> from dfdbench.datasets.manifest import Pair
     >>> depth = np.full((48, 64), 40, np.uint8)
     >>> depth[24:] = 200
     >>> image = np.zeros((48, 64, 3), np.uint8)
     >>> prior = PositionalPrior()
-    >>> prior.restore(prior.fit([MadePair(image, image, depth, depth > 0)]))
+    >>> capture = Capture(Pair("room", ()), np.stack([image, image]), depth.astype(np.float32))
+    >>> prior.restore(prior.fit([capture]))
     >>> prior(image, image)[[0, -1], 0].tolist()
     [40.0, 200.0]
     """

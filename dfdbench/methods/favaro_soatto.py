@@ -79,8 +79,9 @@ class FavaroSoatto(fitted.Choosing):
     >>> image = np.random.default_rng(0).integers(0, 256, (64, 120, 3)).astype(np.uint8)
     >>> depth = np.repeat(np.array([[40, 120, 200]], np.uint8), 64, 0).repeat(40, 1)
     >>> defocus = synthesize(image, depth, RECIPES["published"])
-    >>> from dfdbench.methods.check import MadePair
-    >>> pair = MadePair(image, defocus, depth, depth > 0)
+    >>> from dfdbench.datasets.captures import Capture
+    >>> from dfdbench.datasets.manifest import Pair
+    >>> pair = Capture(Pair("room", ()), np.stack([image, defocus]), depth.astype(np.float32))
     >>> method = FavaroSoatto()
     >>> method.restore(method.fit([pair]))
     >>> bool(np.abs(method(image, defocus)[32, 20::40] - [40, 120, 200]).max() < 5)

@@ -168,17 +168,20 @@ def load(name: str, **params: Any) -> Predict:
 
 
 def load_method(
-    name: str,
+    name: str | Callable[..., Any],
     parameters: Mapping[str, Any],
     offers: Mapping[str, Callable[[], Any]],
     for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
 ) -> Method:
     """Find a method, construct it where it is a class, and say where it came from.
 
+    A function in a notebook, a lambda, an object may change unnoticed: no run of it can go on, and
+    no other process can load it. Its source has no hash.
+
     Parameters
     ----------
-    name : str
-        As for `load`.
+    name : str or callable
+        As for `load`, or the function, class or object itself.
     parameters : mapping
         What the user set.
     offers : mapping of str to callable
@@ -197,6 +200,13 @@ def load_method(
     import dfdbench.blur.recipe  # noqa: F401
     from dfdbench.methods.sources import Sources
 
+    if not isinstance(name, str):
+        try:
+            name = entry_of(name)
+        except MethodError:
+            kind: Any = name if hasattr(name, "__qualname__") else type(name)
+            made = kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name, None
+            return _made(*made, parameters, offers, for_fits)
     entry = find_entry(name)
     sources = Sources()
     with sources.watch():
@@ -206,7 +216,7 @@ def load_method(
         sources.begin_at(module, place.parent if is_onnx else None)
         source = sources.module_sha256
         shown = place.name if is_onnx else name
-        method = make_method(shown, entry, target, source, parameters, offers, for_fits)
+        method = _made(shown, entry, target, source, parameters, offers, for_fits)
     return replace(method, sources=sources)
 
 
@@ -235,34 +245,15 @@ def find_entry(name: str) -> str:
     return registered[name]
 
 
-def make_method(
+def _made(
     name: str,
     entry: str,
     target: Any,
     source: str | None,
     parameters: Mapping[str, Any],
     offers: Mapping[str, Callable[[], Any]],
-    for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+    for_fits: Mapping[str, Callable[[], Any]],
 ) -> Method:
-    """Make a method of what was found: construct it where it is a class.
-
-    Parameters
-    ----------
-    name, entry : str
-        What tables call it, and what the result says that it is.
-    target : object
-        The function, class or object.
-    source : str or None
-        The SHA-256 of the file that it is defined in.
-    parameters, offers, for_fits : mapping
-        As for `load_method`.
-
-    Raises
-    ------
-    MethodError
-        Where it cannot be constructed or called, does not take these parameters, or what it says
-        of itself cannot be read.
-    """
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.calling import as_method
     from dfdbench.methods.method import Method

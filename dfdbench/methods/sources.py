@@ -103,7 +103,7 @@ class Sources:
         MethodError
             If a module was edited after this process imported it.
         """
-        found: Hashes = dict(self._hashes_of_modules)
+        found: Hashes = {self._label(path): self._hash(path) for path in self._modules}
         for heard in self._read | self._written:
             if heard not in self._counted:
                 path = _source_of(heard)
@@ -116,10 +116,6 @@ class Sources:
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
         """Return the SHA-256 that the files have now which an earlier call used."""
         return {label: _sha256(self._path(label)) for label in labels}
-
-    @functools.cached_property
-    def _hashes_of_modules(self) -> Hashes:
-        return {self._label(path): self._hash(path) for path in self._modules}
 
     @functools.cached_property
     def _modules(self) -> set[Path]:

@@ -20,23 +20,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from dfdbench.datasets.captures import Capture
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
-from dfdbench.methods.networks.weights import (
-    Card,
-    described,
-    load_weights,
-    save_weights,
-    weights_sha256,
-)
+from dfdbench.methods.networks.weights import weights_sha256
 from dfdbench.system.files import write_whole
-from dfdbench.system.packages import PACKAGE_VERSION
-from dfdbench.system.parallel import OnDone
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import precision_for
-from dfdbench.training.learner import EndedBy
-from dfdbench.training.task import descend, seeded_network
-from dfdbench.training.trainer import WEIGHTS, Log, OnStep, Row, card_of, drive
+from dfdbench.training.task import begun_network
+from dfdbench.training.trainer import Log, Trainee
 
 E = TypeVar("E")
 #: The largest learning rate, and the steps that lead to it.
@@ -98,27 +89,35 @@ class Course(Generic[E]):
     error: Callable[[Any, E], float]
 
 
-def set_examples(
-    course: Course[E], store: Dataset, split: str
-) -> tuple[Mapping[str, Sequence[E]], str]:
-    """Return a split's captures as examples of one camera, and what they are in words.
+def kept_examples(
+    folder: Path,
+    makers: Mapping[str, Callable[[], Mapping[str, Any]]],
+    read: Callable[[Mapping[str, Any]], Sequence[E]],
+    on_camera: OnDone | None,
+) -> dict[str, Sequence[E]]:
+    """Return examples by camera; what the folder holds, an ``.npz`` file each, is not made again.
 
-    Raises
-    ------
-    MethodError
-        If the course cannot make examples of them.
-    UnknownNameError
-        If there is no such split.
+    Parameters
+    ----------
+    folder : Path
+        Where they are kept.
+    makers : mapping of str to callable
+        What makes the arrays of a camera, by name.
+    read : callable
+        Return examples of them.
+    on_camera : callable, optional
+        Called with (cameras done, cameras in all).
     """
-    stem = store.manifest.stem
-    return {stem: course.of_captures(store.captures(split))}, f"{stem}, split {split}"
-
-
-def keep_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays by name into an ``.npz`` file, whole or not at all."""
-    content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **arrays)
-    write_whole(path, content.getvalue())
+    found = {}
+    for name, make in one_by_one(makers.items(), on_camera):
+        path = folder / f"{name}.npz"
+        if not path.exists():
+            content = io.BytesIO()
+            np.savez(content, allow_pickle=False, **make())
+            write_whole(path, content.getvalue())
+        with np.load(path) as arrays:
+            found[name] = read(arrays)
+    return found
 
 
 def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
@@ -204,19 +203,8 @@ def _known_mean(values: Tensor, known: Tensor) -> Tensor:
     return (values * known).sum() / known.sum().clamp_min(1)
 
 
-def train_on_cameras(
-    course: Course[E],
-    examples: Mapping[str, Sequence[E]],
-    trained_on: str,
-    folder: Path,
-    seed: int = 0,
-    steps: int | None = None,
-    max_seconds: float | None = None,
-    start: Path | None = None,
-    on_step: OnStep | None = None,
-    fresh: bool = False,
-) -> tuple[Path, Card, Log]:
-    """Train on a CPU until the steps are done or time is up; go on from a checkpoint if there is.
+class CameraLearner(Trainee, Generic[E]):
+    """A network trained on crops of many cameras' captures, and the mean of its last weights.
 
     Parameters
     ----------
@@ -226,128 +214,70 @@ def train_on_cameras(
         By camera; those that the course holds out only test.
     trained_on : str
         What they are, for the card.
-    folder : Path
-        Where checkpoint, log and weights go.
     seed : int
         Of the first weights and the crops.
     steps : int, optional
-        After which the learning rate is 0.
-    max_seconds : float, optional
-        The most time to spend, earlier calls included; the learning rate falls with it.
+        After which the learning rate is 0; it falls with the time spent, too.
     start : Path, optional
         Weights to begin with instead of random ones.
-    on_step : callable, optional
-        Called with (steps done, steps in all).
-    fresh : bool
-        Remove an earlier training from the folder.
-
-    Returns
-    -------
-    Path, Card, Log
-        The file of weights, its card, and what people read of the training.
 
     Raises
     ------
     InputError
-        If the checkpoint is damaged or of another training, or another training writes there.
-    DivergedError
-        If the loss became NaN or infinite.
+        If the images are too small.
+    MethodError
+        If the weights are of another network.
     """
-    steps = steps or course.steps
-    identity = {
-        "dfdbench": PACKAGE_VERSION,
-        "method": course.method,
-        "trained_on": trained_on,
-        "seed": seed,
-        "steps": steps,
-        "start": weights_sha256(start) if start else None,
-    }
-    learner = _Learner(course, examples, seed, steps, start)
-    ended, seconds, log = drive(learner, folder, identity, max_seconds, on_step, fresh)
-    chosen = {"crop": course.crop, "crops_per_step": course.crops, "learning_rate": RATE}
-    last = (log.scores or [{}])[-1]
-    scores = [value for name, value in last.items() if name != "step"]
-    card = card_of(
-        learner,
-        seconds,
-        ended,
-        torch.device("cpu"),
-        method=course.method,
-        architecture=dict(course.architecture),
-        trained_on=trained_on,
-        dataset=trained_on,
-        fingerprint="",
-        recipe=course.recipe,
-        configuration={**chosen, "steps": steps},
-        seed=seed,
-        scored_on=f"cameras held out: {', '.join(learner.held)}" if learner.held else "nothing",
-        scores={},
-        further_scores={"valid": {"nrmse": fmean(scores)}} if scores else {},
-    )
-    save_weights(folder / WEIGHTS, learner.averaged, card)
-    return folder / WEIGHTS, card, log
-
-
-class _Learner(Generic[E]):
-    """A network in training, and the mean of its last weights."""
 
     def __init__(
         self,
         course: Course[E],
         examples: Mapping[str, Sequence[E]],
-        seed: int,
-        steps: int,
-        start: Path | None,
+        trained_on: str,
+        seed: int = 0,
+        steps: int | None = None,
+        start: Path | None = None,
     ) -> None:
-        self.held = {name: part for name, part in examples.items() if name in course.held_out}
-        self._course, self._seed = course, seed
+        self._held = {name: part for name, part in examples.items() if name in course.held_out}
+        self._course, self._trained_on, self._seed = course, trained_on, seed
         self._examples = [
-            example for name, part in examples.items() if name not in self.held for example in part
+            example for name, part in examples.items() if name not in self._held for example in part
         ]
         smallest = min(min(course.shape_of(example)) for example in self._examples)
         if smallest < course.multiple:
             what = f"images of {smallest} pixels are too small to train on"
             expected = f"{course.multiple} pixels or more"
             raise InputError(what, where=course.method, expected=expected)
-        self.started_from = ""
-        self.network = seeded_network(course.method, course.architecture, seed)
-        if start is not None:
-            network, card = load_weights(start, course.method)
-            self.network.load_state_dict(network.state_dict())
-            self.started_from = described(start, card)
-        self.averaged = copy.deepcopy(self.network)
-        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimizer = torch.optim.AdamW(
-            self.network.parameters(), RATE, weight_decay=_DECAY, fused=True
-        )
-        self._bf16 = precision_for(torch.device("cpu"))[0] == "bf16"
-        self.step, self.steps = 0, steps
+        architecture = dict(course.architecture)
+        network, started_from = begun_network(course.method, architecture, seed, start)
+        averaged = copy.deepcopy(network)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=_DECAY, fused=True)
+        self._total = steps or course.steps
+        identity = {
+            "method": course.method,
+            "trained_on": trained_on,
+            "seed": seed,
+            "steps": self._total,
+            "start": weights_sha256(start) if start else None,
+        }
+        cpu = torch.device("cpu")
+        super().__init__(network, optimizer, self._total, identity, started_from, cpu)
+        self.kept = averaged
+        self._bf16 = precision_for(cpu)[0] == "bf16"
 
-    @property
-    def ended(self) -> str:
-        """Why there is no further step."""
-        return EndedBy.STEPS if self.step >= self.steps else ""
-
-    def learn(self, spent: float) -> tuple[float, float]:
+    def learn(self, spent: float = 0.0) -> tuple[float, float]:
         """Do one step, of so much of the time; return its learning rate and its loss."""
-        part = max(self.step / self.steps, spent)
+        part = max(self.step / self._total, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)
-        self.step += 1
-        warm = rate * min(1.0, self.step / WARM_UP)
-        value = descend(self._optimizer, loss, warm, self.step, _CLIP)
+        value = self.descend(loss, rate * min(1.0, (self.step + 1) / WARM_UP), _CLIP)
         # The first weights are soon forgotten.
         part = 1 / min(self.step / 20 + 1, _AVERAGED)
         with torch.no_grad():
-            for kept, now in zip(
-                self.averaged.parameters(), self.network.parameters(), strict=True
-            ):
+            for kept, now in zip(self.kept.parameters(), self.network.parameters(), strict=True):
                 kept.lerp_(now, part)
         return rate, value
-
-    def levels(self) -> list[Row]:
-        """Return nothing: levels are not counted."""
-        return []
 
     def scores(self, last: bool) -> dict[str, float]:
         """Return the error of the mean weights for each camera held out, by its name."""
@@ -355,22 +285,35 @@ class _Learner(Generic[E]):
             return {}
         with torch.inference_mode():
             return {
-                name: fmean(self._course.error(self.averaged, example) for example in part[::3])
-                for name, part in self.held.items()
+                name: fmean(self._course.error(self.kept, example) for example in part[::3])
+                for name, part in self._held.items()
             }
+
+    def facts(self, log: Log) -> dict[str, Any]:
+        """Return what the card says of the course, and of the errors that were scored last."""
+        course = self._course
+        chosen = {"crop": course.crop, "crops_per_step": course.crops, "learning_rate": RATE}
+        last = (log.scores or [{}])[-1]
+        scores = [value for name, value in last.items() if name != "step"]
+        return {
+            "method": course.method,
+            "architecture": dict(course.architecture),
+            "trained_on": self._trained_on,
+            "dataset": self._trained_on,
+            "fingerprint": "",
+            "recipe": course.recipe,
+            "configuration": {**chosen, "steps": self._total},
+            "seed": self._seed,
+            "scored_on": f"cameras held out: {', '.join(self._held)}" if self._held else "nothing",
+            "scores": {},
+            "further_scores": {"valid": {"nrmse": fmean(scores)}} if scores else {},
+        }
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
-        return {
-            "step": self.step,
-            "network": self.network.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-        }
+        return {**super().state(), "averaged": self.kept.state_dict()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self.step = state["step"]
-        self.network.load_state_dict(state["network"])
-        self.averaged.load_state_dict(state["averaged"])
-        self._optimizer.load_state_dict(state["optimizer"])
+        super().restore(state)
+        self.kept.load_state_dict(state["averaged"])

@@ -112,6 +112,8 @@ class Redraw:
         The steepest slope added along rows and columns, in levels a pixel.
     unknown : int
         The level that stays as it is.
+    tracks : tuple of Degradation
+        One is drawn for each patch, all equally likely, and forms both of its images.
     """
 
     recipe: BlurRecipe
@@ -119,11 +121,12 @@ class Redraw:
     highest: int
     tilt: float
     unknown: int
+    tracks: tuple[Degradation, ...] = ()
 
     @property
     def margin(self) -> int:
-        """Pixels around a patch that its blur depends on."""
-        return margin_of(self.recipe)
+        """Pixels around a patch that its blur depends on, on any of the tracks."""
+        return max(margin_of(self.recipe, track) for track in (None, *self.tracks))
 
     def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
         """Draw a patch's slope down, its slope to the right and its mean level."""
@@ -142,45 +145,6 @@ class Redraw:
         moved = depth + (level - mean) + plane
         levels = np.clip(np.rint(moved), self.unknown + 1, LAST_LEVEL)
         return np.where(known, levels, depth).astype(np.uint8)
-
-
-class RandomTracks:
-    """Draw a track and a severity for each patch, and form the patch by it.
-
-    Parameters
-    ----------
-    recipe : BlurRecipe
-        The data set's, which tracks change.
-    names : sequence of str
-        The tracks to draw from, all equally likely, as are their severities from 0 (clean) to 3.
-
-    Examples
-    --------
-    >>> from dfdbench.blur.recipe import RECIPES
-    >>> tracks = RandomTracks(RECIPES["published"], ["noise", "psf"])
-    >>> tracks.choose(np.random.default_rng(0)).label, tracks.margin
-    ('psf-2', 13)
-    """
-
-    def __init__(self, recipe: BlurRecipe, names: Sequence[str]) -> None:
-        self._recipe = recipe
-        self._drawn = tuple(
-            Degradation(TRACKS[name], severity)
-            for name in names
-            for severity in range(len(TRACKS[name].severities) + 1)
-        )
-        #: Pixels around a patch that it may depend on, on any of the tracks.
-        self.margin = max(map(self.margin_of, self._drawn))
-
-    def margin_of(self, degradation: Degradation) -> int:
-        """Return how many pixels around a patch it depends on, on one track."""
-        formation = degradation.formation
-        radius = kernel_size_of(law_of(self._recipe, formation), formation.layers) // 2
-        return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
-
-    def choose(self, random: np.random.Generator) -> Degradation:
-        """Draw a track and a severity."""
-        return self._drawn[int(random.integers(len(self._drawn)))]
 
 
 @dataclass
@@ -202,9 +166,7 @@ class Cropper:
     seed : int
         A step's patches follow from seed and step alone.
     redraw : Redraw, optional
-        Gives patches another depth.
-    tracks : RandomTracks, optional
-        Forms patches of another depth by a track each.
+        Gives patches another depth, and draws a track for each.
 
     Raises
     ------
@@ -219,10 +181,9 @@ class Cropper:
     noise: float
     seed: int
     redraw: Redraw | None = None
-    tracks: RandomTracks | None = None
 
     def __post_init__(self) -> None:
-        self._margin = max(part.margin if part else 0 for part in (self.redraw, self.tracks))
+        self._margin = self.redraw.margin if self.redraw else 0
         #: Rows and columns of each pair's images.
         self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in self.images.levels)
         require_crops_fit(self.size, self.shapes, self._margin)
@@ -260,30 +221,30 @@ class Cropper:
             )
             depth = self.redraw.choose(random) if self.redraw else None
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
-            track = self.tracks.choose(random) if self.tracks else None
+            tracks = self.redraw.tracks if self.redraw else ()
+            track = tracks[int(random.integers(len(tracks)))] if tracks else None
             name = f"training/{self.seed}/{step}/{number}"
             places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
 
     def _patch(self, place: PatchPlace) -> tuple[Tensor, Tensor]:
-        inner = tuple(slice(start, start + self.size) for start in (place.top, place.left))
-        track = place.degradation
-        margin = self.tracks.margin_of(track) if self.tracks and track else self._margin
-        around = tuple(
-            slice(start - margin, start + self.size + margin) for start in (place.top, place.left)
-        )
+        def around(margin: int) -> tuple[slice, ...]:
+            starts = (place.top, place.left)
+            return tuple(slice(start - margin, start + self.size + margin) for start in starts)
+
         pixels, levels = self.images.pixels[place.index], self.images.levels[place.index]
         if self.redraw is None or place.depth is None:
-            return pixels[:, inner[0], inner[1]].float(), levels[inner].long()
-        infocus = pixels[:3, around[0], around[1]].permute(1, 2, 0).contiguous().numpy()
-        truth = levels[around]
+            return pixels[:, *around(0)].float(), levels[around(0)].long()
+        track, recipe = place.degradation, self.redraw.recipe
+        margin = margin_of(recipe, track) if track else self._margin
+        infocus = pixels[:3, *around(margin)].permute(1, 2, 0).contiguous().numpy()
+        truth = levels[around(margin)]
         depth = truth.clamp(min=0).byte().numpy()
         redrawn = self.redraw.levels(depth, place.depth)
-        if self.tracks and track:
-            recipe = self.redraw.recipe
+        if track:
             infocus, defocus = form_pair(infocus, redrawn, recipe, track, place.name)
         else:
-            defocus = synthesize(infocus, redrawn, self.redraw.recipe)
+            defocus = synthesize(infocus, redrawn, recipe)
         both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
         found = torch.from_numpy(redrawn).long()
         found[truth == IGNORED] = IGNORED
@@ -291,9 +252,28 @@ class Cropper:
         return both[:, kept, kept].float(), found[kept, kept]
 
 
-def margin_of(recipe: BlurRecipe) -> int:
-    """Return how many pixels around a patch its blur depends on."""
-    return recipe.kernel_size // 2
+def severities_of(names: Iterable[str]) -> tuple[Degradation, ...]:
+    """Return tracks, each with every severity from 0, which is clean.
+
+    Examples
+    --------
+    >>> [found.label for found in severities_of(["psf"])]
+    ['clean', 'psf-1', 'psf-2', 'psf-3']
+    """
+    return tuple(
+        Degradation(TRACKS[name], severity)
+        for name in names
+        for severity in range(len(TRACKS[name].severities) + 1)
+    )
+
+
+def margin_of(recipe: BlurRecipe, track: Degradation | None = None) -> int:
+    """Return how many pixels around a patch its blur depends on, on a track if one is given."""
+    if track is None:
+        return recipe.kernel_size // 2
+    formation = track.formation
+    radius = kernel_size_of(law_of(recipe, formation), formation.layers) // 2
+    return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
 
 
 def require_crops_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:

@@ -19,10 +19,10 @@ from dfdbench.system.parallel import Shown
 from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
-from dfdbench.training.learner import EndedBy
+from dfdbench.training.learner import Learner
 from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image, write_tables
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
-from dfdbench.training.trainer import WEIGHTS, OnStep, train
+from dfdbench.training.trainer import WEIGHTS, EndedBy, OnStep, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -200,7 +200,7 @@ def run_trial(
         more_time = max_seconds is None or card.seconds < max_seconds
         if not (ended and ended.early and more_time):
             return card
-    return train(trial.task, trial.folder, max_seconds, device, on_step).card
+    return train(Learner(trial.task, device), trial.folder, max_seconds, on_step).card
 
 
 def run_trials(

@@ -1,9 +1,9 @@
 """A network in training, and its loss."""
 
 import math
-from collections.abc import Sequence
-from enum import StrEnum
-from typing import Any, Self
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,20 +15,19 @@ from torch.nn import functional
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import Pair
 from dfdbench.methods.networks.architectures import start_from_differences
-from dfdbench.methods.networks.weights import described, load_weights
-from dfdbench.system.text import require_same
-from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
+from dfdbench.methods.networks.inference import find_device
+from dfdbench.training.configuration import TrainingConfiguration, settled
+from dfdbench.training.crops import IGNORED, Cropper, TrainingImages, count_levels
 from dfdbench.training.task import (
     PROTOCOL,
     Task,
-    descend,
+    begun_network,
     evenly_spaced,
     mean_scores,
+    redraw_of,
     require_trainable,
-    seeded_network,
-    training_tracks,
 )
+from dfdbench.training.trainer import EndedBy, Log, Row, Trainee
 
 #: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
 _BUDGET_A_STEP, _DROPPED = 200, 400
@@ -36,36 +35,38 @@ _BUDGET_A_STEP, _DROPPED = 200, 400
 _SURE = 0.51
 
 
-class EndedBy(StrEnum):
-    """Why a training ended: the words that a card's `ended_by` begins with."""
+class Schedule:
+    """The learning rate of the step to come, and whether there is one.
 
-    STEPS = "its number of steps"
-    LEARNING_RATE = "learning rate"
-    TIME_LIMIT = "its time limit"
-    #: Such weights are hardly trained: their scores say nothing about the network.
-    TIME_LIMIT_IN_WARM_UP = "its time limit, within the warm-up"
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Its choices of that name.
+    """
 
-    @classmethod
-    def of(cls, text: str) -> Self | None:
-        """Parse the text of a card; None if it says something else.
+    def __init__(self, configuration: TrainingConfiguration) -> None:
+        self._choices, self._step = configuration, 0
 
-        Examples
-        --------
-        >>> EndedBy.of("learning rate 1e-10").name
-        'LEARNING_RATE'
-        >>> EndedBy.of("its time limit, within the warm-up, at step 1 of 5").name
-        'TIME_LIMIT_IN_WARM_UP'
-        """
-        said = [ending for ending in cls if text.startswith(ending)]
-        return max(said, key=len, default=None)
+    def after(self, step: int, loss: float) -> None:
+        """Note a step that is over, and its loss."""
+        self._step = step
 
     @property
-    def early(self) -> bool:
-        """True if training would continue with more time."""
-        return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
+    def ended(self) -> str:
+        """Why training has ended; empty if it has not."""
+        steps = self._choices.steps
+        return EndedBy.STEPS if steps is not None and self._step >= steps else ""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {"step": self._step}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self._step = state["step"]
 
 
-class DlibSchedule:
+class DlibSchedule(Schedule):
     """Lower the learning rate if dlib's trainer would (5.2.2).
 
     It keeps the last `patience` losses. Once there are so many, it fits a line to them every
@@ -94,14 +95,14 @@ class DlibSchedule:
     """
 
     def __init__(self, configuration: TrainingConfiguration) -> None:
-        self._choices = configuration
+        super().__init__(configuration)
         self._losses: list[float] = []
-        self._step = 0
         self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
         """Note a loss; lower the rate if dlib would."""
-        patience, self._step = self._choices.patience, step
+        super().after(step, loss)
+        patience = self._choices.patience
         self._losses = [*self._losses[-patience + 1 :], loss]
         due = step % (patience // _BUDGET_A_STEP + 1) == 0
         if not due or len(self._losses) < patience:
@@ -115,21 +116,21 @@ class DlibSchedule:
     def ended(self) -> str:
         """Why training has ended; empty if it has not."""
         # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
-        least, steps = self._choices.minimum_learning_rate, self._choices.steps
-        if self.rate <= least * (1 + 1e-6):
-            return f"{EndedBy.LEARNING_RATE} {least:g}"
-        return EndedBy.STEPS if steps is not None and self._step >= steps else ""
+        least = self._choices.minimum_learning_rate
+        fallen = self.rate <= least * (1 + 1e-6)
+        return f"{EndedBy.LEARNING_RATE} {least:g}" if fallen else super().ended
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
-        return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
+        return {**super().state(), "rate": self.rate, "losses": list(self._losses)}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self._step, self.rate, self._losses = state["step"], state["rate"], state["losses"]
+        super().restore(state)
+        self.rate, self._losses = state["rate"], state["losses"]
 
 
-class CosineSchedule:
+class CosineSchedule(Schedule):
     """Raise the learning rate over `warm_up` steps, then lower it along a cosine to 0.
 
     Parameters
@@ -147,35 +148,14 @@ class CosineSchedule:
     5e-05
     """
 
-    def __init__(self, configuration: TrainingConfiguration) -> None:
-        assert configuration.steps is not None
-        self._steps = configuration.steps
-        self._warm_up = configuration.warm_up
-        self._highest = configuration.learning_rate
-        self._step = 0
-
     @property
     def rate(self) -> float:
         """The learning rate of the step to come."""
-        rising = min(1.0, (self._step + 1) / (self._warm_up + 1))
-        return self._highest * rising * (1 + math.cos(math.pi * self._step / self._steps)) / 2
-
-    def after(self, step: int, loss: float) -> None:
-        """Note that a step is over."""
-        self._step = step
-
-    @property
-    def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
-        return EndedBy.STEPS if self._step >= self._steps else ""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-        return {"step": self._step}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self._step = state["step"]
+        choices = self._choices
+        assert choices.steps is not None, "the configuration has checked that"
+        rising = min(1.0, (self._step + 1) / (choices.warm_up + 1))
+        falling = (1 + math.cos(math.pi * self._step / choices.steps)) / 2
+        return choices.learning_rate * rising * falling
 
 
 def schedule_of(configuration: TrainingConfiguration) -> DlibSchedule | CosineSchedule:
@@ -227,30 +207,26 @@ def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     return kept
 
 
-class Learner:
-    """A network in training: each call of `learn` draws patches and changes the weights.
+class Learner(Trainee):
+    """A network trained on patches: each step draws some and changes the weights.
 
     Parameters
     ----------
     task : Task
         What is trained.
-    device : torch.device
-        Where.
+    device : str
+        As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
 
     Attributes
     ----------
-    network : torch.nn.Module
-        What learns.
     architecture : dict
         The network's constructor arguments.
-    started_from : str
-        If the initial weights come from, for the card; empty for random ones.
     cropper : Cropper
         What draws the patches.
     schedule : Schedule
         The learning rate of the next step, and whether there is one.
-    step : int
-        Steps done.
+    pairs : tuple of str
+        The training pairs' names.
     present, trained : ndarray of int64, shape (256,)
         How often each depth level occurs in the training pairs, and how often it was trained.
 
@@ -260,55 +236,59 @@ class Learner:
         If the choices do not fit, or the weights to begin with are of another network.
     """
 
-    def __init__(self, task: Task, device: torch.device) -> None:
-        self._task, self._choices = task, task.configuration
-        choices = task.configuration
-        self._device = device
+    def __init__(self, task: Task, device: str = "auto") -> None:
+        found = find_device(device)
+        # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
+        choices = settled(task.configuration, found)
+        self._task = task = replace(task, configuration=choices)
+        self._choices = choices
+        self.pairs = tuple(pair.id for pair in task.train)
         self.architecture = require_trainable(task)
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
         self.architecture["channel_means"] = images.channel_means()
-        network, self.started_from = _beginning(task, self.architecture)
-        self.network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        groups = _parameter_groups(self.network, choices.weight_decay, choices.decay_prelu)
+        beginning = task.method, self.architecture, task.seed, task.start
+        network, started_from = begun_network(*beginning)
+        network = network.to(found, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        groups = _parameter_groups(network, choices.weight_decay, choices.decay_prelu)
         rate, betas = choices.learning_rate, choices.betas
-        self._optimizer = torch.optim.Adam(groups, rate, betas=betas, fused=True)
+        optimizer = torch.optim.Adam(groups, rate, betas=betas, fused=True)
+        super().__init__(network, optimizer, choices.steps, task.identity, started_from, found)
         self.schedule = schedule_of(choices)
         drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
-        redraw, tracks = _redraw(task, images), training_tracks(task)
-        self.cropper = Cropper(images, *drawn, task.seed, redraw, tracks)
+        self.cropper = Cropper(images, *drawn, task.seed, redraw_of(task, images))
         if choices.initial_filters == "differences" and task.start is None:
             first_patches, _ = self.cropper.draw(0)
-            start_from_differences(self.network, first_patches)
-        self._loss = LevelLoss(choices.label_width, device)
+            start_from_differences(network, first_patches)
+        self._loss = LevelLoss(choices.label_width, found)
         self.present = images.count_levels()
         self.trained = np.zeros(LEVELS, np.int64)
-        self.step, self.steps = 0, choices.steps
 
     @property
     def ended(self) -> str:
-        """Why there is no further step, in the words of the card; empty if there is one."""
+        """Why there is no further step: the number of steps, or the learning rate."""
         return self.schedule.ended
 
-    def learn(self, spent: float = 0.0) -> tuple[float, float]:
-        """Do one step and return its learning rate and its loss.
+    @property
+    def time_up(self) -> str:
+        """What the card says if time is up: weights within the warm-up are hardly trained."""
+        warm_up = self._choices.warm_up
+        if self._choices.schedule != "cosine" or self.step >= warm_up:
+            return super().time_up
+        return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {self.step:,} of {warm_up:,}"
 
-        Raises
-        ------
-        DivergedError
-            If the loss became NaN or infinite.
-        """
+    def learn(self, spent: float = 0.0) -> tuple[float, float]:
+        """Do one step and return its learning rate and its loss."""
         pixels, levels = self.cropper.draw(self.step)
         self.trained += count_levels(levels)
-        pixels = pixels.to(self._device, memory_format=torch.channels_last)
+        pixels = pixels.to(self.device, memory_format=torch.channels_last)
         rate = self.schedule.rate
         self.network.train(self._choices.normalization == "batch")
         bf16 = self._choices.precision == "bf16"
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=bf16):
             logits = self.network(pixels)
-        loss = self._loss(logits, levels.to(self._device))
+        loss = self._loss(logits, levels.to(self.device))
         fix = "lower learning_rate and start over with --fresh"
-        value = descend(self._optimizer, loss, rate, self.step + 1, fix=fix)
-        self.step += 1
+        value = self.descend(loss, rate, fix=fix)
         self.schedule.after(self.step, value)
         return rate, value
 
@@ -327,9 +307,9 @@ class Learner:
     def mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
         """Return the mean scores on pairs, by protocol."""
         store, readout = self._task.store, self._choices.readout
-        return mean_scores(self.network, store, pairs, self._device, readout=readout)
+        return mean_scores(self.network, store, pairs, self.device, readout=readout)
 
-    def levels(self) -> list[dict[str, int]]:
+    def levels(self) -> list[Row]:
         """Return how often each depth level was trained, and occurs in the training pairs."""
         counts = zip(self.trained.tolist(), self.present.tolist(), strict=True)
         return [
@@ -337,44 +317,34 @@ class Learner:
             for level, (trained, present) in enumerate(counts)
         ]
 
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+    def facts(self, log: Log) -> dict[str, Any]:
+        """Return what the card says of task, configuration and scores."""
+        task, choices = self._task, self._choices
+        scores = self.mean_scores(task.test)
         return {
-            "step": self.step,
-            "network": self.network.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "schedule": self.schedule.state(),
-            "trained": torch.from_numpy(self.trained),
+            "method": task.method,
+            "architecture": self.architecture,
+            "trained_on": task.trained_on,
+            "dataset": task.store.manifest.stem,
+            "fingerprint": task.store.fingerprint,
+            "recipe": choices.recipe or task.store.recipe_name,
+            "configuration": choices.model_dump(mode="json"),
+            "seed": task.seed,
+            "scored_on": f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
+            "scores": scores.pop(PROTOCOL),
+            "further_scores": scores,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        trained = torch.from_numpy(self.trained)
+        return {**super().state(), "schedule": self.schedule.state(), "trained": trained}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self.step = state["step"]
-        self.network.load_state_dict(state["network"])
-        self._optimizer.load_state_dict(state["optimizer"])
+        super().restore(state)
         self.schedule.restore(state["schedule"])
         self.trained = state["trained"].numpy()
-
-
-def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
-    if task.start is None:
-        return seeded_network(task.method, architecture, task.seed), ""
-    network, card = load_weights(task.start, task.method)
-    architecture["channel_means"] = card.architecture["channel_means"]
-    what = "the weights are of another network"
-    require_same(card.architecture, architecture, what, str(task.start))
-    return network, described(task.start, card)
-
-
-def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
-    if not task.configuration.redraw_depth:
-        return None
-    recipe = task.recipe
-    assert recipe is not None, "require_trainable refuses this"
-    unknown = task.store.manifest.depth.unknown
-    there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
-    known = there[(there >= 0) & (there != unknown)]
-    return Redraw(recipe, int(known.min()), int(known.max()), task.configuration.tilt, unknown)
 
 
 def _parameter_groups(

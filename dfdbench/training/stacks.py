@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,8 @@ from dfdbench.methods.networks.stack import StackNet, places_of
 from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.shape_from_focus import focus_places
 from dfdbench.methods.stack_net import greys_of
-from dfdbench.system.parallel import OnDone, one_by_one
-from dfdbench.training.cameras import Course, cut, keep_arrays, loss_of, side_of, turned
+from dfdbench.system.parallel import OnDone
+from dfdbench.training.cameras import Course, cut, kept_examples, loss_of, side_of, turned
 
 #: What rendered stacks are called on a card.
 STACKS = "rooms of unseen-0 from 1000 on, focused through random lenses"
@@ -56,7 +57,7 @@ class Stack:
     truth: NDArray[np.float32]
 
 
-def room_stacks(folder: Path, on_camera: OnDone | None = None) -> dict[str, list[Stack]]:
+def room_stacks(folder: Path, on_camera: OnDone | None = None) -> dict[str, Sequence[Stack]]:
     """Return stacks of rendered rooms by camera; what the folder holds is not made again.
 
     Parameters
@@ -66,14 +67,8 @@ def room_stacks(folder: Path, on_camera: OnDone | None = None) -> dict[str, list
     on_camera : callable, optional
         Called with (cameras done, cameras in all).
     """
-    found = {}
-    for number in one_by_one(range(CAMERAS), on_camera):
-        path = folder / f"stack-{number:02}.npz"
-        if not path.exists():
-            keep_arrays(path, vars(_rendered(number)))
-        with np.load(path) as arrays:
-            found[path.stem] = [Stack(**arrays)]
-    return found
+    names = {f"stack-{number:02}": partial(_rendered, number) for number in range(CAMERAS)}
+    return kept_examples(folder, names, lambda arrays: [Stack(**arrays)], on_camera)
 
 
 def stack_of(capture: Capture) -> Stack:
@@ -90,7 +85,7 @@ def stack_of(capture: Capture) -> Stack:
     return Stack(images, places.astype(np.float32), truth.astype(np.float32))
 
 
-def _rendered(number: int) -> Stack:
+def _rendered(number: int) -> dict[str, NDArray[Any]]:
     from dfdbench.simulation.unseen import draw_camera, render_stack  # they compile
 
     random = np.random.default_rng(number)
@@ -107,7 +102,8 @@ def _rendered(number: int) -> Stack:
     stack = render_stack(0, FIRST_TRAIN + number, (1 / places[::-1]).tolist(), _RAYS, 1, camera)
     found = 1 / np.array(stack.focus_distances[::-1])
     truth = 1 / stack.depth.astype(np.float64)
-    return Stack(stack.images[::-1], found.astype(np.float32), truth.astype(np.float32))
+    places, depths = found.astype(np.float32), truth.astype(np.float32)
+    return {"images": stack.images[::-1], "places": places, "truth": depths}
 
 
 #: How many crops a step has, their rows and columns, and the fewest images.

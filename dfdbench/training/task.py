@@ -1,8 +1,8 @@
-"""What is trained on what, how its validation pairs are scored, and what a step of it does."""
+"""What is trained on what, what it begins with, and how its validation pairs are scored."""
 
 import copy
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.tracks import OF_PATCHES
@@ -19,12 +19,18 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair, require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.inference import Predictor, Readout
-from dfdbench.methods.networks.weights import build_network, weights_sha256
+from dfdbench.methods.networks.weights import build_network, described, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, find_protocol, score
-from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.system.text import require_same
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.crops import RandomTracks, margin_of, require_crops_fit
+from dfdbench.training.crops import (
+    Redraw,
+    TrainingImages,
+    margin_of,
+    require_crops_fit,
+    severities_of,
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,6 @@ class Task:
     def identity(self) -> dict[str, Any]:
         """What must be the same to continue from a checkpoint."""
         return {
-            "dfdbench": PACKAGE_VERSION,
             "method": self.method,
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
@@ -124,12 +129,6 @@ def task_of(
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
 
 
-def training_tracks(task: Task) -> RandomTracks | None:
-    """Return what forms patches by random tracks, or None if the configuration names no tracks."""
-    names, recipe = task.configuration.tracks, task.recipe
-    return RandomTracks(recipe, names) if names and recipe else None
-
-
 def require_trainable(task: Task) -> dict[str, Any]:
     """Check that the choices of a training fit each other and the data set.
 
@@ -164,8 +163,8 @@ def require_trainable(task: Task) -> dict[str, Any]:
             what = f"redraw_depth needs a blur recipe, which {why}"
             fix = "name one with --set recipe=published, or leave redraw_depth out"
             raise InputError(what, where=f"{manifest.short}, redraw_depth", fix=fix)
-        tracks = training_tracks(task)
-        margin = max(margin_of(recipe), tracks.margin if tracks else 0)
+        drawn = (None, *severities_of(choices.tracks))
+        margin = max(margin_of(recipe, track) for track in drawn)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
     require_crops_fit(choices.crop, shapes, margin)
@@ -253,41 +252,48 @@ def mean_scores(
     return means
 
 
-class DivergedError(InputError):
-    """A training whose loss became NaN or infinite."""
+def begun_network(
+    method: str, architecture: dict[str, Any], seed: int, start: Path | None
+) -> tuple[nn.Module, str]:
+    """Return the network that a training begins with, and the card's word on it: `started_from`.
 
-
-def descend(
-    optimizer: torch.optim.Optimizer,
-    loss: Tensor,
-    rate: float,
-    step: int,
-    clip: float | None = None,
-    fix: str = "",
-) -> float:
-    """Do a step at a learning rate, gradients clipped to a norm if one is given; return the loss.
+    Parameters
+    ----------
+    method : str
+        The network's name.
+    architecture : dict
+        Its constructor arguments; channel means become those of the weights to begin with.
+    seed : int
+        Of PyTorch's own initial values.
+    start : Path or None
+        Weights to begin with instead.
 
     Raises
     ------
-    DivergedError
-        If the loss became NaN or infinite; `fix` is what to do about it.
+    InputError
+        If the weights are of another network.
     """
-    for group in optimizer.param_groups:
-        group["lr"] = rate
-    optimizer.zero_grad()
-    loss.backward()  # type: ignore[no-untyped-call]
-    if clip is not None:
-        every = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-        nn.utils.clip_grad_norm_(every, clip)
-    optimizer.step()
-    value = float(loss.detach())
-    if not np.isfinite(value):
-        raise DivergedError(f"the loss became {value}", where=f"step {step}", fix=fix)
-    return value
+    if start is None:
+        # PyTorch's global generator is left as it was.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            return build_network(method, architecture), ""
+    network, card = load_weights(start, method)
+    if "channel_means" in architecture:
+        architecture["channel_means"] = card.architecture["channel_means"]
+    what = "the weights are of another network"
+    require_same(card.architecture, architecture, what, str(start))
+    return network, described(start, card)
 
 
-def seeded_network(method: str, architecture: Mapping[str, Any], seed: int) -> nn.Module:
-    """Return a network of PyTorch's own initial values; its global generator is left as it was."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return build_network(method, dict(architecture))
+def redraw_of(task: Task, images: TrainingImages) -> Redraw | None:
+    """Return what gives patches other depths, within those of the images; None if nothing does."""
+    choices = task.configuration
+    if not choices.redraw_depth:
+        return None
+    assert task.recipe is not None, "require_trainable refuses this"
+    unknown = task.store.manifest.depth.unknown
+    there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
+    known = there[(there >= 0) & (there != unknown)]
+    ends, tracks = (int(known.min()), int(known.max())), severities_of(choices.tracks)
+    return Redraw(task.recipe, *ends, choices.tilt, unknown, tracks)

@@ -5,42 +5,68 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Self
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from dfdbench.errors import InputError, ResultError, reason_of, room_or
-from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
 from dfdbench.system.files import hold, read_as, whole_files, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.tables.render import as_csv
-from dfdbench.training.configuration import settled
-from dfdbench.training.crops import Cropper
-from dfdbench.training.learner import EndedBy, Learner
-from dfdbench.training.task import PROTOCOL, Task, same_threads
+from dfdbench.training.task import same_threads
 
 _SAVE_SECONDS = 60.0
 #: Called with (steps done, steps in all if known).
 OnStep = Callable[[int, int | None], None]
 
 
-@dataclass(frozen=True)
-class TrainingOutcome:
-    """The results of `train`: the file of weights, its card, the log, and what drew the patches."""
+class EndedBy(StrEnum):
+    """Why a training ended: the words that a card's `ended_by` begins with."""
+
+    STEPS = "its number of steps"
+    LEARNING_RATE = "learning rate"
+    TIME_LIMIT = "its time limit"
+    #: Such weights are hardly trained: their scores say nothing about the network.
+    TIME_LIMIT_IN_WARM_UP = "its time limit, within the warm-up"
+
+    @classmethod
+    def of(cls, text: str) -> Self | None:
+        """Parse the text of a card; None if it says something else.
+
+        Examples
+        --------
+        >>> EndedBy.of("learning rate 1e-10").name
+        'LEARNING_RATE'
+        >>> EndedBy.of("its time limit, within the warm-up, at step 1 of 5").name
+        'TIME_LIMIT_IN_WARM_UP'
+        """
+        said = [ending for ending in cls if text.startswith(ending)]
+        return max(said, key=len, default=None)
+
+    @property
+    def early(self) -> bool:
+        """True if training would continue with more time."""
+        return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
+
+
+class TrainingOutcome(NamedTuple):
+    """The results of `train`: the file of weights, its card, and the log."""
 
     weights: Path
     card: Card
     log: Log
-    cropper: Cropper
 
     @property
     def within_warm_up(self) -> bool:
@@ -48,36 +74,147 @@ class TrainingOutcome:
         return EndedBy.of(self.card.ended_by) is EndedBy.TIME_LIMIT_IN_WARM_UP
 
 
-def train(
-    task: Task,
-    folder: Path,
-    max_seconds: float | None = None,
-    device: str = "auto",
-    on_step: OnStep | None = None,
-    fresh: bool = False,
-) -> TrainingOutcome:
-    """Train until the schedule ends or time is up, from the folder's checkpoint if it has one.
+class DivergedError(InputError):
+    """A training whose loss became NaN or infinite."""
+
+
+class Trainee(ABC):
+    """What `train` trains: a network, and how it learns.
 
     Parameters
     ----------
-    task : Task
-        What is trained.
+    network : torch.nn.Module
+        What learns.
+    optimizer : torch.optim.Optimizer
+        What changes its weights.
+    steps : int or None
+        Steps in all, if known.
+    identity : mapping
+        What must be the same to go on from a checkpoint.
+    started_from : str
+        What the card says of the weights to begin with; empty for random ones.
+    device : torch.device
+        Where it learns.
+
+    Attributes
+    ----------
+    step : int
+        Steps done.
+    kept : torch.nn.Module
+        The network whose weights are kept.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        optimizer: torch.optim.Optimizer,
+        steps: int | None,
+        identity: Mapping[str, Any],
+        started_from: str,
+        device: torch.device,
+    ) -> None:
+        self.network = self.kept = network
+        self.optimizer, self.started_from, self.device = optimizer, started_from, device
+        self.step, self.steps = 0, steps
+        self.identity = {"dfdbench": PACKAGE_VERSION, **identity}
+
+    @property
+    def ended(self) -> str:
+        """Why there is no further step, in the words of the card; empty if there is one."""
+        return EndedBy.STEPS if self.steps is not None and self.step >= self.steps else ""
+
+    @property
+    def time_up(self) -> str:
+        """What the card says if time is up now."""
+        return EndedBy.TIME_LIMIT
+
+    @abstractmethod
+    def learn(self, spent: float = 0.0) -> tuple[float, float]:
+        """Do a step, such a share of the time being spent; return its learning rate and loss.
+
+        Raises
+        ------
+        DivergedError
+            If the loss became NaN or infinite.
+        """
+
+    def descend(self, loss: Tensor, rate: float, clip: float | None = None, fix: str = "") -> float:
+        """Do a step at a learning rate, gradients clipped to a norm if one is given.
+
+        Raises
+        ------
+        DivergedError
+            If the loss became NaN or infinite; `fix` is what to do about it.
+        """
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        if clip is not None:
+            nn.utils.clip_grad_norm_(self.network.parameters(), clip)
+        self.optimizer.step()
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            where = f"step {self.step + 1}"
+            raise DivergedError(f"the loss became {value}", where=where, fix=fix)
+        self.step += 1
+        return value
+
+    @abstractmethod
+    def scores(self, last: bool) -> Row:
+        """Return the scores at this step, if it is one to score or the last."""
+
+    def levels(self) -> list[Row]:
+        """Return how often each depth level was learnt; nothing if that is not counted."""
+        return []
+
+    @abstractmethod
+    def facts(self, log: Log) -> dict[str, Any]:
+        """Return what the card says of this training alone, by the card's fields."""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {
+            "step": self.step,
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self.step = state["step"]
+        self.network.load_state_dict(state["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+
+def train(
+    learner: Trainee,
+    folder: Path,
+    max_seconds: float | None = None,
+    on_step: OnStep | None = None,
+    fresh: bool = False,
+) -> TrainingOutcome:
+    """Train until there is no further step or time is up, from the folder's checkpoint if any.
+
+    Parameters
+    ----------
+    learner : Trainee
+        What learns.
     folder : Path
         Where checkpoint, log and weights go.
     max_seconds : float, optional
         The most time to spend on training, earlier calls included.
-    device : str
-        As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
     on_step : callable, optional
         Called with (steps done, steps in all if known).
     fresh : bool
-        Remove an earlier training from the folder, once everything is checked.
+        Remove an earlier training from the folder.
 
     Raises
     ------
     InputError
-        If choices do not fit each other, the checkpoint is damaged or of another training, or
-        another training writes there.
+        If the checkpoint is damaged or of another training, or another training writes there.
+    DivergedError
+        If the loss became NaN or infinite.
     ResultError
         If the folder cannot be written.
 
@@ -86,125 +223,40 @@ def train(
     On a CPU, with the same number of threads, an interrupted and resumed training has the same
     losses, bit for bit, as an uninterrupted one.
     """
-    found = find_device(device)
-    # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
-    task = replace(task, configuration=settled(task.configuration, found))
-    learner = Learner(task, found)
     try:
-        ended, seconds, log = drive(learner, folder, task.identity, max_seconds, on_step, fresh)
-        choices = task.configuration
-        hardly = choices.schedule == "cosine" and learner.step < choices.warm_up
-        if ended == EndedBy.TIME_LIMIT and hardly:
-            after = f"at step {learner.step:,} of {choices.warm_up:,}"
-            ended = f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, {after}"
-        scores = learner.mean_scores(task.test)
-        card = card_of(
-            learner,
-            seconds,
-            ended,
-            found,
-            method=task.method,
-            architecture=learner.architecture,
-            trained_on=task.trained_on,
-            dataset=task.store.manifest.stem,
-            fingerprint=task.store.fingerprint,
-            recipe=choices.recipe or task.store.recipe_name,
-            configuration=choices.model_dump(mode="json"),
-            seed=task.seed,
-            scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
-            scores=scores.pop(PROTOCOL),
-            further_scores=scores,
-        )
-        save_weights(folder / WEIGHTS, learner.network, card)
+        ended, seconds, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
+        card = _card_of(learner, ended, seconds, log)
+        save_weights(folder / WEIGHTS, learner.kept, card)
     except OSError as error:
         fix = room_or("choose another place with --out DIR; --resume goes on", error)
         what = f"cannot write the training: {reason_of(error)}"
         raise ResultError(what, where=str(folder), fix=fix) from error
-    return TrainingOutcome(folder / WEIGHTS, card, log, learner.cropper)
+    return TrainingOutcome(folder / WEIGHTS, card, log)
 
 
-class Trainee(Protocol):
-    """What `drive` trains: a network, and how it learns.
-
-    Attributes
-    ----------
-    step : int
-        Steps done.
-    started_from : str
-        What the card says of the weights to begin with.
-    network : torch.nn.Module
-        What learns.
-    """
-
-    step: int
-    started_from: str
-    network: nn.Module
-
-    @property
-    def steps(self) -> int | None:
-        """Steps in all, if known."""
-
-    @property
-    def ended(self) -> str:
-        """Why there is no further step, in the words of the card; empty if there is one."""
-
-    def learn(self, spent: float) -> tuple[float, float]:
-        """Do a step, such a share of the time being spent; return its learning rate and loss."""
-
-    def scores(self, last: bool) -> Row:
-        """Return the scores at this step, if it is one to score or the last."""
-
-    def levels(self) -> list[Row]:
-        """Return how often each depth level was learnt."""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
-
-
-def drive(
+def _drive(
     learner: Trainee,
-    folder: Path,
-    identity: Mapping[str, Any],
+    place: TrainingFolder,
     max_seconds: float | None,
     on_step: OnStep | None,
     fresh: bool,
 ) -> tuple[str, float, Log]:
-    """Let a network learn, and save it every minute; return why it ended, seconds and log.
-
-    Parameters
-    ----------
-    learner : Trainee
-        What learns.
-    folder : Path
-        Where checkpoint and log go; a checkpoint in it is gone on from.
-    identity : mapping
-        What must be the same to go on.
-    max_seconds, on_step, fresh
-        As of `train`.
-
-    Raises
-    ------
-    InputError
-        If another process is at a training there.
-    """
-    log, seconds, place = Log(), 0.0, TrainingFolder(folder)
+    """Let a network learn, and save it every minute; return why it ended, seconds and log."""
+    log, seconds = Log(), 0.0
 
     def save() -> None:
         log.levels = learner.levels()
-        place.save(identity, {**learner.state(), "seconds": seconds}, log)
+        place.save(learner.identity, {**learner.state(), "seconds": seconds}, log)
 
     def ended() -> str:
         late = max_seconds is not None and seconds >= max_seconds
-        return learner.ended or (EndedBy.TIME_LIMIT if late else "")
+        return learner.ended or (learner.time_up if late else "")
 
     with place.held():
         if fresh:
             place.clear()
         if place.started:
-            state, log = place.load(identity)
+            state, log = place.load(learner.identity)
             seconds = state.pop("seconds")
             learner.restore(state)
         else:
@@ -227,13 +279,11 @@ def drive(
     return ended(), seconds, log
 
 
-def card_of(
-    learner: Trainee, seconds: float, ended: str, device: torch.device, **facts: Any
-) -> Card:
-    """Return the card of a training that has ended; `facts` are the rest of its fields."""
+def _card_of(learner: Trainee, ended: str, seconds: float, log: Log) -> Card:
+    facts = learner.facts(log)
     with same_threads():
         environment = describe_environment()
-    graphics = None if device.type == "cpu" else environment.gpu
+    graphics = None if learner.device.type == "cpu" else environment.gpu
     return Card(
         parameters=count_parameters(learner.network),
         started_from=learner.started_from,

@@ -6,8 +6,9 @@ law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,8 @@ from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
-from dfdbench.system.parallel import OnDone, one_by_one
-from dfdbench.training.cameras import Course, cut, keep_arrays, loss_of, side_of, turned
+from dfdbench.system.parallel import OnDone
+from dfdbench.training.cameras import Course, cut, kept_examples, loss_of, side_of, turned
 
 Array = NDArray[Any]
 
@@ -115,7 +116,7 @@ def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
     return examples
 
 
-def room_examples(folder: Path, on_camera: OnDone | None = None) -> dict[str, list[Example]]:
+def room_examples(folder: Path, on_camera: OnDone | None = None) -> dict[str, Sequence[Example]]:
     """Return examples of rendered rooms by camera; what the folder holds is not made again.
 
     Parameters
@@ -125,20 +126,17 @@ def room_examples(folder: Path, on_camera: OnDone | None = None) -> dict[str, li
     on_camera : callable, optional
         Called with (cameras done, cameras in all).
     """
-    makers: list[tuple[str, Callable[[int], list[Capture]], int]] = [
+    kinds: list[tuple[str, Callable[[int], list[Capture]], int]] = [
         ("lens", _through_lens, LENSES[0]),
         ("stack", _stacks, STACKS[0]),
-        ("law", lambda number: _by_law(folder, number), MADE[0]),
+        ("law", partial(_by_law, folder), MADE[0]),
     ]
-    cameras = [(name, make, number) for name, make, count in makers for number in range(count)]
-    found = {}
-    for name, make, number in one_by_one(cameras, on_camera):
-        path = folder / f"{name}-{number:02}.npz"
-        if not path.exists():
-            captures = make(number)
-            _keep(path, captures, examples_of(captures))
-        found[path.stem] = _kept(path)
-    return found
+    makers = {
+        f"{kind}-{number:02}": partial(_arrays, make, number)
+        for kind, make, count in kinds
+        for number in range(count)
+    }
+    return kept_examples(folder, makers, _examples, on_camera)
 
 
 def _through_lens(number: int) -> list[Capture]:
@@ -241,19 +239,19 @@ def _capture(images: Sequence[Array], levels: Array, focus: Sequence[float] = ()
     return Capture(Pair("room", ()), np.stack(images), levels.astype(np.float32), facts)
 
 
-def _keep(path: Path, captures: Sequence[Capture], examples: Sequence[Example]) -> None:
+def _arrays(make: Callable[[int], list[Capture]], number: int) -> dict[str, Array]:
+    captures = make(number)
+    examples = examples_of(captures)
     arrays = {
         name: np.stack([getattr(example, name) for example in examples])
         for name in Example.__dataclass_fields__
     }
-    arrays["infocus"] = np.stack([capture.infocus for capture in captures])
-    arrays["depth"] = np.stack([capture.levels for capture in captures])
-    keep_arrays(path, arrays)
+    infocus = np.stack([capture.infocus for capture in captures])
+    return {**arrays, "infocus": infocus, "depth": np.stack([each.levels for each in captures])}
 
 
-def _kept(path: Path) -> list[Example]:
-    with np.load(path) as arrays:
-        columns = {name: arrays[name] for name in Example.__dataclass_fields__}
+def _examples(arrays: Mapping[str, Array]) -> list[Example]:
+    columns = {name: arrays[name] for name in Example.__dataclass_fields__}
     return [
         Example(**{name: column[place] for name, column in columns.items()})
         for place in range(len(columns["levels"]))

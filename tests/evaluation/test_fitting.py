@@ -15,11 +15,11 @@ from dfdbench.datasets.dataset import WHOLE, Dataset, Region
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import MethodError, ResultError, StoreError
+from dfdbench.evaluation.check import made_pair
 from dfdbench.evaluation.fitting import FIT, camera_note, fit_method, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
-from dfdbench.methods.check import MadePair
 from dfdbench.methods.method import Method
 from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Pool, Processes
@@ -218,11 +218,13 @@ def test_another_camera_in_the_test_is_told() -> None:
     random = np.random.default_rng(5)
     recipe = RECIPES["published"]
 
-    def pair(noise: float) -> MadePair:
+    def pair(noise: float) -> Capture:
         image = random.integers(0, 256, (90, 120, 3)).astype(np.uint8)
         depth = np.full((90, 120), random.integers(40, 220), np.uint8)
         blurred = synthesize(image, depth, recipe) + noise * random.normal(size=image.shape)
-        return MadePair(image, np.clip(np.rint(blurred), 0, 255).astype(np.uint8), depth, depth > 0)
+        return made_pair(
+            image, np.clip(np.rint(blurred), 0, 255).astype(np.uint8), depth, depth > 0
+        )
 
     law = BlurLaw(tuple(recipe.sigmas.tolist()), noise=(2.0,) * GREYS)
     quiet, loud = [pair(2) for _ in range(4)], [pair(6) for _ in range(4)]
@@ -234,6 +236,8 @@ def test_another_camera_in_the_test_is_told() -> None:
 
 def test_of_stacks_no_camera_is_told() -> None:
     grey = np.full((40, 50, 3), 90, np.uint8)
-    stack = MadePair(grey, grey, np.full((40, 50), 90, np.uint8), np.ones((40, 50), bool), planes=3)
+    stack = made_pair(
+        grey, grey, np.full((40, 50), 90, np.uint8), np.ones((40, 50), bool), planes=3
+    )
     law = BlurLaw(tuple(RECIPES["published"].sigmas.tolist()), noise=(2.0,) * GREYS)
     assert camera_note(law, [stack], [stack]) is None

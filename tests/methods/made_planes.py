@@ -1,6 +1,7 @@
 """Fronto-parallel planes and slopes of made texture, as pairs to predict and to fit to."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -13,8 +14,9 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.captures import Capture
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.calibration import calibrate
-from dfdbench.methods.check import MadePair
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, check_learned
 
@@ -32,20 +34,23 @@ def texture(seed: int, height: int = 64, width: int = 80) -> Image:
     return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
 
 
-def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = PUBLISHED) -> MadePair:
-    return MadePair(infocus, synthesize(infocus, depth, recipe), depth, np.ones(depth.shape, bool))
+def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = PUBLISHED) -> Capture:
+    return made_pair(infocus, synthesize(infocus, depth, recipe), depth, np.ones(depth.shape, bool))
+
+
+def with_defocus(pair: Capture, defocus: NDArray[Any]) -> Capture:
+    """Return the pair with another defocus image."""
+    return replace(pair, images=np.stack([pair.infocus, defocus.astype(np.uint8)]))
 
 
 def plane(
     level: int, seed: int = 0, height: int = 64, width: int = 80, recipe: BlurRecipe = PUBLISHED
-) -> MadePair:
+) -> Capture:
     infocus = texture(seed, height, width)
     return pair_of(infocus, np.full(infocus.shape[:2], level, np.uint8), recipe)
 
 
-def slope(
-    seed: int, height: int = 96, width: int = 256, recipe: BlurRecipe = PUBLISHED
-) -> MadePair:
+def slope(seed: int, height: int = 96, width: int = 256, recipe: BlurRecipe = PUBLISHED) -> Capture:
     """Return a pair whose depth rises by less than a level a pixel, over nearly all levels."""
     levels = np.linspace(4, 251, width).astype(np.uint8)
     depth = np.broadcast_to(levels, (height, width)).copy()

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import MethodError
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.baselines import Local, PositionalPrior
-from dfdbench.methods.check import MadePair
 from dfdbench.metrics.scores import nmae
 
 Image = NDArray[np.uint8]
@@ -56,12 +56,12 @@ def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() 
     with pytest.raises(MethodError, match="no training captures yet"):
         prior(image, image)
     prior.restore(
-        prior.fit([MadePair(image, image, near, known), MadePair(image, image, far, ~known)])
+        prior.fit([made_pair(image, image, near, known), made_pair(image, image, far, ~known)])
     )
     found = prior(np.zeros((24, 100, 3), np.uint8), np.zeros((24, 100, 3), np.uint8))
     assert found.shape == (24, 100)
     assert found[:, [0, -1]].tolist() == [[200, 40]] * 24
-    prior.restore(prior.fit([MadePair(image, image, near, known)]))
+    prior.restore(prior.fit([made_pair(image, image, near, known)]))
     assert (prior(image, image) == 200).all()
     with pytest.raises(MethodError, match="nothing to fit"):
-        prior.fit([MadePair(image, image, near, np.zeros_like(known))])
+        prior.fit([made_pair(image, image, near, np.zeros_like(known))])

@@ -11,9 +11,10 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
+from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.calibration import KERNEL_SIZE, calibrate, parts_of
-from dfdbench.methods.check import MadePair
 from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.registry import load, load_method
@@ -33,7 +34,7 @@ def scene(number: int, shape: tuple[int, int] = (160, 200)) -> tuple[NDArray, ND
     return image, np.kron(blocks, np.ones((40, 40))).astype(np.uint8)
 
 
-def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> list[MadePair]:
+def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> list[Capture]:
     made = []
     for number in range(count):
         image, depth = scene(number)
@@ -49,7 +50,7 @@ def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> l
             random = np.random.default_rng(100 + number)
             images = [each + noise * random.normal(size=image.shape) for each in images]
         infocus, defocus = (np.clip(np.rint(i), 0, 255).astype(np.uint8) for i in images)
-        made.append(MadePair(infocus, defocus, depth, depth > 0))
+        made.append(made_pair(infocus, defocus, depth, depth > 0))
     return made
 
 
@@ -118,7 +119,7 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     [
         [],
         [
-            MadePair(
+            made_pair(
                 *(np.full((60, 60, 3), 90, np.uint8),) * 2,
                 np.full((60, 60), 9, np.uint8),
                 np.ones((60, 60), bool),
@@ -127,20 +128,20 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     ],
     ids=["none", "without texture"],
 )
-def test_pairs_that_show_nothing_are_refused(made: Sequence[MadePair]) -> None:
+def test_pairs_that_show_nothing_are_refused(made: Sequence[Capture]) -> None:
     with pytest.raises(MethodError, match="training pair"):
         calibrate(made)
 
 
 def test_a_bare_surface_does_not_bend_the_curve_at_its_end() -> None:
     law = BlurLaw(tuple(RISING.tolist()))
-    seen = [MadePair(p.infocus, p.defocus, p.levels, p.levels > 40) for p in pairs(law, count=3)]
+    seen = [made_pair(p.infocus, p.defocus, p.levels, p.levels > 40) for p in pairs(law, count=3)]
     # Nearly flat: of what little there is, rounding leaves a pattern that fits another width.
     noise = np.random.default_rng(0).normal(size=(160, 200, 3))
     bare = np.rint(100.3 + 0.7 * cv2.GaussianBlur(noise, (0, 0), 1)).astype(np.uint8)
     depth = np.full(bare.shape[:2], 20, np.uint8)
     blurred = blur_by_level(bare.astype(np.float64), depth.astype(np.int64), law.kernels())
-    seen.append(MadePair(bare, np.rint(blurred).astype(np.uint8), depth, depth > 0))
+    seen.append(made_pair(bare, np.rint(blurred).astype(np.uint8), depth, depth > 0))
     found = calibrate(seen).law.sigmas
     assert np.abs(np.array(found) - RISING)[:60].max() < 0.1
 
@@ -155,20 +156,20 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
         method.predict(*scene(9)[:1] * 2)
     assert method.learner is not None
     method.predict.restore(dict(found_of(law).as_learned()))
-    infocus, defocus, depth = pairs(law, 1)[0][:3]
+    (made,) = pairs(law, 1)
     # The same blur on both sides of the focus: either level is right.
-    found = FOCUSED[np.asarray(method.predict(infocus, defocus)).astype(int)]
-    assert np.median(np.abs(found - FOCUSED[depth])) < 0.03
+    found = FOCUSED[np.asarray(method.predict(made.infocus, made.defocus)).astype(int)]
+    assert np.median(np.abs(found - FOCUSED[made.levels])) < 0.03
     assert load_method(name, {}, {}).learner is None
 
 
 def test_a_law_can_be_given_by_a_file(tmp_path: object) -> None:
     law = BlurLaw(tuple(RISING.tolist()))
-    infocus, defocus, depth = pairs(law, 1)[0][:3]
-    told = load("graph-cuts", recipe=law)(infocus, defocus)
-    fields = load("graph-cuts", recipe=law.as_dict())(infocus, defocus)
+    (made,) = pairs(law, 1)
+    told = load("graph-cuts", recipe=law)(made.infocus, made.defocus)
+    fields = load("graph-cuts", recipe=law.as_dict())(made.infocus, made.defocus)
     assert np.array_equal(told, fields)
-    assert np.median(np.abs(told - depth.astype(float))) <= 1
+    assert np.median(np.abs(told - made.depth)) <= 1
 
 
 def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
@@ -177,7 +178,7 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
     made = pair_of(texture(0, 80, 120), depth)
     valid = made.valid.copy()
     valid[40, 30] = False
-    ((part,),) = parts_of([MadePair(made.infocus, made.defocus, depth, valid)])
+    ((part,),) = parts_of([made_pair(made.infocus, made.defocus, depth, valid)])
     margin = KERNEL_SIZE // 2
     assert not part.counts[:margin].any()
     assert not part.counts[:, -margin:].any()
@@ -190,14 +191,14 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
 def test_pixels_that_may_be_cut_off_above_do_not_count() -> None:
     made = plane(120)
     bright = np.maximum(made.defocus, 254)
-    ((part,),) = parts_of([MadePair(made.infocus, bright, made.levels, made.valid)])
+    ((part,),) = parts_of([made_pair(made.infocus, bright, made.levels, made.valid)])
     assert not part.counts.any()
 
 
 def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
     looked_at = []
 
-    class Pairs(list[MadePair]):
+    class Pairs(list[Capture]):
         def __getitem__(self, index):  # type: ignore[no-untyped-def]
             looked_at.append(index)
             return super().__getitem__(index)

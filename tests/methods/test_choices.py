@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
-from dfdbench.methods.check import MadePair
+from dfdbench.datasets.captures import Capture
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.choices import Part, choose, energy_of
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.law_cost import add_energy
@@ -20,7 +21,7 @@ from tests.methods.made_planes import texture
 FOCUSED = np.hypot(0.5, 0.016 * (np.arange(LEVELS) - 130))
 
 
-def mostly_far(number: int) -> MadePair:
+def mostly_far(number: int) -> Capture:
     """Blocks beyond the focus, and one in ten before it."""
     random = np.random.default_rng(number)
     blocks = random.integers(30, 110, (4, 5))
@@ -30,7 +31,7 @@ def mostly_far(number: int) -> MadePair:
     law = BlurLaw(tuple(FOCUSED.tolist()))
     blurred = blur_by_level(image.astype(np.float64), depth.astype(np.int64), law.kernels())
     noisy = blurred + 0.5 * random.normal(size=image.shape)
-    return MadePair(image, np.clip(np.rint(noisy), 0, 255).astype(np.uint8), depth, depth > 0)
+    return made_pair(image, np.clip(np.rint(noisy), 0, 255).astype(np.uint8), depth, depth > 0)
 
 
 def test_a_depth_that_is_shown_e_times_as_often_costs_a_nat_less() -> None:
@@ -79,7 +80,7 @@ def test_as_much_is_smoothed_as_noise_wants() -> None:
 def test_a_few_bare_walls_do_not_outweigh_all_else(walls: int) -> None:
     flat = np.zeros((40, 40, 3), np.uint8)
     depths = [np.full((40, 40), number, np.uint8) for number in range(100, 112)]
-    captures = [MadePair(flat, flat, depth, depth > 0) for depth in depths]
+    captures = [made_pair(flat, flat, depth, depth > 0) for depth in depths]
 
     def solve(part: Part, chosen: Chosen) -> NDArray[np.float64]:
         # Smoothing mends bare walls, where all is far off, and harms the others a little.

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
-from dfdbench.methods.check import MadePair
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.favaro_soatto import FavaroSoatto
-from tests.methods.made_planes import inside, plane, slope
+from tests.methods.made_planes import inside, plane, slope, with_defocus
 
 
 @cache
@@ -22,9 +23,9 @@ def test_a_law_and_a_shape_that_nobody_told_are_learned() -> None:
     # A blur that grows with nearness, and a defocus image darker and lighter than the other.
     recipe = BlurRecipe(0.4, 0.01, invert=False)
 
-    def changed(seed: int) -> MadePair:
+    def changed(seed: int) -> Capture:
         pair = slope(seed, recipe=recipe)
-        return pair._replace(defocus=(0.8 * pair.defocus + 15).astype(np.uint8))
+        return with_defocus(pair, 0.8 * pair.defocus + 15)
 
     method = FavaroSoatto()
     method.restore(method.fit([changed(seed) for seed in range(4)]))
@@ -38,8 +39,8 @@ def test_pixels_of_unknown_depth_are_not_learned_from() -> None:
     spoilt[:48] = 3
     half = pair.valid.copy()
     half[:48] = False
-    learned = FavaroSoatto(groups=16).fit([MadePair(pair.infocus, pair.defocus, spoilt, half)])
-    whole = MadePair(pair.infocus, pair.defocus, pair.levels, half)
+    learned = FavaroSoatto(groups=16).fit([made_pair(pair.infocus, pair.defocus, spoilt, half)])
+    whole = made_pair(pair.infocus, pair.defocus, pair.levels, half)
     assert np.array_equal(learned["operators"], FavaroSoatto(groups=16).fit([whole])["operators"])
 
 

@@ -11,8 +11,8 @@ import pytest
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.baselines import Local
-from dfdbench.methods.check import MadePair
 from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
 from dfdbench.methods.guided import Guided
 from dfdbench.methods.method import Predict, restore, teach
@@ -146,7 +146,7 @@ def test_neither_told_nor_fitted_says_what_to_do(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_pairs_of_unknown_depth_are_refused(name: str) -> None:
     pair = slope(1, 40, 60)
-    unknown = MadePair(pair.infocus, pair.defocus, pair.levels, np.zeros_like(pair.valid))
+    unknown = made_pair(pair.infocus, pair.defocus, pair.levels, np.zeros_like(pair.valid))
     for pairs in ([], [unknown]):
         with pytest.raises(MethodError, match=r"nothing to fit to|no pair|do not show"):
             load(name).fit(pairs)  # type: ignore[attr-defined]
@@ -166,7 +166,7 @@ def test_a_table_follows_a_curve_that_turns_and_leaves_unknown_pixels_out() -> N
     depth[~valid] = 0
     infocus = np.abs(depth[..., np.newaxis].astype(int) - 100).astype(np.uint8)
     infocus[~valid] = 255
-    pair = MadePair(infocus, infocus, depth, valid)
+    pair = made_pair(infocus, infocus, depth, valid)
     table = depth_table(lambda sharp, _: sharp[..., 0].astype(float), [pair], "mine")
     measure, found = np.asarray(table["measure"]), np.asarray(table["depth"])
     assert measure.max() <= 155

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, StoreError
-from dfdbench.methods.check import MadePair
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.method import Method, TrainingPair, check_learned, teach
 
 
@@ -77,7 +77,7 @@ def test_what_cannot_be_read_is_told_by_its_name(name: str) -> None:
     Method("m", "m:m", Raises("calibration")).require_readable()
 
 
-PAIR = MadePair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
+PAIR = made_pair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
 
 
 class Learning:

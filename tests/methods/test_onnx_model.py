@@ -20,7 +20,7 @@ from torch import nn
 from dfdbench.api import run
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
-from dfdbench.methods.check import check_method
+from dfdbench.evaluation.check import check_method
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
 from tests.process import dfdbench_without

@@ -7,8 +7,9 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
-from dfdbench.methods.check import MadePair
+from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.method import restore, teach
 from dfdbench.methods.registry import load_method
 from dfdbench.methods.spread import Posterior, fit_spread
@@ -65,7 +66,7 @@ def test_a_capture_counts_as_much_as_another_and_a_spread_stays_above_0() -> Non
         fit_spread([(np.zeros(0), np.zeros(0))], "mine")
 
 
-def made(seed: int) -> MadePair:
+def made(seed: int) -> Capture:
     """A pair with a wavy depth, half of it with little texture."""
     random = np.random.default_rng(seed)
     rows, columns = np.mgrid[:72, :96]
@@ -73,7 +74,7 @@ def made(seed: int) -> MadePair:
     image = random.integers(0, 256, (72, 96, 3)).astype(np.float64)
     image[:, 48:] = 128 + (image[:, 48:] - 128) / 64
     sharp = image.astype(np.uint8)
-    return MadePair(sharp, synthesize(sharp, depth, RECIPES["published"]), depth, depth >= 0)
+    return made_pair(sharp, synthesize(sharp, depth, RECIPES["published"]), depth, depth >= 0)
 
 
 @pytest.mark.parametrize("name", SURE)

@@ -1,6 +1,7 @@
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -8,11 +9,24 @@ import torch
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
-from dfdbench.training.cameras import loss_of, steps_of, train_on_cameras
+from dfdbench.training.cameras import CameraLearner, Course, loss_of, steps_of
 from dfdbench.training.volumes import COUNT, DEPTHS, HELD_OUT, VOLUME_NET, Example
 from tests.training.test_volumes import example
 
-train_volume_net = partial(train_on_cameras, VOLUME_NET)
+
+def train_on(
+    course: Course[Any],
+    cameras: Mapping[str, Sequence[Any]],
+    folder: Path,
+    steps: int | None = None,
+    max_seconds: float | None = None,
+    on_step: trainer.OnStep | None = None,
+) -> trainer.TrainingOutcome:
+    learner = CameraLearner(course, cameras, "made", steps=steps)
+    return trainer.train(learner, folder, max_seconds, on_step)
+
+
+train_volume_net = partial(train_on, VOLUME_NET)
 
 
 @pytest.fixture
@@ -36,7 +50,7 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     cameras: Mapping[str, list[Example]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trainer, "_SAVE_SECONDS", 0.0)
-    whole, card, log = train_volume_net(cameras, "made", tmp_path / "whole", steps=3)
+    whole, card, log = train_volume_net(cameras, tmp_path / "whole", steps=3)
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
     assert log.scores[-1][HELD_OUT[0]] == card.further_scores["valid"]["nrmse"]
@@ -47,8 +61,8 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
 
     part = tmp_path / "part"
     with pytest.raises(KeyboardInterrupt):
-        train_volume_net(cameras, "made", part, steps=3, on_step=stop)
-    resumed, _, after = train_volume_net(cameras, "made", part, steps=3)
+        train_volume_net(cameras, part, steps=3, on_step=stop)
+    resumed, _, after = train_volume_net(cameras, part, steps=3)
     assert after.losses == log.losses
     before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
     assert all(torch.equal(before[name], again[name]) for name in before)
@@ -57,7 +71,7 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
 def test_time_that_is_up_ends_a_training(
     cameras: Mapping[str, list[Example]], tmp_path: Path
 ) -> None:
-    _, card, _ = train_volume_net(cameras, "made", tmp_path, max_seconds=1e-9)
+    _, card, _ = train_volume_net(cameras, tmp_path, max_seconds=1e-9)
     assert (card.ended_by, card.steps) == ("its time limit", 1)
 
 

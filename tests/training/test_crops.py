@@ -144,10 +144,9 @@ def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tenso
     random = np.random.default_rng(5)
     infocus = random.integers(40, 200, (64, 64, 3)).astype(np.uint8)
     depth = np.full((64, 64), 100, np.uint8)
-    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
-    tracks = crops.RandomTracks(SMALL_BLUR, names)
+    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0, crops.severities_of(names))
     images = of_one(infocus, infocus, depth)
-    return crops.Cropper(images, 16, 40, "one", 0.0, seed, redraw, tracks).draw(step)
+    return crops.Cropper(images, 16, 40, "one", 0.0, seed, redraw).draw(step)
 
 
 def test_patches_on_random_tracks_follow_from_seed_and_step_alone() -> None:
@@ -181,9 +180,12 @@ def test_without_tracks_patches_are_drawn_as_before() -> None:
 
 
 def test_tracks_and_severities_are_drawn_alike() -> None:
-    tracks = crops.RandomTracks(RECIPES["published"], list(OF_PATCHES))
-    random = np.random.default_rng(0)
-    drawn = [tracks.choose(random) for _ in range(2800)]
+    grey = np.full((40, 40, 3), 90, np.uint8)
+    images = of_one(grey, grey, np.full((40, 40), 100, np.uint8))
+    redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0, crops.severities_of(OF_PATCHES))
+    places = crops.Cropper(images, 4, 2800, "one", 0.0, 0, redraw).places(0)
+    drawn = [place.degradation for place in places if place.degradation]
+    assert len(drawn) == 2800
     counts = Counter((one.track.name, one.severity) for one in drawn)
     assert counts.keys() == {(name, severity) for name in OF_PATCHES for severity in range(4)}
     assert 60 < min(counts.values()) < max(counts.values()) < 140
@@ -195,10 +197,9 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
     random = np.random.default_rng(2)
     image = random.integers(60, 190, (120, 120, 3)).astype(np.uint8)
     depth = np.tile(np.repeat(np.array([80, 140], np.uint8), 60), (120, 1))
-    tracks = crops.RandomTracks(RECIPES["published"], [name])
-    one = next(d for d in iter(lambda: tracks.choose(random), None) if d.severity == 3)
-    margin = tracks.margin_of(one)
-    assert margin <= tracks.margin
+    *_, one = crops.severities_of([name])
+    assert one.severity == 3
+    margin = crops.margin_of(RECIPES["published"], one)
     _, whole = form_pair(image, depth, RECIPES["published"], one, "training/1/2/3")
     inner = slice(60 - 8, 60 + 8)
     around = slice(60 - 8 - margin, 60 + 8 + margin)

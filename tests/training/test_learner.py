@@ -28,11 +28,11 @@ CPU = torch.device("cpu")
 
 
 def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Dataset) -> None:
-    learner = Learner(task(tiny_store), CPU)
+    learner = Learner(task(tiny_store), "cpu")
     learner.learn()
     state = copy.deepcopy(learner.state())
     losses = [learner.learn() for _ in range(2)]
-    other = Learner(task(tiny_store), CPU)
+    other = Learner(task(tiny_store), "cpu")
     other.restore(state)
     assert [other.learn() for _ in range(2)] == losses
     assert (other.step, other.trained.tolist()) == (3, learner.trained.tolist())
@@ -40,12 +40,12 @@ def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Dataset) -> Non
 
 def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Dataset) -> None:
     def decayed(**changes: bool) -> set[str]:
-        learner = Learner(task(tiny_store, weight_decay=0.5, **changes), CPU)
+        learner = Learner(task(tiny_store, weight_decay=0.5, **changes), "cpu")
         named = {id(parameter): name for name, parameter in learner.network.named_parameters()}
         first, second = learner.state()["optimizer"]["param_groups"]
         assert (first["weight_decay"], second["weight_decay"]) == (0.5, 0.0)
         assert len(first["params"]) + len(second["params"]) == len(named)
-        groups = learner._optimizer.param_groups
+        groups = learner.optimizer.param_groups
         return {named[id(parameter)] for parameter in groups[0]["params"]}
 
     with_slopes, filters = decayed(), decayed(decay_prelu=False)
@@ -56,7 +56,7 @@ def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Dat
 
 
 def test_a_loss_that_is_no_number_ends_it(tiny_store: Dataset) -> None:
-    learner = Learner(task(tiny_store), CPU)
+    learner = Learner(task(tiny_store), "cpu")
     with torch.no_grad():
         next(learner.network.parameters()).fill_(float("nan"))
     with pytest.raises(InputError, match="the loss became nan"):

@@ -10,9 +10,9 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import stacks
-from dfdbench.training.cameras import train_on_cameras
 from tests.made_stacks import blurred_to
 from tests.methods.made_planes import texture
+from tests.training.test_cameras import train_on
 
 
 def test_a_capture_s_images_are_put_in_order_of_the_focus() -> None:
@@ -54,7 +54,7 @@ def test_rooms_are_made_once_and_are_the_same_again(
 
 
 PLACES = (0.2, 0.5, 0.7, 1.1, 1.5)
-train_stack_net = partial(train_on_cameras, stacks.STACK_NET)
+train_stack_net = partial(train_on, stacks.STACK_NET)
 
 
 def stack(seed: int, rows: int = 64) -> stacks.Stack:
@@ -100,7 +100,7 @@ def test_however_a_crop_is_turned_images_and_truth_lie_over_each_other() -> None
 
 def test_it_learns_to_tell_two_surfaces_apart(tmp_path: Path) -> None:
     cameras = {"stack-00": [stack(0)], stacks.HELD_OUT[0]: [stack(1)]}
-    path, card, log = train_stack_net(cameras, "made", tmp_path, steps=40)
+    path, card, log = train_stack_net(cameras, tmp_path, steps=40)
     network = load_weights(path, "stack-net")[0]
     with torch.inference_mode():
         error = stacks.error_of(network, stack(1))  # type: ignore[arg-type]
@@ -112,4 +112,4 @@ def test_it_learns_to_tell_two_surfaces_apart(tmp_path: Path) -> None:
 
 def test_images_smaller_than_its_scales_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="images of 16 pixels are too small"):
-        train_stack_net({"mine": [stack(0, rows=16)]}, "made", tmp_path)
+        train_stack_net({"mine": [stack(0, rows=16)]}, tmp_path)

@@ -15,9 +15,11 @@ from dfdbench.errors import InputError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import load_weights
+from dfdbench.training import trainer
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.learner import Learner
 from dfdbench.training.task import Task, task_of
-from dfdbench.training.trainer import Log, TrainingFolder, train
+from dfdbench.training.trainer import Log, OnStep, TrainingFolder, TrainingOutcome
 from tests.conftest import store_of, write_png
 from tests.methods.networks.test_architectures import SMALL
 from tests.system.test_files import kill_while_writing
@@ -29,6 +31,16 @@ QUICK |= {"steps": 12, "evaluate_every": 5, "evaluate_pairs": 1}
 def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
     choices = TrainingConfiguration.model_validate(QUICK | changes)
     return task_of("dfd-net", store, choices, seed=seed)
+
+
+def train(
+    task: Task,
+    folder: Path,
+    max_seconds: float | None = None,
+    device: str = "auto",
+    on_step: OnStep | None = None,
+) -> TrainingOutcome:
+    return trainer.train(Learner(task, device), folder, max_seconds, on_step)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

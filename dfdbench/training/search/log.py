@@ -16,26 +16,26 @@ import numpy as np
 import torch
 
 from dfdbench.errors import InputError, MethodError
-from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
 from dfdbench.system.files import whole_files, write_whole
 from dfdbench.system.text import parse_json, require_same
-from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
+from dfdbench.training.learner import Learner
+from dfdbench.training.search.particle import COMPONENTS, Numbers, Swarm, particle_at
 from dfdbench.training.search.search_plan import SearchPlan
-from dfdbench.training.task import DivergedError, Task, evenly_spaced, mean_scores
-from dfdbench.training.trainer import WEIGHTS, train
+from dfdbench.training.task import Task, evenly_spaced, mean_scores
+from dfdbench.training.trainer import DivergedError, train
 
 #: Steps between scores on the way, which nobody looks at in thousands of trainings.
 _NEVER = 10**9
 _IDENTITY = "search.json"
 POSITIONS = "positions.csv"
 _PARTICLES = "particles"
-_SIDES = ("train", "other")
 #: What the objective is made of.
 PARTS = ("nrmse", "nmae", "ssim")
 _HEAD = ("iteration", "particle", "objective", "failed", "parameters", "steps", "seconds")
-_COLUMNS = (*_HEAD, *(f"{side}_{part}" for side in _SIDES for part in PARTS), *COMPONENTS)
+_SCORES = tuple(f"{side}_{part}" for side in ("train", "other") for part in PARTS)
+_COLUMNS = (*_HEAD, *_SCORES, *COMPONENTS)
 _RESTORE = "put the file back as it was, or start over with --out DIR"
 _OTHER = "repeat the earlier command, or choose another folder with --out DIR"
 #: Iteration and particle.
@@ -43,39 +43,35 @@ Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a job came to.
+class LogRow:
+    """A position, and what its training came to.
 
     Parameters
     ----------
-    value : float
-        The objective; infinite where the training failed.
+    place : tuple of int
+        Iteration and particle.
+    position : ndarray of float64, shape (components,)
+        Where it was.
+    objective : float
+        What the search makes small; infinite where the training failed.
     failed : str
         Why it failed; empty where it did not.
-    train, other : dict
-        Mean scores on the two sets.
     parameters, steps : int
         Of the network, of the training.
     seconds : float
         Time spent training.
+    scores : dict
+        Means on the training pairs, ``train_nrmse`` and so on, and on the others, ``other_nrmse``.
     """
-
-    value: float = math.inf
-    failed: str = ""
-    train: dict[str, float] = field(default_factory=dict)
-    other: dict[str, float] = field(default_factory=dict)
-    parameters: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class LogRow:
-    """A position and what its training came to."""
 
     place: Place
     position: Numbers
-    outcome: Outcome
+    objective: float = math.inf
+    failed: str = ""
+    parameters: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    scores: dict[str, float] = field(default_factory=dict)
 
 
 class SearchFolder:
@@ -134,20 +130,27 @@ class SearchFolder:
         for place in places:
             shutil.rmtree(training_folder(self.path, place), ignore_errors=True)
 
-    def require_same(self, place: Place, position: Numbers) -> None:
-        """Refuse a log whose position is not the one that the search comes to.
+    def rows_of(self, swarm: Swarm) -> list[LogRow]:
+        """Return what is known of a swarm's positions, in their order.
 
         Raises
         ------
         InputError
-            If it is another.
+            If the log has another position than the search comes to.
         """
-        row = self._rows.get(place)
-        if row is None or np.array_equal(row.position, position):
+        rows = []
+        for number, position in enumerate(swarm.positions):
+            if row := self._rows.get((swarm.iteration, number)):
+                self._require_same(row, position)
+                rows.append(row)
+        return rows
+
+    def _require_same(self, row: LogRow, position: Numbers) -> None:
+        if np.array_equal(row.position, position):
             return
         number = int(np.flatnonzero(row.position != position)[0])
         got, wanted = row.position[number], position[number]
-        where = f"{self.path / POSITIONS}: iteration {place[0]}, particle {place[1]}"
+        where = f"{self.path / POSITIONS}: iteration {row.place[0]}, particle {row.place[1]}"
         what = f"{COMPONENTS[number]} is {got}, but this search comes to {wanted}"
         raise InputError(what, where=where, fix=_RESTORE)
 
@@ -187,17 +190,19 @@ def _read_rows(log: Path) -> dict[Place, LogRow]:
 def _row_of(values: Mapping[str, str]) -> LogRow:
     if None in values or None in values.values():
         raise ValueError(f"not {len(_COLUMNS)} values")
-    train, other = (
-        {part: float(values[f"{side}_{part}"]) for part in PARTS if values[f"{side}_{part}"]}
-        for side in _SIDES
-    )
-    value, seconds = float(values["objective"]), float(values["seconds"])
-    if math.isnan(value):
+    objective = float(values["objective"])
+    if math.isnan(objective):
         raise ValueError("objective: no number")
-    work = int(values["parameters"]), int(values["steps"]), seconds
-    outcome = Outcome(value, values["failed"], train, other, *work)
-    position = np.array([float(values[name]) for name in COMPONENTS])
-    return LogRow((int(values["iteration"]), int(values["particle"])), position, outcome)
+    return LogRow(
+        (int(values["iteration"]), int(values["particle"])),
+        np.array([float(values[name]) for name in COMPONENTS]),
+        objective,
+        values["failed"],
+        int(values["parameters"]),
+        int(values["steps"]),
+        float(values["seconds"]),
+        {name: float(values[name]) for name in _SCORES if values[name]},
+    )
 
 
 def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
@@ -206,11 +211,10 @@ def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
     if header:
         writer.writerow(_COLUMNS)
     for row in rows:
-        outcome = row.outcome
-        scores = [side.get(part, "") for side in (outcome.train, outcome.other) for part in PARTS]
-        failed = " ".join(outcome.failed.split())
-        work = (outcome.parameters, outcome.steps, outcome.seconds)
-        writer.writerow((*row.place, outcome.value, failed, *work, *scores, *row.position.tolist()))
+        failed = " ".join(row.failed.split())
+        work = (row.objective, failed, row.parameters, row.steps, row.seconds)
+        scores = [row.scores.get(name, "") for name in _SCORES]
+        writer.writerow((*row.place, *work, *scores, *row.position.tolist()))
     return text.getvalue()
 
 
@@ -221,32 +225,33 @@ OF_CENTRE = Protocol(
 )
 
 
-def objective(train: Mapping[str, float], other: Mapping[str, float], gamma: float) -> float:
+def objective(scores: Mapping[str, float], gamma: float) -> float:
     """Return Eq. 6.1: NMAE + NRMSE + 1 - SSIM, of two sets; infinite where one is not defined.
 
     Parameters
     ----------
-    train, other : mapping
-        Means of the three metrics on the training pairs, and on those that select.
+    scores : mapping
+        As of a `LogRow`.
     gamma : float
         The weight of the training pairs, 0 to 1.
 
     Examples
     --------
-    >>> good, poor = dict(nrmse=0.1, nmae=0.1, ssim=0.8), dict(nrmse=0.2, nmae=0.2, ssim=0.4)
-    >>> round(objective(good, poor, 0.3), 3), objective(good, {}, 0.3)
+    >>> good = dict(train_nrmse=0.1, train_nmae=0.1, train_ssim=0.8)
+    >>> poor = dict(other_nrmse=0.2, other_nmae=0.2, other_ssim=0.4)
+    >>> round(objective({**good, **poor}, 0.3), 3), objective(good, 0.3)
     (0.82, inf)
     """
-    parts = [
-        weight * (scores["nmae"] + scores["nrmse"] + 1 - scores["ssim"])
-        for weight, scores in ((gamma, train), (1 - gamma, other))
-        if all(math.isfinite(scores.get(name, math.nan)) for name in PARTS)
-    ]
-    return sum(parts) if len(parts) == 2 else math.inf
+    if not all(math.isfinite(scores.get(name, math.nan)) for name in _SCORES):
+        return math.inf
+    return sum(
+        weight * (scores[f"{side}_nmae"] + scores[f"{side}_nrmse"] + 1 - scores[f"{side}_ssim"])
+        for side, weight in (("train", gamma), ("other", 1 - gamma))
+    )
 
 
-class _TimeUpError(Exception):
-    pass
+class TimeUpError(Exception):
+    """Time is up before what was asked for is done."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +265,7 @@ class Evaluation:
     folder : Path
         Of the search.
     device : str
-        As of `dfdbench.training.trainer.train`.
+        As of `dfdbench.training.learner.Learner`.
     threads : int or None
         Processor threads of each training; None leaves PyTorch's choice.
     until : float
@@ -273,7 +278,7 @@ class Evaluation:
     threads: int | None = None
     until: float = math.inf
 
-    def __call__(self, particle: tuple[Place, Numbers]) -> Outcome | None:
+    def __call__(self, particle: tuple[Place, Numbers]) -> LogRow | None:
         """Train and score a particle by its place and position; None if time was up before.
 
         A training that diverges, or that the machine cannot do, is a failed one. What concerns the
@@ -286,23 +291,23 @@ class Evaluation:
         """
         if self.threads is not None:
             torch.set_num_threads(self.threads)
-        folder = training_folder(self.folder, particle[0])
         try:
-            return self._trained_and_scored(folder, *particle)
-        except _TimeUpError:
+            return self._trained_and_scored(*particle)
+        except TimeUpError:
             return None
         except DivergedError as error:
             problem = error.problems[0]
-            return Outcome(failed=f"diverged: {problem.what}, {problem.where}")
+            why = f"diverged: {problem.what}, {problem.where}"
         except MethodError as error:
             # Its last step broke the weights, after a loss that was still a number.
-            return Outcome(failed=f"diverged: {error.problems[0].what}")
+            why = f"diverged: {error.problems[0].what}"
         except (MemoryError, RuntimeError) as error:
             # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
-            why = str(error).partition("\n")[0][:200]
-            return Outcome(failed=f"failed: {why or type(error).__name__}")
+            text = str(error).partition("\n")[0][:200]
+            why = f"failed: {text or type(error).__name__}"
+        return LogRow(*particle, failed=why)
 
-    def _trained_and_scored(self, folder: Path, place: Place, position: Numbers) -> Outcome:
+    def _trained_and_scored(self, place: Place, position: Numbers) -> LogRow:
         plan, store, choices = self.plan, self.plan.store, self.plan.choices
         self._stop_in_time()
         configuration = plan.configuration_of(particle_at(position))
@@ -310,25 +315,27 @@ class Evaluation:
         # A key of its own: the swarm draws from the same numbers.
         seeds = np.random.SeedSequence((choices.seed, *place), spawn_key=(1,))
         seed = int(seeds.generate_state(1)[0])
-        every, scenes = store.pairs("all"), (plan.train, plan.other)
-        sides = [tuple(pair for pair in every if pair.scene in part) for part in scenes]
-        task = Task("dfd-net", store, sides[0], (), plan.trained_on, "", configuration, seed)
-        card = train(task, folder, None, self.device, lambda *_: self._stop_in_time()).card
-        network = load_weights(folder / WEIGHTS, "dfd-net")[0]
-        centred = plan.variant.scores_centre
-        protocol, centre = (OF_CENTRE, CENTRE) if centred else (find_protocol("thesis"), None)
-        scores = []
-        for side in sides:
-            pairs = side if choices.pairs is None else evenly_spaced(side, choices.pairs)
-            device, readout = find_device(self.device), configuration.readout
-            found = mean_scores(network, store, pairs, device, readout, [protocol], centre)
-            means = found[protocol.label]
-            scores.append({name: means[name] for name in PARTS if name in means})
-        value = objective(scores[0], scores[1], choices.gamma)
+        every = store.pairs("all")
+        sides = {
+            side: tuple(pair for pair in every if pair.scene in scenes)
+            for side, scenes in (("train", plan.train), ("other", plan.other))
+        }
+        task = Task("dfd-net", store, sides["train"], (), plan.trained_on, "", configuration, seed)
+        learner, folder = Learner(task, self.device), training_folder(self.folder, place)
+        weights, card, _ = train(learner, folder, None, lambda *_: self._stop_in_time())
+        network = load_weights(weights, "dfd-net")[0]
+        protocol, centre = (OF_CENTRE, CENTRE) if plan.author else (find_protocol("thesis"), None)
+        scores: dict[str, float] = {}
+        for side, pairs in sides.items():
+            scored = pairs if choices.pairs is None else evenly_spaced(pairs, choices.pairs)
+            how = learner.device, configuration.readout, [protocol], centre
+            means = mean_scores(network, store, scored, *how)[protocol.label]
+            scores |= {f"{side}_{name}": means[name] for name in PARTS if name in means}
+        value = objective(scores, choices.gamma)
         failed = "" if math.isfinite(value) else "failed: its scores are not defined"
         work = card.parameters, card.steps, card.seconds
-        return Outcome(value, failed, scores[0], scores[1], *work)
+        return LogRow(place, position, value, failed, *work, scores)
 
     def _stop_in_time(self) -> None:
         if time.time() >= self.until:
-            raise _TimeUpError
+            raise TimeUpError

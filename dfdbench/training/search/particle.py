@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -17,52 +17,8 @@ from dfdbench.methods.networks import choices
 from dfdbench.methods.networks.architectures import ACTIVATIONS
 from dfdbench.system.strict import Record, problems_of
 
-
-@dataclass(frozen=True)
-class Variant:
-    """A choice for everything in which the author's program differs from the thesis's text.
-
-    Parameters
-    ----------
-    kernel_speed : float
-        The fastest that a filter's rows and columns change, in halves of their size.
-    crop_wraps : bool
-        The size of patches wraps around at its limits; otherwise it stops there.
-    crop_late : bool
-        The size of patches starts at its largest velocity and moves by that of the iteration
-        before.
-    whole : bool
-        Positions start at whole numbers, all equally likely, and are rounded after every move.
-    against_previous : bool
-        A particle's own best is replaced if the value is below that of the iteration before.
-    begins_with_published : bool
-        The first particle begins as DfD-Net itself; otherwise at random, as the others.
-    scores_centre : bool
-        The objective scores the centre of 368 x 400 pixels and divides by 255; otherwise whole
-        images by the protocol ``thesis``.
-    """
-
-    kernel_speed: float = 2
-    crop_wraps: bool = False
-    crop_late: bool = False
-    whole: bool = False
-    against_previous: bool = False
-    begins_with_published: bool = False
-    scores_centre: bool = False
-
-
-VARIANTS = {
-    "thesis": Variant(),
-    "author": Variant(
-        kernel_speed=1,
-        crop_wraps=True,
-        crop_late=True,
-        whole=True,
-        against_previous=True,
-        begins_with_published=True,
-        scores_centre=True,
-    ),
-}
+#: The search as the thesis's text has it, or as its author's program.
+VARIANTS = ("thesis", "author")
 #: The layers that share a width, and those of them that share the size of their filters, output to
 #: input. Layer 1 is no choice, nor are the sizes of filters that halve and double the resolution.
 ROWS: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...] = (
@@ -160,31 +116,38 @@ class Particle(Record):
     crop: int
 
 
-def box_of(bounds: Bounds, variant: Variant) -> Box:
+def box_of(bounds: Bounds, author: bool = False) -> Box:
     """Return the box that particles move in: Tables C.1 to C.3.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        What a particle may describe.
+    author : bool
+        As in the author's program: a filter's rows and columns change by half as much at most; the
+        size of patches wraps around at its limits, starts at its largest velocity and moves by that
+        of the iteration before; positions are whole numbers.
 
     Examples
     --------
-    >>> from dfdbench.training.search.particle import VARIANTS
-    >>> box_of(Bounds(), VARIANTS["thesis"]).high[-1].item()
+    >>> box_of(Bounds()).high[-1].item()
     13.0
     """
-    halves = [size // 2 for size in bounds.kernel]
+    halves, kernel_speed = [size // 2 for size in bounds.kernel], 1 if author else 2
     limits = {
         # lowest, highest, fastest, fastest at first
         "width": (*bounds.width, 16, 8),
-        "rows": (*halves, variant.kernel_speed, 1),
-        "columns": (*halves, variant.kernel_speed, 1),
+        "rows": (*halves, kernel_speed, 1),
+        "columns": (*halves, kernel_speed, 1),
         "normalized": (0, 1, 1, 1),
         "activation": (0, len(_KINDS) - 1, 1, 1),
         "crop": (*((side - 12) // 4 for side in bounds.crop), 1, 1),
     }
     kinds = [name.partition("_")[0] for name in COMPONENTS]
     columns = np.array([limits[kind] for kind in kinds], np.float64).T
-    going_round = {"activation", *(["crop"] if variant.crop_wraps else [])}
-    wraps = np.array([kind in going_round for kind in kinds])
-    late = (kinds.index("crop"),) if variant.crop_late else ()
-    return Box(columns[0], columns[1], columns[2], columns[3], wraps, variant.whole, late)
+    wraps = np.array([kind == "activation" or (author and kind == "crop") for kind in kinds])
+    late = (kinds.index("crop"),) if author else ()
+    return Box(columns[0], columns[1], columns[2], columns[3], wraps, author, late)
 
 
 def whole_numbers(positions: Numbers) -> NDArray[np.int64]:
@@ -199,8 +162,8 @@ def particle_at(position: Numbers) -> Particle:
 
     Examples
     --------
-    >>> particle_at(position_of(filters=[16] * 17 + [256])).filters[-2:]
-    [16, 256]
+    >>> particle_at(published_position()).filters[-2:]
+    [128, 256]
     """
     values = dict(zip(COMPONENTS, whole_numbers(position).tolist(), strict=True))
     widths, sizes = {1: LEVELS}, {1: (3, 3)}
@@ -219,31 +182,15 @@ def particle_at(position: Numbers) -> Particle:
     )
 
 
-def position_of(
-    filters: Sequence[int],
-    kernels: Sequence[int | Sequence[int]] | None = None,
-    activations: Sequence[str] | None = None,
-    normalized: Sequence[bool] | None = None,
-    crop: int = 32,
-    first_activation: str = "prelu",
-) -> Numbers:
-    """Return the position that describes a network, the inverse of `particle_at`.
-
-    Of filters that share a size the first one counts.
-    """
-    widths = dict(zip(choices.LAYERS, choices.checked_filters(filters), strict=True))
-    sizes = choices.kernel_sizes(kernels)
-    chosen = choices.activation_names(activations, first_activation)
-    kinds = dict(zip(choices.SITES, chosen, strict=True))
-    bits = dict(zip(choices.SITES, normalized or [True] * len(choices.SITES), strict=True))
+def published_position() -> Numbers:
+    """Return the position of DfD-Net itself, trained on patches of 32 pixels."""
+    widths = dict(zip(choices.LAYERS, choices.FILTERS["original"], strict=True))
     position: list[float] = []
     for layers, sized in ROWS:
-        position.append(widths[layers[0]])
-        position += [side // 2 for layer in sized[:1] for side in sizes[layer]]
-    position += [int(bits[site]) for site in _OUTWARD]
-    position += [_KINDS.index(kinds[site]) for site in _OUTWARD]
-    position.append((crop - 12) / 4)
-    return np.array(position, np.float64)
+        position += [widths[layers[0]], *([1, 1] if sized else [])]
+    position += [1] * len(_OUTWARD)
+    position += [_KINDS.index("prelu")] * len(_OUTWARD)
+    return np.array([*position, (32 - 12) / 4], np.float64)
 
 
 Numbers = NDArray[np.float64]

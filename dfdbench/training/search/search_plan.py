@@ -9,7 +9,6 @@ import numpy as np
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
-from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration, settled
@@ -84,19 +83,19 @@ class SearchPlan:
     other: tuple[str, ...]
 
     @property
-    def variant(self) -> pso.Variant:
-        """What of the author's programs is followed."""
-        return pso.VARIANTS[self.choices.variant]
+    def author(self) -> bool:
+        """True where the author's programs are followed, not the thesis's text."""
+        return self.choices.variant == "author"
 
     @property
     def box(self) -> pso.Box:
         """Where particles may be."""
-        return pso.box_of(self.choices.bounds, self.variant)
+        return pso.box_of(self.choices.bounds, self.author)
 
     @property
     def known(self) -> pso.Numbers | None:
-        """Where the first particle begins, where that is known."""
-        return pso.position_of(FILTERS["original"]) if self.variant.begins_with_published else None
+        """Where the first particle begins: the author's at DfD-Net itself, others anywhere."""
+        return pso.published_position() if self.author else None
 
     @property
     def selected_on(self) -> str:

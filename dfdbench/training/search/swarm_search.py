@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,14 @@ from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search import particle as pso
-from dfdbench.training.search.log import PARTS, Evaluation, LogRow, Outcome, Place, SearchFolder
+from dfdbench.training.search.log import PARTS, Evaluation, LogRow, SearchFolder, TimeUpError
 from dfdbench.training.search.search_plan import SearchPlan
 
 #: In a search's folder, when it has an outcome.
 BEST, TABLES = "best.toml", "search.md"
 
 
-@dataclass(frozen=True)
+@dataclass
 class SearchOutcome:
     """What a call of `run_search` came to.
 
@@ -33,11 +33,11 @@ class SearchOutcome:
     ----------
     swarm : Swarm or None
         After the last iteration that is whole; None if not even the start is.
-    course : tuple of Iteration
+    course : list of Iteration
         The start, and each iteration that is whole.
     best : LogRow or None
         The best position of `swarm`, and its training; None if all failed.
-    failures : tuple of LogRow
+    failures : list of LogRow
         Trainings that failed or diverged.
     trainings : int
         Done so far.
@@ -45,12 +45,23 @@ class SearchOutcome:
         False where time was up before.
     """
 
-    swarm: pso.Swarm | None
-    course: tuple[Iteration, ...]
-    best: LogRow | None
-    failures: tuple[LogRow, ...]
-    trainings: int
-    finished: bool
+    swarm: pso.Swarm | None = None
+    course: list[Iteration] = field(default_factory=list)
+    best: LogRow | None = None
+    failures: list[LogRow] = field(default_factory=list)
+    trainings: int = 0
+    finished: bool = True
+
+    def close(self, swarm: pso.Swarm, log: SearchFolder) -> None:
+        """Take note of an iteration that is whole; of its trainings the best one is kept."""
+        rows = log.rows_of(swarm)
+        # What was best before an earlier call ended may be long gone: only what is known now goes.
+        known = [row.place for row in rows] + ([self.swarm.best_at] if self.swarm else [])
+        log.forget(place for place in known if place != swarm.best_at)
+        self.swarm = swarm
+        self.best = log[swarm.best_at] if np.isfinite(swarm.best_value) else None
+        self.failures += [row for row in rows if row.failed]
+        self.course.append(iteration_of(swarm, np.array([row.objective for row in rows])))
 
     def write(self, plan: SearchPlan, folder: Path) -> list[Table]:
         """Write its tables, and the best network as a configuration; return the tables."""
@@ -60,10 +71,6 @@ class SearchOutcome:
             write_whole(folder / BEST, best_as_toml(plan, self.best))
         write_whole(folder / TABLES, render(tables, Format.markdown))
         return tables
-
-
-class _TimeUpError(Exception):
-    pass
 
 
 def run_search(
@@ -108,87 +115,43 @@ def run_search(
     and takes the values from the log. A training that was stopped goes on from its checkpoint.
     """
     until = time.time() + max_seconds if max_seconds is not None else float("inf")
-    with writing_folder(folder, "search"):
-        log = SearchFolder(folder)
-        log.open(plan.identity)
-        evaluation = Evaluation(plan, folder.absolute(), device, threads, until)
-        judge = _Judge(evaluation, log, iterations, pool, on_done)
-        finished = True
-        try:
-            particles, seed = plan.choices.particles, plan.choices.seed
-            against = plan.variant.against_previous
-            for swarm in pso.search(
-                judge, plan.box, particles, iterations, seed, plan.known, against
-            ):
-                judge.close(swarm)
-        except _TimeUpError:
-            finished = False
-    last = judge.swarm
-    best = log[last.best_at] if last and np.isfinite(last.best_value) else None
-    course, failures = tuple(judge.course), tuple(judge.failures)
-    return SearchOutcome(last, course, best, failures, len(log), finished)
+    evaluate = Evaluation(plan, folder.absolute(), device, threads, until)
+    log, found, choices = SearchFolder(folder), SearchOutcome(), plan.choices
 
+    def tell() -> None:
+        if on_done:
+            on_done(len(log), (iterations + 1) * choices.particles)
 
-class _Judge:
-    """Gives a swarm its values: from the log, and by training what is not there."""
+    def note(_: object, row: LogRow | None) -> None:
+        if row is not None:
+            log.note(row)
+            tell()
 
-    def __init__(
-        self,
-        evaluation: Evaluation,
-        log: SearchFolder,
-        iterations: int,
-        pool: Pool | None,
-        on_done: Callable[[int, int], None] | None,
-    ) -> None:
-        self._evaluate, self._log, self._pool, self._on_done = evaluation, log, pool, on_done
-        self._total = (iterations + 1) * evaluation.plan.choices.particles
-        self._values: pso.Numbers = np.empty(0)
-        self.swarm: pso.Swarm | None = None
-        self.course: list[Iteration] = []
-        self.failures: list[LogRow] = []
-        self._tell()
-
-    def __call__(self, swarm: pso.Swarm) -> pso.Numbers:
-        """Return a value for each position, each noted as soon as it is known."""
-        places = [(swarm.iteration, number) for number in range(len(swarm.positions))]
-        particles = list(zip(places, swarm.positions, strict=True))
-        for particle in particles:
-            self._log.require_same(*particle)
-        left = [particle for particle in particles if self._log[particle[0]] is None]
-
-        def note(particle: tuple[Place, pso.Numbers], outcome: Outcome | None) -> None:
-            if outcome is not None:
-                self._log.note(LogRow(*particle, outcome))
-                self._tell()
-
-        if self._pool is None:
+    def judge(swarm: pso.Swarm) -> pso.Numbers:
+        there = {row.place for row in log.rows_of(swarm)}
+        particles = (((swarm.iteration, at), place) for at, place in enumerate(swarm.positions))
+        left = [particle for particle in particles if particle[0] not in there]
+        if pool and left:
+            pool.map(evaluate, left, on_outcome=note)
+        else:
             for particle in left:
-                note(particle, self._evaluate(particle))
-        elif left:
-            self._pool.map(self._evaluate, left, on_outcome=note)
-        rows = [self._log[place] for place in places]
-        known = [row for row in rows if row is not None]
-        if len(known) < len(rows):
-            raise _TimeUpError
-        self.failures += [row for row in known if row.outcome.failed]
-        self._values = np.array([row.outcome.value for row in known])
-        return self._values
+                note(particle, evaluate(particle))
+        rows = log.rows_of(swarm)
+        if len(rows) < len(swarm.positions):
+            raise TimeUpError
+        return np.array([row.objective for row in rows])
 
-    def close(self, swarm: pso.Swarm) -> None:
-        """Take note of an iteration that is whole; of its trainings the best one is kept."""
-        before = self.swarm.best_at if self.swarm else None
-        own = [(swarm.iteration, number) for number in range(len(swarm.positions))]
-        # What was best before an earlier call ended may be long gone: only what is known now goes.
-        gone = [place for place in own if place != swarm.best_at]
-        if before and before != swarm.best_at:
-            gone.append(before)
-        self._log.forget(gone)
-        self.swarm = swarm
-        self.course.append(iteration_of(swarm, self._values))
-
-    def _tell(self) -> None:
-        if self._on_done:
-            self._on_done(len(self._log), self._total)
+    with writing_folder(folder, "search"):
+        log.open(plan.identity)
+        tell()
+        how = plan.box, choices.particles, iterations, choices.seed, plan.known
+        try:
+            for swarm in pso.search(judge, *how, plan.author):
+                found.close(swarm, log)
+        except TimeUpError:
+            found.finished = False
+    found.trainings = len(log)
+    return found
 
 
 #: Shares of equal components at which the thesis's author calls a swarm converged.
@@ -250,7 +213,7 @@ def course_table(
     notes = [f"selected on {plan.selected_on}", f"gamma {plan.choices.gamma:g}"]
     for row in failures:
         iteration, particle = row.place
-        notes.append(f"iteration {iteration}, particle {particle}: {row.outcome.failed}")
+        notes.append(f"iteration {iteration}, particle {particle}: {row.failed}")
     title = f"particle swarm, {plan.choices.particles} particles, variant {plan.choices.variant}"
     columns = ("iteration", "best so far", "least", "mean", "failed", "as the best")
     records = tuple(vars(item) for item in course)
@@ -267,13 +230,13 @@ def network_table(plan: SearchPlan, best: LogRow) -> Table:
         rows.append((str(layer), *map(str, widths), size, *_site_of(layer, particle)))
     iteration, number = best.place
     configuration = plan.configuration_of(particle)
-    outcome = best.outcome
-    notes = [f"found in iteration {iteration}, particle {number}: objective {outcome.value:.4f}"]
-    for name, scores in (("training pairs", outcome.train), ("pairs selected on", outcome.other)):
-        notes.append(f"{name}: " + ", ".join(f"{p.upper()} {scores[p]:.4f}" for p in PARTS))
+    notes = [f"found in iteration {iteration}, particle {number}: objective {best.objective:.4f}"]
+    for name, side in (("training pairs", "train"), ("pairs selected on", "other")):
+        scores = (f"{part.upper()} {best.scores[f'{side}_{part}']:.4f}" for part in PARTS)
+        notes.append(f"{name}: {', '.join(scores)}")
     notes.append(f"patches of {particle.crop}, {configuration.crops_per_step} a step")
     divided = f", all widths but the last divided by {plan.base.narrow}"
-    notes.append(f"{outcome.parameters:,} parameters" + (divided if plan.base.narrow > 1 else ""))
+    notes.append(f"{best.parameters:,} parameters" + (divided if plan.base.narrow > 1 else ""))
     columns = ("layer", "filters", "baseline", "rows x columns", "normalized", "activation")
     return Table("the best network", columns, tuple(rows), "lrrrll", tuple(notes))
 
@@ -299,5 +262,5 @@ def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
     }
     return (
         f"# Found by a particle swarm on {plan.store.manifest.stem}, objective "
-        f"{best.outcome.value:.6g},\n# selected on {plan.selected_on}.\n{toml_text(content)}"
+        f"{best.objective:.6g},\n# selected on {plan.selected_on}.\n{toml_text(content)}"
     )

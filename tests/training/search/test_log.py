@@ -1,6 +1,7 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -17,12 +18,12 @@ from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.training.search import log as keeping
-from dfdbench.training.search.particle import COMPONENTS, position_of
+from dfdbench.training.search.particle import COMPONENTS
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
 from tests.methods.networks.test_architectures import SMALL
 from tests.system.test_files import kill_while_writing
-from tests.training.search.made_searches import small_plan, some_rows
+from tests.training.search.made_searches import position_of, small_plan, some_rows, some_swarm
 
 
 def opened(plan: SearchPlan, path: Path) -> keeping.SearchFolder:
@@ -51,6 +52,10 @@ def test_a_search_killed_before_it_said_what_it_is_begins_again(
     assert len(opened(plan, tmp_path / "s")) == 0
 
 
+def work_of(row: keeping.LogRow) -> dict[str, Any]:
+    return {name: value for name, value in vars(row).items() if name != "position"}
+
+
 def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -> None:
     again = opened(plan, path)
     assert len(again) == 3
@@ -58,13 +63,13 @@ def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -
         found = again[row.place]
         assert found is not None
         assert np.array_equal(found.position, row.position)
-        again.require_same(row.place, row.position)
+    assert [row.place for row in again.rows_of(some_swarm(plan))] == [(0, 0), (0, 1), (0, 2)]
     failed = again[0, 2]
     assert failed is not None
-    assert (failed.outcome.value, failed.outcome.failed) == (np.inf, "diverged: at step 3")
+    assert (failed.objective, failed.failed) == (np.inf, "diverged: at step 3")
     whole = again[0, 0]
     assert isinstance(whole, keeping.LogRow)
-    assert whole.outcome == some_rows(plan)[0].outcome
+    assert work_of(whole) == work_of(some_rows(plan)[0])
     assert again[1, 0] is None
 
 
@@ -111,11 +116,11 @@ def test_a_log_that_cannot_be_is_named_and_kept(
 
 def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, path: Path) -> None:
     folder = opened(plan, path)
-    other = some_rows(plan)[0].position.copy()
-    other[COMPONENTS.index("width_20")] += 1
+    swarm = some_swarm(plan)
+    swarm.positions[0, COMPONENTS.index("width_20")] += 1
     with pytest.raises(InputError, match=r"width_20 is .* iteration 0, particle 0"):
-        folder.require_same((0, 0), other)
-    folder.require_same((5, 0), other)
+        folder.rows_of(swarm)
+    assert folder.rows_of(replace(swarm, iteration=5)) == []
 
 
 def test_another_search_is_told_by_what_is(
@@ -143,7 +148,7 @@ def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path
 
 def evaluated(
     store: Dataset, folder: Path, until: float = math.inf, **configuration: Any
-) -> keeping.Outcome | None:
+) -> keeping.LogRow | None:
     evaluate = keeping.Evaluation(small_plan(store, configuration), folder, "cpu", 1, until)
     return evaluate(((0, 1), position_of(FILTERS["original"], crop=12)))
 
@@ -152,12 +157,14 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_
     outcome = evaluated(tiny_store, tmp_path)
     assert outcome is not None
     assert (outcome.failed, outcome.steps) == ("", 2)
-    assert outcome.value == keeping.objective(outcome.train, outcome.other, 0.3) < math.inf
+    assert outcome.objective == keeping.objective(outcome.scores, 0.3) < math.inf
     weights = keeping.training_folder(tmp_path, (0, 1)) / "weights.safetensors"
     card = load_weights(weights, "dfd-net")[1]
     assert (card.parameters, card.seed) == (outcome.parameters, 1310249577)
     assert "less " in card.trained_on
-    assert evaluated(tiny_store, tmp_path) == outcome  # gone on with, nothing is left to train
+    again = evaluated(tiny_store, tmp_path)  # gone on with, nothing is left to train
+    assert again is not None
+    assert work_of(again) == work_of(outcome)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +186,7 @@ def test_a_training_that_fails_is_infinitely_bad(
         monkeypatch.setattr(keeping, "train", Mock(side_effect=raised))
     outcome = evaluated(tiny_store, tmp_path, learning_rate=1e30, steps=5)
     assert outcome is not None
-    assert outcome.value == math.inf
+    assert outcome.objective == math.inf
     assert outcome.failed.startswith(said)
 
 
@@ -203,13 +210,13 @@ CPU = torch.device("cpu")
 
 
 def test_eq_6_1_by_hand() -> None:
-    train = {"nrmse": 0.06, "nmae": 0.02, "ssim": 0.9}
-    test = {"nrmse": 0.10, "nmae": 0.04, "ssim": 0.8}
-    assert keeping.objective(train, test, 0.3) == pytest.approx(0.3 * 0.18 + 0.7 * 0.34)
-    assert keeping.objective(train, test, 1.0) == pytest.approx(0.18)
-    for broken in ({}, test | {"ssim": math.nan}, {"nrmse": 0.1, "nmae": 0.1}):
-        assert keeping.objective(train, broken, 0.3) == math.inf
-        assert keeping.objective(broken, test, 1.0) == math.inf
+    train = {"train_nrmse": 0.06, "train_nmae": 0.02, "train_ssim": 0.9}
+    test = {"other_nrmse": 0.10, "other_nmae": 0.04, "other_ssim": 0.8}
+    assert keeping.objective(train | test, 0.3) == pytest.approx(0.3 * 0.18 + 0.7 * 0.34)
+    assert keeping.objective(train | test, 1.0) == pytest.approx(0.18)
+    broken = {"train_ssim": math.nan}, {"other_ssim": math.nan}
+    for scores in (train, test, *(train | test | other for other in broken)):
+        assert keeping.objective(scores, 0.3) == keeping.objective(scores, 1.0) == math.inf
 
 
 def network() -> Any:

@@ -9,6 +9,7 @@ from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SIZED
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search import particle as pso
+from tests.training.search.made_searches import position_of
 
 
 def test_a_particle_has_51_components_as_the_author_counts_them() -> None:
@@ -24,7 +25,7 @@ def test_a_particle_has_51_components_as_the_author_counts_them() -> None:
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_named_network_is_a_particle_s(name: str) -> None:
     first = "sigmoid" if name == "pso" else "prelu"
-    particle = pso.particle_at(pso.position_of(FILTERS[name], first_activation=first))
+    particle = pso.particle_at(position_of(FILTERS[name], first_activation=first))
     found = TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
     named = TrainingConfiguration.model_validate({"filters": name, "first_activation": first})
     assert found == named.architecture("dfd-net")
@@ -32,7 +33,7 @@ def test_every_named_network_is_a_particle_s(name: str) -> None:
 
 
 def test_mapping_functions_are_those_of_appendix_c() -> None:
-    position = pso.position_of(FILTERS["original"])
+    position = position_of(FILTERS["original"])
     position[pso.COMPONENTS.index("width_5_12")] = 127.5
     position[pso.COMPONENTS.index("rows_5_12")] = 3.4999
     position[pso.COMPONENTS.index("columns_5_12")] = 3.5
@@ -52,22 +53,26 @@ def test_mapping_functions_are_those_of_appendix_c() -> None:
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(pso.VARIANTS)))
-def test_all_of_the_box_is_networks_and_back(seed: int, variant: str) -> None:
-    box = pso.box_of(pso.Bounds(), pso.VARIANTS[variant])
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_all_of_the_box_is_networks_and_back(seed: int, author: bool) -> None:
+    box = pso.box_of(pso.Bounds(), author)
     (position,) = pso.begun(box, 1, seed).positions
     particle = pso.particle_at(position)
     assert set(particle.filters[:-1]) <= set(range(8, 513))
     assert {side for size in particle.kernels for side in size} <= {1, 3, 5, 7, 9}
     assert particle.crop in pso.PATCHES
     TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
-    again = pso.position_of(**particle.model_dump())
+    again = position_of(**particle.model_dump())
     assert np.array_equal(again, pso.whole_numbers(position))
+
+
+def test_the_author_begins_with_dfd_net_itself() -> None:
+    assert np.array_equal(pso.published_position(), position_of(FILTERS["original"]))
 
 
 def test_bounds_make_the_box_smaller() -> None:
     bounds = pso.bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"})
-    box = pso.box_of(bounds, pso.VARIANTS["thesis"])
+    box = pso.box_of(bounds)
     ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(pso.COMPONENTS)}
     assert ends["width_8"] == (16, 64)
     assert ends["rows_8"] == ends["columns_48"] == (1, 2)
@@ -94,7 +99,7 @@ def test_what_are_no_bounds_is_told(given: dict[str, str], said: str) -> None:
 
 
 def test_the_author_s_box_is_the_text_s_but_for_what_is_said() -> None:
-    text, author = (pso.box_of(pso.Bounds(), pso.VARIANTS[name]) for name in ("thesis", "author"))
+    text, author = (pso.box_of(pso.Bounds(), author) for author in (False, True))
     assert np.array_equal(text.low, author.low)
     assert np.array_equal(text.high, author.high)
     sizes = np.array([name.startswith(("rows", "columns")) for name in pso.COMPONENTS])
@@ -150,14 +155,12 @@ class AuthorsProgram:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
-    variant = pso.VARIANTS["author"]
-    box, random = pso.box_of(pso.Bounds(), variant), np.random.default_rng(seed)
+    box, random = pso.box_of(pso.Bounds(), author=True), np.random.default_rng(seed)
     values = random.uniform(0.4, 0.9, (15, 6)).round(2)
     own: list[bool] = []
     start = pso.begun(box, 6, seed)
     program = AuthorsProgram(start.positions, start.velocities, seed)
-    rule = variant.against_previous
-    swarms = pso.search(lambda s: values[s.iteration], box, 6, 14, seed, against_previous=rule)
+    swarms = pso.search(lambda s: values[s.iteration], box, 6, 14, seed, against_previous=True)
     for swarm in swarms:
         if swarm.iteration:
             program.move()

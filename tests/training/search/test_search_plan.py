@@ -5,8 +5,8 @@ import pytest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.choices import FILTERS
-from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
-from tests.training.search.made_searches import small_plan
+from dfdbench.training.search.particle import PATCHES, Bounds, particle_at
+from tests.training.search.made_searches import position_of, small_plan
 
 
 def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:

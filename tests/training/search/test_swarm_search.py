@@ -11,10 +11,10 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search import swarm_search
-from dfdbench.training.search.log import Evaluation, LogRow, Outcome
-from dfdbench.training.search.particle import begun, judged, particle_at, position_of
+from dfdbench.training.search.log import Evaluation, LogRow
+from dfdbench.training.search.particle import begun, judged, particle_at
 from tests.conftest import ON_SERVERS
-from tests.training.search.made_searches import losses, small_plan, some_rows
+from tests.training.search.made_searches import losses, position_of, small_plan, some_rows
 
 ITERATIONS = 2
 
@@ -46,12 +46,12 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_pa
     rows = (tmp_path / "s/positions.csv").read_text().splitlines()
     assert len(rows) == 5
     objectives = [float(row.split(",")[2]) for row in rows[1:]]
-    assert outcome.best.outcome.value == min(objectives) == outcome.course[-1].best
+    assert outcome.best.objective == min(objectives) == outcome.course[-1].best
     # The weights of all but the best are gone.
     (kept,) = (tmp_path / "s/particles").iterdir()
     assert kept.name == "{:03}-{:03}".format(*outcome.best.place)
     card = load_weights(kept / "weights.safetensors", "dfd-net")[1]
-    assert card.parameters == outcome.best.outcome.parameters
+    assert card.parameters == outcome.best.parameters
     # Asked for more, it goes on; asked for the same again, it trains nothing.
     more = searched(tiny_store, tmp_path / "s")
     assert same(more, searched(tiny_store, tmp_path / "at-once"))
@@ -75,9 +75,9 @@ def test_a_failed_training_is_told_and_searched_past(
 ) -> None:
     trained = Evaluation.__call__
 
-    def sometimes(self: Evaluation, particle: Any) -> Outcome | None:
+    def sometimes(self: Evaluation, particle: tuple[Any, Any]) -> LogRow | None:
         if particle[0][1] == 0:
-            return Outcome(failed="diverged: the loss became nan, step 2")
+            return LogRow(*particle, failed="diverged: the loss became nan, step 2")
         return trained(self, particle)
 
     monkeypatch.setattr(Evaluation, "__call__", sometimes)
@@ -87,8 +87,11 @@ def test_a_failed_training_is_told_and_searched_past(
     assert outcome.best is not None
     assert outcome.best.place[1] == 1
     assert same(searched(tiny_store, tmp_path / "s"), outcome)
-    failed = Outcome(failed="failed: no memory")
-    monkeypatch.setattr(Evaluation, "__call__", lambda *_: failed)
+
+    def never(self: Evaluation, particle: tuple[Any, Any]) -> LogRow:
+        return LogRow(*particle, failed="failed: no memory")
+
+    monkeypatch.setattr(Evaluation, "__call__", never)
     nothing = searched(tiny_store, tmp_path / "t")
     assert (nothing.best, nothing.finished) == (None, True)
 
@@ -98,10 +101,10 @@ def test_time_is_up_and_more_time_goes_on(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     early = searched(tiny_store, tmp_path / "s", max_seconds=0)
-    assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
+    assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, [], 0)
     asked, trained = [], Evaluation.__call__
 
-    def three(self: Evaluation, particle: Any) -> Outcome | None:
+    def three(self: Evaluation, particle: Any) -> LogRow | None:
         asked.append(particle)
         return trained(self, particle) if len(asked) <= 3 else None
 
@@ -131,7 +134,7 @@ def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
 def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store, split="train", as_thesis=True, particles=3)
     rows = some_rows(plan)
-    values = np.array([row.outcome.value for row in rows])
+    values = np.array([row.objective for row in rows])
     swarm = judged(begun(plan.box, 3, 0), values)
     table = swarm_search.course_table(plan, [swarm_search.iteration_of(swarm, values)], rows[-1:])
     assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
@@ -140,9 +143,10 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
 
 
 def swarm_s(value: float = 0.5) -> LogRow:
-    scores = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
+    means = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
+    scores = {f"{side}_{part}": means[part] for side in ("train", "other") for part in means}
     position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
-    return LogRow((4, 2), position, Outcome(value, "", scores, scores, 1234, 2, 0.5))
+    return LogRow((4, 2), position, value, "", 1234, 2, 0.5, scores)
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.formation import focus_levels, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import DfdbenchError
 from dfdbench.methods.calling import UNIT_LEVELS, TorchMethod, call, difference, in_unit_range
 from dfdbench.methods.method import Image, Learned, Method, Prediction, restore, teach
@@ -25,9 +27,7 @@ from dfdbench.system.parallel import Processes
 _SEED = 0
 _RECIPE = RECIPES["published"]
 _ORDINARY = "an ordinary pair, 240 × 320"
-if TYPE_CHECKING:
-    import xarray
-
+_SCALE = DepthScale(near=0.5, far=5.0, far_level=0)
 #: A method of stacks is tried on so many focus planes.
 _PLANES = 4
 _FIT = "fit, on two made pairs"
@@ -36,64 +36,31 @@ _ELSEWHERE = "the same pair in another process"
 _SEEDED = "an answer may depend only on the pair and the run's seed"
 
 
-class MadePair(NamedTuple):
-    """A training pair that is made, or a stack: see `dfdbench.methods.method.TrainingPair`.
+def made_pair(
+    infocus: Image,
+    defocus: Image,
+    levels: Image,
+    valid: NDArray[np.bool_],
+    planes: int = 0,
+    unit: Unit = "levels",
+) -> Capture:
+    """Return a pair that is made as a capture; or a stack, with `planes`.
 
-    With `planes` it is a stack of the in-focus image and so many others, which are focused at
-    levels that are evenly spaced in 1 / distance from 5 m to 0.5 m.
+    That is the in-focus image and so many others, which are focused at levels that are evenly
+    spaced in 1 / distance from 5 m to 0.5 m.
     """
-
-    infocus: Image
-    defocus: Image
-    levels: Image
-    valid: NDArray[np.bool_]
-    planes: int = 0
-    unit: Unit = "levels"
-
-    @property
-    def is_pair(self) -> bool:
-        """Whether it has no other images."""
-        return not self.planes
-
-    @property
-    def depth(self) -> NDArray[np.float32]:
-        """The depth in its unit, NaN where not valid."""
-        depth = self.levels if self.unit == "levels" else _metres(self.levels)
-        return np.where(self.valid, depth, np.nan).astype(np.float32)
-
-    def two_of(self, images: Sequence[int] | None) -> MadePair:
-        """Return itself: two images are what a pair has."""
-        return self
-
-    @property
-    def stack(self) -> xarray.DataArray:
-        """All images, with what is known of them."""
-        import xarray  # half a second, for methods that ask
-
-        images, levels = [self.infocus, self.defocus], np.full(2, np.nan)
-        if self.planes:
-            others = form_stack(self.infocus, self.levels, _RECIPE, self.planes)
-            images = [self.infocus, *others]
-            levels = np.array([np.nan, *focus_levels(self.planes)])
-        distances, metres = _metres(levels), self.unit == "metres"
-        known = {
-            "focus_distance": distances if self.planes else levels,
-            "focus_depth": distances if metres else levels,
-            "f_number": np.full(len(images), np.nan),
-        }
-        return xarray.DataArray(
-            np.stack(images),
-            dims=("image", "y", "x", "channel"),
-            coords={"role": ("image", ["infocus", *["defocus"] * (len(images) - 1)])}
-            | {name: ("image", values) for name, values in known.items()},
-            attrs={"unit": self.unit}
-            | dict(zip(("near", "far"), (0.5, 5.0) if metres else (255.0, 0.0), strict=True))
-            | dict.fromkeys(("focal_length", "pixel_pitch"), np.nan),
-        )
-
-
-def _metres(levels: NDArray[Any]) -> NDArray[np.float64]:
-    return np.asarray(1 / (0.2 + levels * (2 - 0.2) / 255))
+    about = Depth(axes=[], unknown=0, grows_with="nearness", unit=unit, scale=_SCALE)
+    images, facts, depth = [infocus, defocus], ImageFacts(), levels.astype(np.float64)
+    if planes:
+        images = [infocus, *form_stack(infocus, levels, _RECIPE, planes)]
+        focus = np.array([np.nan, *focus_levels(planes)])
+        distance = _SCALE.to_metres(focus)
+        roles: tuple[Role, ...] = (PAIR[0], *(PAIR[1] for _ in range(planes)))
+        facts = ImageFacts(roles, distance, distance if unit == "metres" else focus)
+    if unit == "metres":
+        depth = _SCALE.to_metres(levels)
+    known = np.where(valid, depth, np.nan).astype(np.float32)
+    return Capture(Pair("made", ()), np.stack(images), known, facts, about)
 
 
 @dataclass(frozen=True)
@@ -144,12 +111,12 @@ def check_method(method: Method, load: Callable[[], Method] | None = None) -> tu
         trials.append(Check(name, prediction.seconds, prediction.error, _odd(prediction)))
     first = answers[_ORDINARY]
     if first.depth is not None:
-        trials.append(_try_again(method, first))
+        trials.append(_try_again(method, ordinary, first))
         # What keeps its fit in itself cannot be sent there; the fit's own line says so.
         if load and not trials[-1].error and (method.learner is None or learned is not None):
             trials.append(_try_elsewhere(partial(_answer_anew, load, learned), ordinary, first))
         turned = correlation(ordinary.depth, first.depth) < AGAINST
-        if ordinary.unit == "levels":
+        if ordinary.about.kind == "levels":
             odd = "depth seems to grow with distance: every set wants brighter for nearer"
             trials.append(Check("brighter for nearer", first.seconds, warning=odd * turned))
             odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
@@ -170,24 +137,23 @@ def _odd(prediction: Prediction) -> str:
     return "; ".join(oddities)
 
 
-def _answer(method: Method, pair: MadePair) -> Prediction:
+def _answer(method: Method, pair: Capture) -> Prediction:
     predict, images = method.called_on(pair)
     with seeded(_SEED):
-        return call(predict, *images, unit=pair.unit)
+        return call(predict, *images, unit=pair.about.kind)
 
 
-def _try_again(method: Method, first: Prediction) -> Check:
-    images = _awkward_pairs(method)[_ORDINARY]
+def _try_again(method: Method, pair: Capture, first: Prediction) -> Check:
     # Twice: a method that remembers its last pair answers as it did at first only then.
     for _ in range(2):
-        again = _answer(method, images)
+        again = _answer(method, pair)
         if differs := difference(first.depth, again.depth):
             return Check(_AGAIN, again.seconds, f"{differs}: {_SEEDED}")
     return Check(_AGAIN, again.seconds)
 
 
 def _answer_anew(
-    load: Callable[[], Method], learned: Learned | None, images: MadePair
+    load: Callable[[], Method], learned: Learned | None, images: Capture
 ) -> Prediction:
     method = load()
     if learned is not None:
@@ -196,7 +162,7 @@ def _answer_anew(
 
 
 def _try_elsewhere(
-    answer: Callable[[MadePair], Prediction], pair: MadePair, first: Prediction
+    answer: Callable[[Capture], Prediction], pair: Capture, first: Prediction
 ) -> Check:
     try:
         (there,) = Processes(1).map(answer, [pair])
@@ -207,18 +173,18 @@ def _try_elsewhere(
     return Check(_ELSEWHERE, there.seconds, error)
 
 
-def _awkward_pairs(method: Method) -> dict[str, MadePair]:
+def _awkward_pairs(method: Method) -> dict[str, Capture]:
     random = np.random.default_rng(_SEED)
 
-    def made(sharp: Image, blurred: Image) -> MadePair:
+    def made(sharp: Image, blurred: Image) -> Capture:
         levels = _slope(*sharp.shape[:2])
-        return MadePair(sharp, blurred, levels, levels > 0, *_kind(method))
+        return made_pair(sharp, blurred, levels, levels > 0, *_kind(method))
 
-    def noise(height: int, width: int) -> MadePair:
+    def noise(height: int, width: int) -> Capture:
         image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
         return made(image, synthesize(image, _slope(height, width), _RECIPE))
 
-    def flat(value: int) -> MadePair:
+    def flat(value: int) -> Capture:
         image = np.full((120, 160, 3), value, np.uint8)
         return made(image, image.copy())
 
@@ -249,14 +215,15 @@ def _try_fit(method: Method) -> tuple[Check, Learned | None]:
         blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
         depth = np.kron(blocks, np.ones((40, 40), np.uint8))
         blurred = synthesize(image, depth, _RECIPE)
-        pairs.append(MadePair(image, blurred, depth, depth > 0, *_kind(method)))
-    handed = [array for pair in pairs for array in pair[:4]]
+        pairs.append(made_pair(image, blurred, depth, depth > 0, *_kind(method)))
+    handed = [array for pair in pairs for array in (pair.images, pair.depth)]
     before = [array.copy() for array in handed]
     try:
         lesson = teach(method, pairs, _SEED)
     except DfdbenchError as error:
         return Check(_FIT, 0, " ".join(str(error).split())), None
-    odd = [] if all(map(np.array_equal, handed, before)) else ["changes the pairs it is handed"]
+    same = partial(np.array_equal, equal_nan=True)
+    odd = [] if all(map(same, handed, before)) else ["changes the pairs it is handed"]
     if lesson.learned is None:
         odd.append("returns None: it is called again when a run goes on, and not with --workers")
     return Check(_FIT, lesson.seconds, warning="; ".join(odd)), lesson.learned
@@ -267,7 +234,7 @@ def _slope(height: int, width: int) -> Image:
     return np.broadcast_to(levels, (height, width)).copy()
 
 
-def _try_writing(method: Method, pair: MadePair) -> Check:
+def _try_writing(method: Method, pair: Capture) -> Check:
     # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
     predict, images = method.called_on(pair)
     mine = [image.copy() for image in images]
@@ -279,7 +246,7 @@ def _try_writing(method: Method, pair: MadePair) -> Check:
             odd.append("returns a tensor with a gradient: torch.no_grad() would save memory")
         return returned
 
-    prediction = call(predict_on_mine, *images, unit=pair.unit)
+    prediction = call(predict_on_mine, *images, unit=pair.about.kind)
     if not all(map(np.array_equal, mine, images)):
         odd.append("changes the images it is handed")
     return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from dfdbench.methods.check import check_method
+from dfdbench.evaluation.check import check_method
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
 
@@ -138,7 +138,7 @@ class Fitted:
         assert [pair.infocus.shape for pair in pairs] == [(240, 320, 3)] * 2
         assert set(np.unique(pairs[0].levels)) == set(np.unique(pairs[1].levels))
         if self.change:
-            pairs[1].levels[0, 0] += 1
+            pairs[1].depth[0, 0] += 1
         return self.learned
 
     def restore(self, learned: Any) -> None:
