@@ -70,7 +70,7 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
 @pytest.mark.usefixtures("small_demo_built")
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
-    assert dfdbench.fine("leaderboard").err == f"rows of dfdbench {__version__}\n"
+    assert dfdbench.fine("leaderboard --format csv").err == f"rows of dfdbench {__version__}\n"
     make_folder("constant")
     submitted = dfdbench.fine(*run, "constant", "--submit", "--no-figures")
     path = "leaderboard/results/demo-1-test/constant.json"

@@ -62,9 +62,9 @@ def test_the_whole_way(
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
-    dfdbench: Command, demo_store: Dataset, tmp_path: Path
+    dfdbench: Command, small_demo: Dataset, tmp_path: Path
 ) -> None:
-    store = str(demo_store.path)
+    store = str(small_demo.path)
     asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
     dfdbench.refused("not scored in metres", *asked, "--out", "run")
     assert not (tmp_path / "work/run").exists()

@@ -12,6 +12,7 @@ from dfdbench.board.ranking import boards
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import load_result
 from dfdbench.results.run_folder import read_prediction
+from dfdbench.system.parallel import Threads
 from tests.board.made_boards import entry_of
 from tests.cli.command import Command
 
@@ -112,8 +113,10 @@ def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
 
 
 def test_a_sigma_of_nought_fails_the_pair_and_who_says_nothing_has_no_such_scores(
-    dfdbench: Command, tiny_store: Dataset
+    dfdbench: Command, tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # A process that begins takes seconds, and tests of `check-method` have theirs.
+    monkeypatch.setattr("dfdbench.methods.check.Processes", Threads)
     store = str(tiny_store.path)
     failed = dfdbench("run --method mymodule:nought --out nought --dataset", store, BARE)
     assert failed.status == 1
