@@ -5,7 +5,7 @@ import logging
 import os
 import shutil
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,12 @@ from upath import UPath
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.building import fetching
 from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
+from dfdbench.building.sources import demo, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.methods import sources
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight, write_registration
@@ -159,6 +160,24 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.getbasetemp() / uuid.uuid4().hex))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def imports_read_once() -> Iterator[None]:
+    """Read once what our own modules import: a run in a new process asks it of a hundred files."""
+    package, read = Path(sources.__file__).parents[1], sources._imported
+    known: dict[tuple[Path, str], list[str]] = {}
+
+    def imported(path: Path, name: str) -> Iterable[str]:
+        if not path.is_relative_to(package):
+            return read(path, name)
+        if (path, name) not in known:
+            known[path, name] = list(read(path, name))
+        return known[path, name]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sources, "_imported", imported)
+        yield
+
+
 @pytest.fixture
 def tiny_manifest() -> Manifest:
     return parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
@@ -261,20 +280,67 @@ def served_by(site: Site, toml: str = TINY_TOML) -> str:
 def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """The demo set, built; never changed."""
 
-    def build(folder: Path) -> None:
-        manifest = find_manifest("demo")
-        build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
+    return Dataset(made_once(tmp_path_factory, "demo", build_demo) / "demo-1.zarr")
 
-    return Dataset(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
+
+def build_demo(folder: Path) -> None:
+    manifest = find_manifest("demo")
+    build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
 
 
 @pytest.fixture
 def demo_built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache where the demo set of the session stands for the one that a build would make."""
-    (tmp_path / "cache/stores").mkdir(parents=True)
-    (tmp_path / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+    return cache_with(demo_store, tmp_path, monkeypatch)
+
+
+def cache_with(store: Dataset, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (folder / "cache/stores").mkdir(parents=True)
+    (folder / "cache/stores/demo-1.zarr").symlink_to(str(store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(folder / "cache"))
+    return folder / "cache"
+
+
+#: The middle of the demo set's images, a tenth of their pixels.
+SMALL = (72, 96)
+
+
+@pytest.fixture(scope="session")
+def small_demo(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """The demo set's pairs in small, for what any scores will do; never changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "_SHAPE", SMALL)
+        return Dataset(made_once(tmp_path_factory, "small-demo", build_demo) / "demo-1.zarr")
+
+
+@pytest.fixture(scope="session")
+def few_demo(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """The small demo set in one light at one exposure: 18 pairs, of which 12 train."""
+    text = find_manifest("demo").toml
+    for old, new in {
+        'name = "demo"\nshort = "demo"': 'name = "few"\nshort = "few"',
+        "illumination = [1, 2, 3]": "illumination = [2]",
+        "exposure = [0, 1, 2]": "exposure = [2]",
+        "pair_count = 162": "pair_count = 18",
+        "pairs = 108": "pairs = 12",
+        "pairs = 54": "pairs = 6",
+    }.items():
+        text = text.replace(old, new)
+    manifest = parse_manifest(text.encode(), "few-1.toml")
+
+    def build(folder: Path) -> None:
+        build_store(manifest, open_source(manifest), folder / "few-1.zarr")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "_SHAPE", SMALL)
+        return Dataset(made_once(tmp_path_factory, "few-demo", build) / "few-1.zarr")
+
+
+@pytest.fixture
+def small_demo_built(small_demo: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache with the small demo set, of which tracks are as small, too."""
+    monkeypatch.setattr(demo, "_SHAPE", SMALL)
+    return cache_with(small_demo, tmp_path, monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -49,9 +50,13 @@ def blurred_to(sharp: Array, places: Array, focus: float, slope: float) -> Array
     """
     out = np.empty(sharp.shape)
     for place in np.unique(places):
-        sigma = slope * abs(float(place) - focus)
-        whole = gaussian_filter(sharp.astype(np.float64), (sigma, sigma, 0), mode="nearest")
-        out[places == place] = whole[places == place]
+        sigma, there = slope * abs(float(place) - focus), places == place
+        # As far around the pixels as the filter sees.
+        reach = int(4 * sigma + 1)
+        rows, columns = (np.flatnonzero(there.any(axis)) for axis in (1, 0))
+        part = tuple(slice(max(0, at[0] - reach), at[-1] + reach + 1) for at in (rows, columns))
+        whole = gaussian_filter(sharp[part].astype(np.float64), (sigma, sigma, 0), mode="nearest")
+        out[there] = whole[there[part]]
     return np.rint(out).astype(np.uint8)
 
 
@@ -59,18 +64,27 @@ def made_capture(
     seed: int = 0, focus: Sequence[float] = (30, 90, 150, 210), with_infocus: bool = True
 ) -> Any:
     """Return a capture whose depth rises from left to right, by less than a level a pixel."""
-    shape = (80, 256)
-    sharp = texture(seed, *shape)
-    levels = np.broadcast_to(np.linspace(20, 235, shape[1]).astype(np.uint8), shape).copy()
-    images = [blurred_to(sharp, levels, plane, 0.03) for plane in focus]
+    sharp, levels = _made_slope(seed)
+    images = [_made_image(seed, plane).copy() for plane in focus]
     return SimpleNamespace(
         stack=stack_of(images, focus, sharp if with_infocus else None),
         infocus=sharp,
         defocus=images[0],
         depth=levels,
         levels=levels,
-        valid=np.ones(shape, bool),
+        valid=np.ones(levels.shape, bool),
     )
+
+
+def _made_slope(seed: int) -> tuple[Array, Array]:
+    shape = (80, 256)
+    levels = np.linspace(20, 235, shape[1]).astype(np.uint8)
+    return texture(seed, *shape), np.broadcast_to(levels, shape).copy()
+
+
+@cache
+def _made_image(seed: int, plane: float) -> Array:
+    return blurred_to(*_made_slope(seed), plane, 0.03)
 
 
 def antinous(folder: Path) -> tuple[DataArray, Array]:

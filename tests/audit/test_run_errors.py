@@ -57,9 +57,9 @@ def join_of(scarce: float, share: int = 20) -> run_errors.ErrorJoin:
     return run_errors.ErrorJoin(pairs, {"a/1": "a", "b/1": "b"}, of_level)
 
 
-@pytest.fixture
-def record(tiny_store: Dataset) -> CoverageRecord:
-    return compare_depths(*sides_of(tiny_store))
+@pytest.fixture(scope="module")
+def record(tiny_set: Path) -> CoverageRecord:
+    return compare_depths(*sides_of(Dataset(tiny_set / "tiny.zarr")))
 
 
 @pytest.mark.parametrize(

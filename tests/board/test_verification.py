@@ -23,17 +23,19 @@ from tests.made_results import edited
 HERE = Path("row.json")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def stores(
-    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_set: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[str, Dataset]]:
     """The tiny set and one of its tracks by name, as if they were released and built here."""
-    manifest = with_track(tiny_store.manifest, "gain-3")
-    on_track = store_of(manifest, tiny_folder, tmp_path / "gain.zarr")
-    found = {"tiny-1": tiny_store, "tiny-1@gain-3": on_track}
-    monkeypatch.setattr("dfdbench.board.row_file._manifest_of", lambda _: tiny_store.manifest)
-    monkeypatch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
-    yield found
+    clean = Dataset(tiny_set / "tiny.zarr")
+    place = tmp_path_factory.mktemp("gain") / "gain.zarr"
+    on_track = store_of(with_track(clean.manifest, "gain-3"), tiny_set / "site", place)
+    found = {"tiny-1": clean, "tiny-1@gain-3": on_track}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dfdbench.board.row_file._manifest_of", lambda _: clean.manifest)
+        patch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
+        yield found
     row_file._pairs_of.cache_clear()
 
 
@@ -45,9 +47,16 @@ def run_on(
     return run_method(store, method, "test", folder / store.manifest.stem, options).result
 
 
+@pytest.fixture(scope="module")
+def made_row(stores: dict[str, Dataset], tmp_path_factory: pytest.TempPathFactory) -> Row:
+    run = run_on(stores["tiny-1"], tmp_path_factory.mktemp("run"), window=3)
+    return row_of([run], ["clean"])
+
+
 @pytest.fixture
-def row(stores: dict[str, Dataset], tmp_path: Path) -> Row:
-    return row_of([run_on(stores["tiny-1"], tmp_path, window=3)], ["clean"])
+def row(made_row: Row) -> Row:
+    # A copy: a row keeps the results that it was asked for, and so would what is edited from it.
+    return made_row.model_copy()
 
 
 def tampered(row: Row, scores: float = 1.0, **changes: Any) -> Row:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dfdbench.cli import main
-from dfdbench.datasets.manifest import Manifest
 from tests.cli.command import Command, Outcome
 from tests.conftest import TINY_TOML, served_by, store_of, write_png
+from tests.once import made_once
 from tests.site import Site
 
 
@@ -50,14 +50,23 @@ def site(site: Site, dfdbench: Command) -> Site:
     return site
 
 
+@pytest.fixture(scope="session")
+def uneven_set(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    def make(folder: Path) -> None:
+        site = Path(shutil.copytree(tiny_set / "site", folder / "site"))
+        for number, scene in enumerate(("One", "Two", "Three")):
+            for view in (1, 5):
+                depth = np.full((24, 30 + number), 100, np.uint8)
+                if scene == "Three":
+                    depth[:4] = 36 + np.arange(32) % 3
+                depth[-1] = 0
+                write_png(site / scene / f"disp{view}.png", depth)
+        store_of(TINY_TOML, site, folder / "uneven.zarr")
+
+    return made_once(tmp_path_factory, "uneven", make) / "uneven.zarr"
+
+
 @pytest.fixture
-def uneven(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> str:
+def uneven(uneven_set: Path, tmp_path: Path) -> str:
     """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
-    for number, scene in enumerate(("One", "Two", "Three")):
-        for view in (1, 5):
-            depth = np.full((24, 30 + number), 100, np.uint8)
-            if scene == "Three":
-                depth[:4] = 36 + np.arange(32) % 3
-            depth[-1] = 0
-            write_png(tiny_folder / scene / f"disp{view}.png", depth)
-    return str(store_of(tiny_manifest, tiny_folder, tmp_path / "uneven.zarr").path)
+    return str(shutil.copytree(uneven_set, tmp_path / "uneven.zarr"))

@@ -178,7 +178,9 @@ def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Pat
     assert "built zedd-1: 5 pairs of 1 scene" in built.out
     assert "1. a file is missing" in built.err
     for method in ("mymodule:peak", "mymodule:predict"):
-        ran = dfdbench.fine("run --method", method, "--dataset", "zedd", "--split", "val_0001")
+        ran = dfdbench.fine(
+            "run --method", method, "--dataset", "zedd", "--split", "val_0001", "--no-figures"
+        )
         assert "protocol valid" in ran.out
 
 

@@ -60,7 +60,7 @@ def test_every_verb_prints_json() -> None:
     assert without == groups
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_path: Path) -> None:
     make_folder(tmp_path / "mine")
     write_png(tmp_path / "a.png", np.full((40, 60, 3), 90, np.uint8))

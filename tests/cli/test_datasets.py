@@ -29,7 +29,7 @@ def test_a_set_of_ones_own_goes_by_its_name(dfdbench: Command, site: Site, tmp_p
         assert dfdbench("info", name).out == dfdbench("info", str(store)).out
         assert dfdbench("verify", name).status == 0
     assert dfdbench("info tiny --croissant").status == 0
-    dfdbench.fine("run --method constant --dataset tiny --out run")
+    dfdbench.fine("run --method constant --dataset tiny --out run --no-figures")
     (store / "zarr.json").write_text("{}")
     (line,) = [line for line in dfdbench("list").out.splitlines() if line.split()[:1] == ["tiny"]]
     assert "not a data set built by dfdbench" in line

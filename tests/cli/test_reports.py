@@ -67,12 +67,12 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
     dfdbench.refused("(t.tex)", "report v1 --format latex --out t.tex")
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
-    assert dfdbench.fine("leaderboard").err == f"rows of dfdbench {__version__}\n"
+    assert dfdbench.fine("leaderboard --format csv").err == f"rows of dfdbench {__version__}\n"
     make_folder("constant")
-    submitted = dfdbench.fine(*run, "constant", "--submit")
+    submitted = dfdbench.fine(*run, "constant", "--submit", "--no-figures")
     path = "leaderboard/results/demo-1-test/constant.json"
     assert f"submission   {path}" in submitted.err
     assert Path(path).exists()
@@ -88,7 +88,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     assert (row["verified"], len(row["pairs"]), row["drawn_from"]) == (True, 2, 54)
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_mistakes_are_told(dfdbench: Command) -> None:
     make_folder("constant")
     dfdbench("run --dataset demo --method constant --submit --no-predictions")
@@ -116,7 +116,7 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("mymodule:nan")
     run = "run --dataset demo --method mymodule:predict --submit"
@@ -125,7 +125,7 @@ def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) ->
     assert not Path("results").exists()
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
     make_folder("learned.py:predict")
     Path("learned.py").write_text(

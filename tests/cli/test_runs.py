@@ -62,9 +62,9 @@ def test_the_whole_way(
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
-    dfdbench: Command, demo_store: Dataset, tmp_path: Path
+    dfdbench: Command, small_demo: Dataset, tmp_path: Path
 ) -> None:
-    store = str(demo_store.path)
+    store = str(small_demo.path)
     asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
     dfdbench.refused("not scored in metres", *asked, "--out", "run")
     assert not (tmp_path / "work/run").exists()
@@ -87,7 +87,7 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
     assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
 
 
-@pytest.mark.usefixtures("demo_built")
+@pytest.mark.usefixtures("small_demo_built")
 def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(dfdbench: Command) -> None:
     words = "--method mymodule:nan --dataset demo --split Market"
     dfdbench.refused("it failed on every pair of demo-1", f"tracks {words} --track gain")
@@ -96,12 +96,17 @@ def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(dfdbenc
     assert ran.err.endswith("next         dfdbench check-method mymodule:nan\n")
 
 
-@pytest.mark.usefixtures("demo_built")
-def test_what_was_given_to_a_trial_of_parameters_is_in_the_next_command(dfdbench: Command) -> None:
-    words = ("tune", "--method", "s-transform", "--dataset", "demo", "--limit", "2")
+@pytest.mark.usefixtures("small_demo_built")
+def test_parameters_are_tried_on_training_captures(dfdbench: Command) -> None:
+    words = ("tune", "--method", "s-transform", "--dataset", "demo", "--limit", "4")
     given = ("--param", "recipe=null", "--param", "window=5", "--range", "window=7,9")
-    last = dfdbench.fine(*words, *given).err.splitlines()[-1]
-    assert re.search(r"--method s-transform --param recipe=null --param window=[79]$", last), last
+    tuned = dfdbench.fine(*words, *given)
+    assert "training captures" in tuned.out
+    assert "window" in tuned.out
+    last = tuned.err.splitlines()[-1]
+    found = re.search(r"--method s-transform --param recipe=null --param window=([79])$", last)
+    assert found, last
+    assert found[1] in tuned.out.splitlines()[4]
 
 
 @pytest.mark.slow
@@ -150,14 +155,3 @@ def test_a_folder_is_scored_and_submitted(
     assert [path.name for path in rows] == ["elsewhere.json"]
     assert "elsewhere" in dfdbench.fine("leaderboard").out
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
-
-
-def test_parameters_are_tried_on_training_captures(dfdbench: Command, demo_store: Dataset) -> None:
-    place = str(demo_store.path)
-    tune = "tune --method s-transform --param recipe=null --range smoothing=1,2.5 --limit 4"
-    tuned = dfdbench.fine(tune, "--dataset", place)
-    assert "training captures" in tuned.out
-    assert "smoothing" in tuned.out
-    best = tuned.err.rpartition("--param smoothing=")[2].strip()
-    assert best in {"1", "2.5"}
-    assert best in tuned.out.splitlines()[4]

@@ -80,10 +80,10 @@ def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_p
     assert np.array_equal(found.depth, alone.depth)
 
 
-def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -> None:
-    method = load_for(demo_store, "local", {"window": 5})
-    run_method(demo_store, method, "test", tmp_path / "run")
-    images = demo_store.read(demo_store.pairs("test")[0])
+def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
+    method = load_for(few_demo, "local", {"window": 5})
+    run_method(few_demo, method, "test", tmp_path / "run")
+    images = few_demo.read(few_demo.pairs("test")[0])
     depth = predict(None, (images.infocus, images.defocus), tmp_path / "run", align=False)
     assert np.array_equal(depth, method.predict(images.infocus, images.defocus))
 

@@ -42,33 +42,31 @@ def off(tmp_path: Path) -> str:
     return f"{path}:Off"
 
 
-def test_no_capture_is_scored_by_its_own_group(
-    demo_store: Dataset, off: str, tmp_path: Path
-) -> None:
+def test_no_capture_is_scored_by_its_own_group(few_demo: Dataset, off: str, tmp_path: Path) -> None:
     log = tmp_path / "log"
-    tried = dfdbench.tune(off, demo_store, parameters={"log": str(log)}, protocol="valid")
+    tried = dfdbench.tune(off, few_demo, parameters={"log": str(log)}, protocol="valid")
     # Off by nothing is best, and what is off by most comes last.
     assert tried.index.names == ["off"]
     assert tried.index.tolist() == [0, 10, 30]
-    captures = {str(each.infocus.sum()): each.pair.scene for each in demo_store.captures("train")}
+    captures = {str(each.infocus.sum()): each.pair.scene for each in few_demo.captures("train")}
     lines = [line.split() for line in log.read_text().splitlines()]
     assert len(lines) == 3 * len(captures)
-    train = set(demo_store.manifest.scenes_of("train"))
+    train = set(few_demo.manifest.scenes_of("train"))
     for image, *fitted in lines:
         assert captures[image] not in fitted
         assert set(fitted) < train
 
 
-def test_groups_are_kept_together(demo_store: Dataset) -> None:
-    folds = folds_of(demo_store)
+def test_groups_are_kept_together(few_demo: Dataset) -> None:
+    folds = folds_of(few_demo)
     pairs = [pair for fold in folds for pair in fold]
-    assert sorted(pair.id for pair in pairs) == sorted(p.id for p in demo_store.pairs("train"))
+    assert sorted(pair.id for pair in pairs) == sorted(p.id for p in few_demo.pairs("train"))
     scenes = [{pair.scene for pair in fold} for fold in folds]
     assert sum(map(len, scenes)) == len(set().union(*scenes))
     assert all(scenes)
 
 
-def test_ranges_are_crossed_and_few_captures_looked_at(demo_store: Dataset, off: str) -> None:
+def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: str) -> None:
     ranges: dict[str, list[object]] = {"off": [5, 0], "peek": [False]}
     nowhere = {"log": "/dev/null"}
     seen: list[tuple[int, int]] = []
@@ -76,15 +74,15 @@ def test_ranges_are_crossed_and_few_captures_looked_at(demo_store: Dataset, off:
     def note(done: int, total: int) -> None:
         seen.append((done, total))
 
-    tried = dfdbench.tune(off, demo_store, ranges, parameters=nowhere, limit=6, on_pair=note)
+    tried = dfdbench.tune(off, few_demo, ranges, parameters=nowhere, limit=6, on_pair=note)
     assert tried.index.tolist() == [(0, False), (5, False)]
     assert seen[-1] == (12, 12)
 
 
-def test_what_cannot_be_tried_says_why(demo_store: Dataset, tiny_store: Dataset, off: str) -> None:
+def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, off: str) -> None:
     with pytest.raises(InputError, match="1 groups of training captures are too few for 4 folds"):
         dfdbench.tune(off, tiny_store)
     with pytest.raises(MethodError, match="strength"):
-        dfdbench.tune(off, demo_store, {"strength": [1, 2]})
+        dfdbench.tune(off, few_demo, {"strength": [1, 2]})
     with pytest.raises(MethodError, match="no such thing"):
-        dfdbench.tune(off, demo_store, {"peek": [True]})
+        dfdbench.tune(off, few_demo, {"peek": [True]})

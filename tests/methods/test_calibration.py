@@ -57,7 +57,7 @@ def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> l
 @cache
 def found_of(law: BlurLaw) -> Calibration:
     """What is found of a law, for all tests that ask: it takes seconds."""
-    return calibrate(pairs(law))
+    return calibrate(pairs(law, 4))
 
 
 @pytest.mark.parametrize(

@@ -22,18 +22,18 @@ def half(infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.f
 
 
 @pytest.fixture(scope="session")
-def saved_runs(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
+def saved_runs(small_demo: Dataset, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
     methods = {
-        "constant": load_for(demo_store, "constant", {}),
+        "constant": load_for(small_demo, "constant", {}),
         "hostile": Method(HOSTILE, "m:half", half),
     }
 
     def run(folder: Path) -> None:
         for name, method in methods.items():
-            run_method(demo_store, method, "Kitchen", folder / name)
+            run_method(small_demo, method, "Kitchen", folder / name)
 
     folder = made_once(tmp_path_factory, "runs", run)
-    return [open_saved_run(folder / name / RESULT, str(demo_store.path)) for name in methods]
+    return [open_saved_run(folder / name / RESULT, str(small_demo.path)) for name in methods]
 
 
 @pytest.fixture(scope="session")

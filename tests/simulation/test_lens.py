@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.light import encode
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module
+from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import Camera, depth, develop, render
 from dfdbench.simulation.raycast import Board, Texture, look
 from dfdbench.simulation.rooms import draw_room
@@ -105,8 +106,8 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole() -> None:
 @pytest.mark.parametrize("scene", ["Market", "Library"])
 def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     surfaces, photographs = demo_scene(scene)
-    shape, focus = (96, 128), 1.2
-    taken = Camera(ThinLens(2.0, FOCAL, focus, FOCAL / 330), shape)
+    shape, focus = (48, 64), 1.2
+    taken = Camera(ThinLens(2.0, FOCAL, focus, FOCAL / 165), shape)
     ours = encode(render(pack(surfaces, photographs), taken, 256, (5,)))
     focal, radius = taken.focal_pixels, taken.lens_radius
     theirs = through_lens(scene, shape, focal, radius, focus, lambda view: view.reflectance)
@@ -115,13 +116,13 @@ def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     assert np.allclose(depth(pack(surfaces, photographs), taken), view.distance, rtol=1e-6)
 
 
-@pytest.mark.parametrize("f_number", [2.0, 8.0])
-def test_rays_are_many_enough(f_number: float) -> None:
-    wide = draw_camera(3)
-    taken = replace(wide, lens=replace(wide.lens, f_number=f_number), shape=(96, 128))
-    room = draw_room(3, 1)
-    few, many = (encode(render(room, taken, rays, (6,))) for rays in (128, 2048))
-    assert np.abs(few - many).mean() < 0.5
+def test_rays_are_many_enough() -> None:
+    wide, room = draw_camera(3), draw_room(3, 1)
+    for f_number in (2.0, 8.0):
+        lens = replace(wide.lens, f_number=f_number, pixel_size=2 * wide.lens.pixel_size)
+        taken = replace(wide, lens=lens, shape=(48, 64))
+        few, many = (encode(render(room, taken, rays, (6,))) for rays in (128, 2048))
+        assert np.abs(few - many).mean() < 0.5
 
 
 def test_another_key_sends_other_rays() -> None:
@@ -131,13 +132,14 @@ def test_another_key_sends_other_rays() -> None:
 
 
 def test_no_tile_leaves_out_what_its_rays_meet(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken = replace(draw_camera(5), shape=(72, 96))
-    taken = replace(taken, lens=replace(taken.lens, pixel_size=7 * taken.lens.pixel_size))
-    rooms = [draw_room(5, number) for number in range(3)]
-    picked = [(render(room, taken, 16, (9,)), depth(room, taken)) for room in rooms]
+    taken = replace(draw_camera(5), shape=(48, 64))
+    taken = replace(taken, lens=replace(taken.lens, pixel_size=10 * taken.lens.pixel_size))
+    monkeypatch.setattr(rooms, "lit", lambda scene, *_: scene)
+    drawn = [draw_room(5, number) for number in range(3)]
+    picked = [(render(room, taken, 16, (9,)), depth(room, taken)) for room in drawn]
     monkeypatch.setattr(lens_module, "_TILE", 10_000)
     monkeypatch.setattr(lens_module, "_tiles", _everything)
-    for room, (light, metres) in zip(rooms, picked, strict=True):
+    for room, (light, metres) in zip(drawn, picked, strict=True):
         assert render(room, taken, 16, (9,)).tobytes() == light.tobytes()
         assert depth(room, taken).tobytes() == metres.tobytes()
 
@@ -173,11 +175,15 @@ def test_light_falls_off_with_the_fourth_power_of_the_cosine() -> None:
 def test_a_ring_darkens_corners_only() -> None:
     wall = pack([Board((0, 0, 2), (99, 99), WHITE)], PHOTOGRAPHS)
     radius = camera().lens_radius
-    light = render(wall, camera(size=400, ring=(0.03, radius * 1.4)), 256, (12,))[..., 0]
-    assert light[190:210, 190:210].min() == 1
+    ringed = camera(size=100, ring=(0.03, radius * 1.4))
+    ringed = replace(ringed, lens=replace(ringed.lens, pixel_size=4 * PITCH))
+    light = render(wall, ringed, 512, (12,))[..., 0]
+    assert light[47:53, 47:53].min() == 1
     # Two discs of the lens's and the ring's radius, apart by 0.03 times the slope of the view.
     apart = 0.03 * 198 * math.sqrt(2) / camera().focal_pixels
-    assert light[:4, :4].mean() == pytest.approx(_overlap(radius, radius * 1.4, apart), abs=0.01)
+    assert light[::99, ::99].mean() == pytest.approx(
+        _overlap(radius, radius * 1.4, apart), abs=0.01
+    )
 
 
 def _overlap(a: float, b: float, apart: float) -> float:
@@ -190,7 +196,7 @@ def _overlap(a: float, b: float, apart: float) -> float:
 def test_colour_errors_move_and_widen_channels_as_stated() -> None:
     scene = dot(2.0, x=0.03, pixels=3)
     taken = camera(1.0, 4.0, lateral=(0.05, 0.0, -0.05))
-    light = render(scene, taken, 1024, (13,))
+    light = render(scene, taken, 512, (13,))
     places = [moments(light[..., channel])[0] for channel in range(3)]
     assert places[0] / places[1] == pytest.approx(1.05, abs=0.003)
     assert places[2] / places[1] == pytest.approx(0.95, abs=0.003)

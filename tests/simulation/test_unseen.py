@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.rendered import FAR, GENERATOR, NEAR
+from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.unseen import RANGES, draw_camera, render_pair, render_stack, textured
@@ -16,6 +17,12 @@ def small(seed: int, times: int = 10) -> Camera:
     camera = draw_camera(seed)
     lens = replace(camera.lens, pixel_size=times * camera.lens.pixel_size)
     return replace(camera, lens=lens, shape=(480 // times, 640 // times))
+
+
+@pytest.fixture
+def unlit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rooms without shadows, which take most of the time that drawing a room does."""
+    monkeypatch.setattr(rooms, "lit", lambda scene, *_: scene)
 
 
 def test_cameras_are_drawn_from_the_stated_ranges() -> None:
@@ -34,11 +41,14 @@ def test_cameras_are_drawn_from_the_stated_ranges() -> None:
     assert draw_camera(5, scene=1) != draw_camera(5, scene=2)
 
 
-def test_few_pixels_lie_nearer_than_the_farthest_focus() -> None:
-    rooms = np.array([depth(draw_room(0, number), small(0)) for number in range(1000, 1006)])
-    assert 0.03 < (rooms < RANGES["focus_inside"][1]).mean() < 0.15
+@pytest.mark.usefixtures("unlit")
+def test_few_pixels_lie_nearer_than_the_farthest_focus(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rooms, "_photograph", lambda *_: np.ones((1, 1, 3)))
+    metres = np.array([depth(draw_room(0, number), small(0)) for number in range(1000, 1006)])
+    assert 0.03 < (metres < RANGES["focus_inside"][1]).mean() < 0.15
 
 
+@pytest.mark.usefixtures("unlit")
 def test_a_pair_differs_in_the_aperture_alone_and_says_what_took_it() -> None:
     camera = replace(small(8), full_well=0.0, read_noise=0.0, jpeg=0)
     pair = render_pair(8, 0, camera, rays=64)
@@ -55,6 +65,7 @@ def test_a_pair_differs_in_the_aperture_alone_and_says_what_took_it() -> None:
     assert 0 <= facts["textured"] <= 1
 
 
+@pytest.mark.usefixtures("unlit")
 def test_a_pair_is_the_same_again_and_with_two_threads() -> None:
     one, two = (render_pair(9, 1, small(9), rays=8, threads=threads) for threads in (1, 2))
     for name in ("infocus", "defocus", "depth"):
@@ -71,6 +82,7 @@ def test_a_seed_gives_these_images_everywhere() -> None:
     assert (GENERATOR, digest.hexdigest()[:16]) == (1, "7a3d68ea6bfebf4a")
 
 
+@pytest.mark.usefixtures("unlit")
 def test_a_stack_is_in_register_and_sharpest_in_focus() -> None:
     plain = replace(small(3, 4), full_well=0.0, read_noise=0.0, jpeg=0, ring=None)
     stack = render_stack(3, 4, planes=5, camera=plain)
@@ -85,6 +97,7 @@ def test_a_stack_is_in_register_and_sharpest_in_focus() -> None:
     assert own[seen].mean() < 0.75 * apart[:, seen].mean()
 
 
+@pytest.mark.usefixtures("unlit")
 def test_a_lens_that_is_focused_elsewhere_breathes() -> None:
     camera = small(8)
     pair, other = (render_pair(8, 0, camera, rays=8, sharp_focus=focus) for focus in (None, 2.0))

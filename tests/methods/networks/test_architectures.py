@@ -33,7 +33,8 @@ def convolutions(network: torch.nn.Module) -> list[Any]:
 
 
 def test_dfd_net_layer_by_layer() -> None:
-    found = convolutions(DfDNet())
+    with torch.device("meta"):
+        found = convolutions(DfDNet())
     assert len(found) == 18
     for module, (layer, before, after, size) in zip(found, PUBLISHED, strict=True):
         assert (module.in_channels, module.out_channels) == (before, after), layer
@@ -43,7 +44,8 @@ def test_dfd_net_layer_by_layer() -> None:
 
 
 def test_dfd_net_has_the_published_number_of_parameters() -> None:
-    network = DfDNet()
+    with torch.device("meta"):
+        network = DfDNet()
     weights = sum(before * after * size**2 for _, before, after, size in PUBLISHED)
     normalized = [52, 48, 40, 32, 24, 20, 12, 8]  # biases subsumed, Eq. 5.12
     biases = sum(after for layer, _, after, _ in PUBLISHED if layer not in normalized)
@@ -122,12 +124,14 @@ def test_filters_that_do_not_fit_are_named() -> None:
 
 
 def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
-    found = convolutions(UNet())
+    with torch.device("meta"):
+        plain, normalized = UNet(), UNet(normalized=True)
+    found = convolutions(plain)
     assert (found[0].in_channels, found[-1].out_channels) == (6, 256)
     assert len(found) == 5 * 2 + 4 + 4 * 2 + 1
-    assert count_parameters(UNet()) == 31_050_048
+    assert count_parameters(plain) == 31_050_048
     # Two numbers for each of the 2 x 2,944 channels that are normalized.
-    assert count_parameters(UNet(normalized=True)) == 31_050_048 + 2 * 2 * (1984 + 960)
+    assert count_parameters(normalized) == 31_050_048 + 2 * 2 * (1984 + 960)
     with pytest.raises(InputError, match="the last four even"):
         UNet(filters=(4, 8, 16, 32, 63))
 

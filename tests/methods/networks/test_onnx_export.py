@@ -22,8 +22,8 @@ def u_net(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_an_exported_network_gives_the_networks_depth(u_net: Path, demo_store: Dataset) -> None:
-    pair = demo_store.captures("test")[0]
+def test_an_exported_network_gives_the_networks_depth(u_net: Path, small_demo: Dataset) -> None:
+    pair = small_demo.captures("test")[0]
     ours = load_method("u-net", {"weights": "demo", "device": "cpu"}, {})
     theirs = load_method(str(u_net), {}, {})
     assert (theirs.name, theirs.trained_on) == ("u-net.onnx", ours.trained_on)
@@ -33,8 +33,8 @@ def test_an_exported_network_gives_the_networks_depth(u_net: Path, demo_store: D
     assert np.count_nonzero(apart > 1e-3) <= 1e-4 * apart.size
 
 
-def test_the_median_level_is_exported_too(tmp_path: Path, demo_store: Dataset) -> None:
-    corner = demo_store.captures("test").crop(0, (slice(0, 66), slice(0, 71)))
+def test_the_median_level_is_exported_too(tmp_path: Path, small_demo: Dataset) -> None:
+    corner = small_demo.captures("test").crop(0, (slice(0, 66), slice(0, 71)))
     export_onnx("dfd-net", tmp_path / "net.onnx", weights="robust", readout="median")
     given = {"weights": "robust", "device": "cpu", "readout": "median"}
     ours = load_method("dfd-net", given, {})(corner.infocus, corner.defocus)
