@@ -5,7 +5,7 @@ import logging
 import os
 import shutil
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.methods import sources
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight, write_registration
@@ -158,24 +157,6 @@ def shared_data() -> Path:
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     # Not made before somebody needs it: thousands of folders take their time.
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.getbasetemp() / uuid.uuid4().hex))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def imports_read_once() -> Iterator[None]:
-    """Read once what our own modules import: a run in a new process asks it of a hundred files."""
-    package, read = Path(sources.__file__).parents[1], sources._imported
-    known: dict[tuple[Path, str], list[str]] = {}
-
-    def imported(path: Path, name: str) -> Iterable[str]:
-        if not path.is_relative_to(package):
-            return read(path, name)
-        if (path, name) not in known:
-            known[path, name] = list(read(path, name))
-        return known[path, name]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sources, "_imported", imported)
-        yield
 
 
 @pytest.fixture

@@ -281,23 +281,34 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _imported(path: Path, name: str) -> Iterator[str]:
-    """Yield what a module may import: names of modules, and of what may be one."""
+def _imported(path: Path, name: str) -> tuple[str, ...]:
+    """Return what a module may import: names of modules, and of what may be one."""
     try:
-        tree = ast.parse(path.read_bytes())
-    except (OSError, SyntaxError, ValueError):
-        return
-    package = name if path.stem == "__init__" else name.rpartition(".")[0]
+        content = path.read_bytes()
+    except OSError:
+        return ()
+    return _imported_in(content, name if path.stem == "__init__" else name.rpartition(".")[0])
+
+
+# By content: a hundred modules are parsed once a process, not for each method and data set.
+@functools.cache
+def _imported_in(content: bytes, package: str) -> tuple[str, ...]:
+    names: list[str] = []
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError):
+        return ()
     for node in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield from _with_parents(alias.name)
+                names += _with_parents(alias.name)
         elif isinstance(node, ast.ImportFrom):
             start = ".".join(package.split(".")[: len(package.split(".")) + 1 - node.level])
             above = f"{start}." if node.level and start else ""
             whole = f"{above}{node.module or ''}".rstrip(".")
-            yield from _with_parents(whole)
-            yield from (f"{whole}.{alias.name}".lstrip(".") for alias in node.names)
+            names += _with_parents(whole)
+            names += (f"{whole}.{alias.name}".lstrip(".") for alias in node.names)
+    return tuple(names)
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:
