@@ -1,17 +1,24 @@
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dfdbench.building.folder_layout import find_layout, image_files
+from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
+from dfdbench.building.new_manifest import new_manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from tests.made_folder import SCENES, built, make_folder, rearranged
+from tests.made_stack_folder import FOCUS, make_stacks
+from tests.made_zedd import MOTORS, make_zedd
 
-SCENES = ("desk_1", "door", "x-2")
+NAMES = ("desk_1", "door", "x-2")
 
 
 def patterns(paths: list[str]) -> list[str]:
     layout = find_layout(tuple(sorted(paths)))
     assert layout is not None
     assert not layout.by_order
-    assert [scene for _, scene in layout.scenes] == sorted(SCENES)
+    assert [scene for _, scene in layout.scenes] == sorted(NAMES)
     return [group.pattern for group in layout.groups]
 
 
@@ -28,11 +35,11 @@ def patterns(paths: list[str]) -> list[str]:
     ],
 )
 def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
-    assert patterns([kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]) == kinds
+    assert patterns([kind.replace("{scene}", scene) for kind in kinds for scene in NAMES]) == kinds
 
 
 def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
-    paths = [f"depth/{scene}.png" for scene in SCENES]
+    paths = [f"depth/{scene}.png" for scene in NAMES]
     paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
     paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]
     assert patterns(paths) == ["depth/{scene}.png", "f2/{scene}.*", "f8/{scene}.*"]
@@ -59,3 +66,106 @@ def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")
+
+
+def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
+    written, store = built(make_stacks(tmp_path / "mine"))
+    files = store.manifest.files
+    assert files is not None
+    assert files.patterns == {
+        "infocus": "{scene}/sharp.png",
+        "images": "{scene}/f_{image}.png",
+        "depth": "{scene}/depth.npy",
+        "metadata": "{scene}/focus.csv",
+    }
+    assert "stacks {scene}/f_{image}.png of 3 images" in written.found
+    stack = store.captures("test")[0].stack
+    assert stack.attrs["unit"] == "metres"
+    np.testing.assert_array_equal(stack.focus_distance, [np.nan, *sorted(FOCUS.values())[::-1]])
+
+
+def test_a_scene_with_one_image_is_left_out_and_named(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for image in sorted((folder / SCENES[0]).glob("f_*.png"))[1:]:
+        image.unlink()
+    written = new_manifest(folder)
+    assert any(f"{SCENES[0]}/f_001.png" in text for text in written.open)
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    assert manifest.scene_names == tuple(sorted(SCENES[1:]))
+
+
+def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Path) -> None:
+    # As the stack of a light field, whose depth is in pixels a view.
+    made = make_stacks(tmp_path / "made") / "desk"
+    rows = [float(row) for row in (-1.5, 0.25, 2)]
+    (made / "focus.csv").unlink()
+    (made / "focus.json").write_text(json.dumps({"focus_disparity": rows, "views": 61}))
+    disparity = np.repeat(np.linspace(-2, 2.5, 72)[:, None], 96, axis=1).astype(np.float32)
+    np.save(made / "disparity.npy", disparity)
+    (made / "depth.npy").unlink()
+    written, store = built(made)
+    assert store.manifest.scene_names == ("desk",)
+    assert any("neither metres nor levels: -2 to 2.5" in text for text in written.found)
+    capture = store.captures("test")[0]
+    assert len(np.unique(capture.truth)) == 72
+    # A depth of the file and a focus at it are the same level.
+    expected = np.interp(rows, disparity[:, 0], capture.depth[:, 0])
+    np.testing.assert_allclose(capture.stack.focus_depth[1:], expected, atol=0.01)
+
+
+def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        (folder / scene / "focus.csv").unlink()
+    (folder / "metadata.txt").write_text("# run, motor, metres\n1\t20dd\t1\n2\t2371\t2\n3\t2a\t4\n")
+    written, store = built(folder)
+    assert 'columns = ["column_1", "column_2", "column_3"]' in written.toml
+    assert "whether column_3 is the focus in metres" in written.open
+    assert store.captures()[0].stack.focus_distance[1:].values.tolist() == [4, 2, 1]
+
+
+def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
+    # As in ZEDD, where run and motor go together.
+    written, store = built(make_zedd(tmp_path / "mine"))
+    assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
+    assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
+    assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
+    stack = store.captures()[0].stack
+    np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
+
+
+def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        for name in ("focus.csv", "depth.npy", "sharp.png"):
+            (folder / scene / name).unlink()
+    written, store = built(folder)
+    assert not store.manifest.has_truth
+    assert [text.partition(":")[0] for text in written.open[:3]] == [
+        "whether an image is in focus all over",
+        "depth",
+        "focus distances",
+    ]
+
+
+def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:
+    folder = rearranged(tmp_path, lambda number, kind: f"{kind}/{number}.png")
+    paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))
+    assert find_stacks(folder, paths) is None
+    assert "defocus" in new_manifest(folder).toml
+
+
+def test_scenes_of_one_place_are_in_one_split(tmp_path: Path) -> None:
+    # As in iDFD, Apartment1_0 and Apartment1_1.
+    made = make_folder(tmp_path / "made")
+    for scene in SCENES:
+        for number in range(2):
+            for kind in ("sharp", "blurred", "depth"):
+                place = tmp_path / "set" / kind / f"{scene}_{number}.png"
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes((made / scene / f"{kind}.png").read_bytes())
+    written = new_manifest(tmp_path / "set")
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    assert manifest.scenes_of("test") == ("shelf_0", "shelf_1")
+    assert manifest.groups["shelf_1"] == "shelf"
+    assert len(manifest.groups) == len(manifest.scenes)
