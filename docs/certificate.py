@@ -27,9 +27,9 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.evaluation.fitting import training_pairs
 from dfdbench.evaluation.loading import load_for
+from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.calibration import calibrate
 from dfdbench.methods.fitted import evenly_spread
-from dfdbench.methods.law_cost import blurred_by
 from dfdbench.methods.method import teach
 
 TRAIN, TEST = 24, 8

@@ -150,7 +150,8 @@ class Local(Solver):
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
         # They compile; a constant needs none.
-        from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
+        from dfdbench.methods.blurred import all_blurred
+        from dfdbench.methods.law_cost import UNIT, level_costs, squares_of
 
         blur, window = self.blur, self.window_in(infocus)
         best = np.full(infocus.shape[:2], np.inf, np.float32)
@@ -163,7 +164,8 @@ class Local(Solver):
             costs = level_costs(self.blurs, infocus, images, np.inf)
             squares = (costs[..., n].astype(np.float32) for n in range(costs.shape[2]))
         elif isinstance(blur, BlurLaw):
-            squares = blurred_by(blur, np.atleast_3d(infocus), np.atleast_3d(images[0])).squares()
+            (pair,) = all_blurred([blur], infocus, images)
+            squares = squares_of(pair)
         else:
             squares = _by_recipe(blur, infocus, images[0])
         # Of a recipe's residuals nothing is known but that images are rounded.

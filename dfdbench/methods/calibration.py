@@ -20,8 +20,8 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods import alignment
+from dfdbench.methods.blurred import blur
 from dfdbench.methods.fitted import part_of
-from dfdbench.methods.law_cost import blur
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred

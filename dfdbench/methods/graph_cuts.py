@@ -15,10 +15,11 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
+from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Image, Solver
 from dfdbench.methods.information import information
-from dfdbench.methods.law_cost import MOST_NATS, add_energy, all_blurred, law_cost
+from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
 from dfdbench.methods.spread import Posterior
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")

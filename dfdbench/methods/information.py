@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.methods.law_cost import Blurred
+from dfdbench.methods.blurred import Blurred
 
 _LEVELS_LOOKED_AT = 8
 

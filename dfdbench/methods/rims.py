@@ -16,7 +16,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.occlusion import GAP, without_tails
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import light_of, noise_of
-from dfdbench.methods.law_cost import aligned
+from dfdbench.methods.blurred import aligned
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]

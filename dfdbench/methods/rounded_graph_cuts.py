@@ -12,9 +12,10 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
+from dfdbench.methods.blurred import all_blurred, few_kernels
 from dfdbench.methods.data_cost import part_of_pair, require_pair
 from dfdbench.methods.fitted import Image, Solver
-from dfdbench.methods.law_cost import add_energy, all_blurred, few_kernels, law_misfits
+from dfdbench.methods.law_cost import add_energy, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled

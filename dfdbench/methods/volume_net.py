@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import energy_of, shares_of
 from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread
-from dfdbench.methods.law_cost import MOST_NATS, all_blurred, law_cost
+from dfdbench.methods.law_cost import MOST_NATS, law_cost
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device

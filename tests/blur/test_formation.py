@@ -15,7 +15,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.errors import InputError
-from dfdbench.methods.law_cost import blurred_by
+from dfdbench.methods.blurred import blurred_by
 
 RECIPE = RECIPES["published"]
 NAMES = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]

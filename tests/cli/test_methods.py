@@ -65,7 +65,7 @@ def test_check_method_passes_and_fails(dfdbench: Command, monkeypatch: pytest.Mo
     bad = dfdbench("check-method mymodule:nan")
     assert (bad.status, "NaN" in bad.out) == (1, True)
     # It prints, on each of the nine pairs. Another process it was tried in above.
-    monkeypatch.setattr("dfdbench.methods.check.Processes", Threads)
+    monkeypatch.setattr("dfdbench.evaluation.check.Processes", Threads)
     assert "fit for a run, 9 warnings" in dfdbench("check-method mymodule:predict").out
 
 

@@ -120,7 +120,7 @@ def test_a_sigma_of_nought_fails_the_pair_and_who_says_nothing_has_no_such_score
     dfdbench: Command, tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A process that begins takes seconds, and tests of `check-method` have theirs.
-    monkeypatch.setattr("dfdbench.methods.check.Processes", Threads)
+    monkeypatch.setattr("dfdbench.evaluation.check.Processes", Threads)
     store = str(tiny_store.path)
     failed = dfdbench("run --method mymodule:nought --out nought --dataset", store, BARE)
     assert failed.status == 1

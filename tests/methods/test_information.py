@@ -3,7 +3,7 @@ import pytest
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.methods import information
-from dfdbench.methods.law_cost import blurred_by
+from dfdbench.methods.blurred import blurred_by
 from tests.methods.test_law_cost import blurred_at, pair
 
 

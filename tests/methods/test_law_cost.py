@@ -9,9 +9,9 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from dfdbench.blur.law import BlurLaw, noise_at
 from dfdbench.blur.light import decode, encode
-from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods import law_cost
+from dfdbench.methods.blurred import blurred_by
 from tests.methods.made_planes import plane
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)
@@ -52,8 +52,8 @@ LAWS = [
 
 def test_squares_go_on_where_a_block_of_levels_ends() -> None:
     law = BlurLaw(tuple(np.linspace(0.3, 3, 70)), kernel_size=15, noise=(2.0,))
-    blurred = law_cost.blurred_by(law, *pair())
-    found = np.stack(list(blurred.squares()))
+    blurred = blurred_by(law, *pair())
+    found = np.stack(list(law_cost.squares_of(blurred)))
     looks = np.einsum("yxcn,nl->lyxc", blurred.nodes, blurred.factors)
     wanted = np.square((looks - blurred.aim) / blurred.noise).sum(axis=3)
     assert found.shape == (70, 21, 26)
@@ -75,13 +75,13 @@ def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
         misfits[..., level] = np.sqrt(
             np.square(np.maximum(np.abs(residual) - bound, 0)).sum(axis=2)
         )
-    blurred = law_cost.blurred_by(law, infocus, defocus)
+    blurred = blurred_by(law, infocus, defocus)
     unary, offset = law_cost.law_cost(blurred, 4, 60000)
     least = costs.min(axis=2, keepdims=True)
     assert np.abs(unary - np.minimum(costs - least, 60000)).max() <= 2 + 0.002 * costs.max()
     assert offset == pytest.approx(least.sum(), rel=0.002)
     assert np.abs(law_cost.law_misfits(blurred) / law_cost.MISFIT_STEPS - misfits).max() < 0.1
-    squares = np.stack(list(blurred.squares()), axis=2)
+    squares = np.stack(list(law_cost.squares_of(blurred)), axis=2)
     assert squares.dtype == np.float32
     # Two a nat, and of a nat the costs count four.
     assert np.abs(2 * squares - costs).max() <= 0.002 * costs.max()
@@ -108,21 +108,10 @@ def test_an_image_of_a_stack_says_five_nats_at_most() -> None:
 
 def test_only_the_levels_in_question_are_worked_out() -> None:
     law = LAWS[1]
-    whole = law_cost.law_cost(law_cost.blurred_by(law, *pair()), 4, 60000)[0].astype(int)
-    some = law_cost.law_cost(law_cost.blurred_by(law, *pair(), np.array([1, 3])), 4, 60000)[
-        0
-    ].astype(int)
+    whole = law_cost.law_cost(blurred_by(law, *pair()), 4, 60000)[0].astype(int)
+    some = law_cost.law_cost(blurred_by(law, *pair(), np.array([1, 3])), 4, 60000)[0].astype(int)
     difference = whole[..., [1, 3]] - some
     assert np.abs(difference[..., 0] - difference[..., 1]).max() <= 1
-
-
-@pytest.mark.parametrize(("exponent", "most"), [(2.0, 20), (32.0, 40)])
-def test_few_kernels_stand_for_all(exponent: float, most: int) -> None:
-    planes = point_spread_functions(np.linspace(0.3, 3.2, 256), 27, exponent).reshape(256, -1)
-    chosen, factors = law_cost.few_kernels(planes, 2e-4)
-    assert len(chosen) <= most
-    # Least squares leave no more than what was left when choosing ended, but for its norm.
-    assert np.abs(factors.T @ planes[chosen] - planes).sum(axis=1).max() < 4e-4
 
 
 PUBLISHED = RECIPES["published"]

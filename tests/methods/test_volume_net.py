@@ -3,7 +3,7 @@ import pytest
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.methods.law_cost import blurred_by
+from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.networks.volume import MOST
 from tests.methods.made_planes import pair_of, texture
 

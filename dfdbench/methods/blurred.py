@@ -1,0 +1,196 @@
+"""A pair under a blur law: the in-focus image blurred by few kernels, whose sums are its blurs.
+
+Blurring is linear: what a level's blurred image is takes a sum of the few. They are large, so that
+of a large image they are made in parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.methods.alignment import Alignment, aim_of, find_alignment, light_of, noise_of
+from dfdbench.methods.view_change import ViewChange
+
+Array = NDArray[Any]
+
+# Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
+# most 0.05 grey levels where black meets white.
+KERNEL_TOLERANCE = 2e-4
+# What the images of a band blurred by the few kernels take: those of half a megapixel do.
+_MOST_BYTES = 80_000_000
+
+
+@dataclass(frozen=True)
+class Blurred:
+    """A pair under a law: its images, and what each level takes of few kernels.
+
+    Parameters
+    ----------
+    law : BlurLaw
+        How the defocus image came about.
+    infocus : ndarray of uint8, shape (y, x, channel)
+        The in-focus image; of a part, with what its blur reaches beside it.
+    inside : tuple of slice
+        Where the part lies in it.
+    aim : ndarray of float32, shape (y, x, channel)
+        The defocus image moved back and of the in-focus image's brightness: in grey levels, or
+        where the law is linear 255ths of light.
+    factors : ndarray of float32, shape (node, level)
+        What a level's blurred image takes of each kernel's.
+    noise : ndarray of float32, shape (y, x, channel)
+        Standard deviation of the defocus image's noise, in the same unit.
+    spread : ndarray of float64, shape (level,)
+        How much more variance a residual has at each level, the in-focus image's noise counted.
+    """
+
+    law: BlurLaw
+    infocus: Array
+    inside: tuple[slice, slice]
+    aim: NDArray[np.float32]
+    factors: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    spread: NDArray[np.float64]
+
+    @cached_property
+    def nodes(self) -> NDArray[np.float32]:
+        """The in-focus image blurred by each kernel, shape (y, x, channel, node): large."""
+        kernels = _few(self.law)[0]
+        light = light_of(self.infocus, self.law.linear)
+        nodes = np.empty((*self.aim.shape, len(kernels)), np.float32)
+        for number, kernel in enumerate(kernels):
+            nodes[..., number] = blur(light, kernel)[self.inside]
+        return nodes
+
+    def part(self, rows: slice = slice(None), columns: slice = slice(None)) -> Blurred:
+        """Return it of a part of the whole image."""
+        height, width = self.aim.shape[:2]
+        (top, bottom, _), (left, right, _) = rows.indices(height), columns.indices(width)
+        if (bottom - top, right - left) == (height, width):
+            return self
+        reach = self.law.kernel_size // 2
+        above, before = max(top - reach, 0), max(left - reach, 0)
+        return replace(
+            self,
+            infocus=self.infocus[above : bottom + reach, before : right + reach],
+            inside=(slice(top - above, bottom - above), slice(left - before, right - before)),
+            aim=np.ascontiguousarray(self.aim[rows, columns]),
+            noise=np.ascontiguousarray(self.noise[rows, columns]),
+        )
+
+    def bands(self) -> Iterator[Blurred]:
+        """Yield it in bands of rows whose `nodes` are not large, the whole if it is small."""
+        height, width, channels = self.aim.shape
+        rows = max(_MOST_BYTES // (4 * width * channels * len(self.factors)), 1)
+        for top in range(0, height, rows):
+            yield self.part(slice(top, top + rows))
+
+
+def all_blurred(
+    blurs: Sequence[Any],
+    infocus: Array,
+    images: Sequence[Array],
+    levels: NDArray[np.intp] | None = None,
+) -> Iterator[Blurred]:
+    """Yield `blurred_by` of each defocus image and its law, one at a time: they are large."""
+    for law, image in zip(blurs, images, strict=True):
+        yield blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(image), levels)
+
+
+def blurred_by(
+    law: BlurLaw, infocus: Array, defocus: Array, levels: NDArray[np.intp] | None = None
+) -> Blurred:
+    """Blur an in-focus image by a law's few kernels, and align the defocus image to it.
+
+    Parameters
+    ----------
+    law : BlurLaw
+        How the defocus image came about.
+    infocus, defocus : ndarray of uint8, shape (y, x, channel)
+        The pair.
+    levels : ndarray of int, optional
+        The depth levels in question; default: all.
+    """
+    _, factors, shares = _few(law)
+    chosen = slice(None) if levels is None else levels
+    spread = 1 + law.infocus_noise**2 * shares[chosen]
+    factors = np.ascontiguousarray(factors[:, chosen])
+    aim = aligned(law, light_of(infocus, law.linear), defocus)
+    everywhere = (slice(None), slice(None))
+    return Blurred(law, infocus, everywhere, aim, factors, noise_of(law, aim), spread)
+
+
+def aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
+    """Return a defocus image as it would lie over the in-focus image, in the same unit."""
+    defocus = ViewChange.of(law).undone(defocus)
+    how = Alignment(0.0, 0.0, law.gain)
+    if not (law.registered and law.even):
+        seen = light_of(defocus, law.linear)
+        found = find_alignment(light, seen, LAST_LEVEL, law.offset)
+        how = Alignment(
+            0.0 if law.registered else found.down,
+            0.0 if law.registered else found.right,
+            law.gain if law.even else found.gain,
+        )
+    return aim_of(defocus, law.linear, how, law.offset)
+
+
+def blur(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:
+    """Return an image (y, x, channel) correlated with a 2-D kernel, its edge repeated outside."""
+    rings = np.flatnonzero(np.abs(kernel).max(axis=0) > 1e-7)
+    start = int(rings[0]) if rings.size else 0
+    inner = kernel[start : kernel.shape[0] - start, start : kernel.shape[1] - start]
+    blurred = cv2.filter2D(image, cv2.CV_32F, inner, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32).reshape(image.shape)
+
+
+@lru_cache(maxsize=4)
+def _few(law: BlurLaw) -> tuple[Array, NDArray[np.float32], NDArray[np.float64]]:
+    kernels = law.kernels()
+    radius = law.kernel_size // 2
+    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    times = np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
+    quadrants = kernels[:, radius:, radius:] * times[:, np.newaxis] * times
+    chosen, factors = few_kernels(quadrants.reshape(len(kernels), -1), KERNEL_TOLERANCE)
+    shares = np.square(kernels).sum(axis=(1, 2))
+    return kernels[chosen], factors.astype(np.float32), shares
+
+
+def few_kernels(planes: Array, tolerance: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Choose few kernels, and the sums of them that stand for all.
+
+    Blurring is linear: the same sums of images blurred with the few give the images blurred with
+    all.
+
+    Parameters
+    ----------
+    planes : ndarray of float64, shape (label, tap)
+        The kernels; a tap that stands for its mirror images too is as many times as large.
+    tolerance : float
+        Largest sum of absolute differences between a kernel and what stands for it.
+
+    Returns
+    -------
+    chosen : ndarray of int
+        Rows of the kernels chosen.
+    factors : ndarray of float64, shape (chosen, label)
+        What the sum for a label takes of each.
+    """
+    rest, chosen = planes.copy(), list[int]()
+    while len(chosen) < min(planes.shape):
+        # The kernel that those chosen stand for worst; what is along it is taken from all.
+        chosen.append(int(np.argmax(np.square(rest).sum(1))))
+        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
+        rest -= np.outer(rest @ along, along)
+        if np.abs(rest).sum(1).max() <= tolerance:
+            break
+    factors = np.linalg.lstsq(planes[chosen].T, planes.T, rcond=None)[0]
+    return np.array(chosen), np.ascontiguousarray(factors)
