@@ -125,7 +125,8 @@ class Board:
         """The rankings to be looked at first: of the newest seed, and of data that stay."""
         shown = {None, self.newest.seed if self.newest else None}
         rows = {path: row for path, row in self.rows.items() if _seed_of(row) in shown}
-        return tuple(boards(_clean(rows, scored=False), headlines=True))
+        found = boards(_clean(rows, scored=False), headlines=True)
+        return tuple(sorted(found, key=lambda board: seeded(board.result.dataset.name) is None))
 
     def table(
         self,
@@ -167,9 +168,30 @@ class Board:
         frame = pd.DataFrame(records_of(found[wanted], self.folder))
         return frame.astype({"rank": "Int64"})
 
-    def tables(self) -> list[Table]:
-        """Return the rankings as tables."""
-        return [ranking_table(board, self.folder) for board in self.boards]
+    def tables(self, dataset: str | None = None) -> list[Table]:
+        """Return rankings as tables: those to look at first, or all of a data set.
+
+        Parameters
+        ----------
+        dataset : str, optional
+            Its name, with or without its version.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no row of it.
+        """
+        if dataset is None:
+            return [ranking_table(board, self.folder) for board in self.headlines]
+        named = {row.dataset: row.dataset.rpartition("-")[0] for row in self.rows.values()}
+        if dataset not in {*named, *named.values()}:
+            raise unknown_name("data set with a ranking", dataset, sorted(named.values()))
+        own = {
+            path: row
+            for path, row in self.rows.items()
+            if dataset in (row.dataset, named[row.dataset])
+        }
+        return [ranking_table(board, self.folder) for board in replace(self, rows=own).boards]
 
     def write(self) -> Path:
         """Write the leaderboard's README, and return its path.

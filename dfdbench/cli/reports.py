@@ -172,25 +172,31 @@ def leaderboard(
     format: Annotated[
         Format | None, Option(help="How the rankings are printed; default: table.")
     ] = None,
+    dataset: Annotated[
+        str | None, Option(metavar="NAME", help="Print all rankings of this data set, tracks too.")
+    ] = None,
     folder: Annotated[
         Path | None, Option(help="The leaderboard's folder; outside a clone: the shipped rows.")
     ] = None,
 ) -> None:
-    """Rank the results of the leaderboard, print the rankings; in a clone, write its README."""
+    """Print the leaderboard's first rankings, the newest seed's on top; in a clone, write them."""
     if context.invoked_subcommand:
         return
-    if check and format:
-        raise InputError(
-            "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
-        )
+    for name, given in (("--format", format), ("--dataset", dataset)):
+        if check and given:
+            fix = "leave out one of them"
+            raise InputError("--check prints no rankings", where=f"{name} {given}", fix=fix)
     board = dfdbench.leaderboard(folder)
     if check:
         board.require_written()
         print(f"{board.folder}: {counted(len(board.rows), 'row')} valid, README up to date")
         return
+    tables = board.tables(dataset)
     # What is shipped is the clone's to write.
     path = board.write() if folder or board.folder == LEADERBOARD else None
-    screen.show(format, board.tables())
+    screen.show(format, tables)
+    if not dataset:
+        screen.say("more         --dataset NAME prints every ranking of a data set, tracks too")
     screen.say(f"written      {path}" if path else f"rows of dfdbench {dfdbench.__version__}")
 
 

@@ -70,14 +70,14 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
 @pytest.mark.usefixtures("small_demo_built")
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
-    assert dfdbench.fine("leaderboard --format csv").err == f"rows of dfdbench {__version__}\n"
+    assert f"rows of dfdbench {__version__}\n" in dfdbench.fine("leaderboard --format csv").err
     make_folder("constant")
     submitted = dfdbench.fine(*run, "constant", "--submit", "--no-figures")
     path = "leaderboard/results/demo-1-test/constant.json"
     assert f"submission   {path}" in submitted.err
     assert Path(path).exists()
     assert "stale" in dfdbench("leaderboard --check").err
-    written = dfdbench("leaderboard --format csv")
+    written = dfdbench("leaderboard --dataset demo --format csv")
     rows = list(csv.DictReader(io.StringIO(written.out)))
     assert [row["protocol"] for row in rows] == ["valid", "thesis", "thesis-networks-2"]
     assert "1 row valid" in dfdbench("leaderboard --check").out
@@ -104,6 +104,7 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
         (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
+        (("leaderboard", "--dataset", "dmo"), "did you mean demo"),
     ):
         dfdbench.refused(told, *arguments)
 
