@@ -122,11 +122,13 @@ class Board:
 
     @functools.cached_property
     def headlines(self) -> tuple[ScoreBoard, ...]:
-        """The rankings to be looked at first: of the newest seed, and of data that stay."""
+        """The rankings to look at first: of the newest seed, and of data that stay; or else all."""
         shown = {None, self.newest.seed if self.newest else None}
         rows = {path: row for path, row in self.rows.items() if _seed_of(row) in shown}
         found = boards(_clean(rows, scored=False), headlines=True)
-        return tuple(sorted(found, key=lambda board: seeded(board.result.dataset.name) is None))
+        first = sorted(found, key=lambda board: seeded(board.result.dataset.name) is None)
+        # Of depth maps that were scored, not run, none is a headline.
+        return tuple(first) or self.boards
 
     def table(
         self,
