@@ -62,7 +62,7 @@ def build(
     offline: bool = False,
     seed: int | None = None,
     workers: int | None = None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     shown: Shown = lambda what: nullcontext(),
 ) -> Dataset:
     """Build a data set; what was fetched or finished before is kept.
@@ -87,7 +87,7 @@ def build(
         Of ``unseen`` and ``unseen-stack``: what the rooms are drawn from, 0 if not given.
     workers : int, optional
         How many threads; by default one per processor core.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder.
     shown : callable
         Shows progress: entered with what is done, it gives a callable (done, total).
@@ -131,7 +131,7 @@ def build(
     return Dataset(report.path)
 
 
-def list_datasets(cache: Path | None = None) -> pd.DataFrame:
+def list_datasets(cache: Path | str | None = None) -> pd.DataFrame:
     """Return the data sets that come with the package, a row each.
 
     Examples
@@ -222,7 +222,7 @@ def run(
     fitted: Path | str | None = None,
     pool: Pool | None = None,
     for_board: bool = False,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_pair: OnPair | None = None,
 ) -> Run:
     """Run a method on a split of a built data set, as ``dfdbench run`` does.
@@ -259,7 +259,7 @@ def run(
         Other processes to evaluate pairs in, several at once; times are then not comparable.
     for_board : bool
         Refuse before the run what the leaderboard would refuse.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder.
     on_pair : callable, optional
         Called with (pairs done, pairs to do, the mean score of those done, as text).
@@ -314,7 +314,7 @@ def run_tracks(
     seed: int = 0,
     out: Path | str | None = None,
     for_board: bool = False,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_result: Callable[[str, Result], None] = lambda label, result: None,
     shown: Shown = lambda what: nullcontext(),
 ) -> Run:
@@ -388,7 +388,7 @@ def tune(
     protocol: str | None = None,
     limit: int | None = None,
     seed: int = 0,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_pair: Progress | None = None,
 ) -> pd.DataFrame:
     """Try parameters on training captures, by cross-validation over their groups.
@@ -437,7 +437,7 @@ def run_transfer(
     protocol: str = "valid",
     seed: int = 0,
     out: Path | str | None = None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_result: Callable[[str, Result], None] = lambda label, result: None,
     shown: Shown = lambda what: nullcontext(),
 ) -> Transfer:
@@ -516,7 +516,7 @@ def score(
     protocol: str | None = None,
     out: Path | str | None = None,
     for_board: bool = False,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_pair: Progress | None = None,
 ) -> Run:
     """Score depth maps that were made elsewhere, one file per pair.
@@ -552,7 +552,7 @@ def score(
         return _run_of({CLEAN: done}, {CLEAN: store}, shown, out)
 
 
-def _opened(dataset: str | Dataset, cache: Path | None) -> Dataset:
+def _opened(dataset: str | Dataset, cache: Path | str | None) -> Dataset:
     return open_dataset(dataset, cache=cache) if isinstance(dataset, str) else dataset
 
 

@@ -58,7 +58,7 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         crop: int | None = None,
         seed: int = 0,
         store: Place | None = None,
-        cache: Path | None = None,
+        cache: Path | str | None = None,
     ) -> None:
         self._pairs = open_dataset(name, store, cache=cache).captures(split)
         self._crop = crop

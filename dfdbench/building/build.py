@@ -33,7 +33,7 @@ def refuse_another_set(
     place: UPath,
     recipe: str | None,
     steps: tuple[int, int] | None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
 ) -> None:
     """Keep another recipe and other steps out of the place where the data set itself belongs.
 
@@ -49,7 +49,7 @@ def refuse_another_set(
         A blur recipe's name, in place of the manifest's.
     steps : tuple of int or None
         In-focus and defocus voltage step, in place of the manifest's.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder; see `dfdbench.system.cache.cache_folder`.
 
     Raises

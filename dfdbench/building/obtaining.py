@@ -27,7 +27,7 @@ def obtain(
     folder: Path | None = None,
     mirrors: Sequence[str] = (),
     offline: bool = False,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     on_progress: Progress | None = None,
     steps: tuple[int, int] | None = None,
 ) -> tuple[Source, Download | None]:
@@ -43,7 +43,7 @@ def obtain(
         Addresses to ask before the site, and before those that DFDBENCH_MIRROR names.
     offline : bool
         Use what was fetched before.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder.
     on_progress : callable, optional
         Called with (files done, files in all, bytes).
@@ -99,7 +99,7 @@ def build_dataset(
     offline: bool = False,
     seed: int | str | None = None,
     pool: Pool | None = None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     shown: Shown = lambda what: nullcontext(),
     on_fetched: Callable[[Download], None] = lambda done: None,
 ) -> BuildReport:
@@ -139,7 +139,7 @@ def voltage_pair_sets(
     manifest: Manifest,
     pairs: Sequence[Any],
     source: Path | None,
-    cache: Path | None = None,
+    cache: Path | str | None = None,
     pool: Pool | None = None,
     shown: Shown = lambda what: nullcontext(),
     on_built: Callable[[BuildReport], None] = lambda report: None,
@@ -154,7 +154,7 @@ def voltage_pair_sets(
         Pairs of voltage steps, as ``135-141``.
     source : Path or None
         The folder of the captures; needed where a set is not built yet.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder, in which the sets lie.
     pool, shown
         As of `build_dataset`.

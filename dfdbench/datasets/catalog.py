@@ -262,7 +262,7 @@ def _find(name: str) -> Manifest:
     return _released(by_name[name])
 
 
-def default_store(manifest: Heading | Manifest, cache: Path | None = None) -> Path:
+def default_store(manifest: Heading | Manifest, cache: Path | str | None = None) -> Path:
     """Return where the built data set lies unless a place is given."""
     return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
 
@@ -279,7 +279,7 @@ def is_place(name: str) -> bool:
     return (base.endswith(".zarr") or os.sep in base) and not base.endswith(".toml")
 
 
-def own_stores(cache: Path | None = None) -> dict[str, Path]:
+def own_stores(cache: Path | str | None = None) -> dict[str, Path]:
     """Return the sets of one's own that are built in the cache, by name.
 
     Each has two names, as released sets have: ``NAME-VERSION``, and for the newest version
@@ -299,7 +299,7 @@ def own_stores(cache: Path | None = None) -> dict[str, Path]:
     return found
 
 
-def place_of(name: str, cache: Path | None = None) -> str | Path | None:
+def place_of(name: str, cache: Path | str | None = None) -> str | Path | None:
     """Return the store that a text names by its place or, of one's own, by its name.
 
     None for every other name: that is a released set's, a manifest's, or nothing's.

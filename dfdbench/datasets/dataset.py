@@ -371,7 +371,7 @@ def _check_region(region: Region, shape: tuple[int, int]) -> None:
     )
 
 
-def open_dataset(name: str, place: Place | None = None, cache: Path | None = None) -> Dataset:
+def open_dataset(name: str, place: Place | None = None, cache: Path | str | None = None) -> Dataset:
     """Open a data set that is built: by its name, or by the path or URL of its store.
 
     Parameters
@@ -380,7 +380,7 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | None = Non
         A data set's name, a manifest's path, or the path or URL of a store.
     place : str, Path or UPath, optional
         Where the store lies, if not in the default place.
-    cache : Path, optional
+    cache : Path or str, optional
         The cache folder in which the default place is; see `dfdbench.system.cache.cache_folder`.
 
     Raises

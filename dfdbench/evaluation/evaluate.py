@@ -105,7 +105,12 @@ def labels_of(tracks: Sequence[str] | None) -> list[str]:
 
 
 def built_track(
-    plain: Manifest, dataset: str, label: str, source: Path | None, cache: Path | None, shown: Shown
+    plain: Manifest,
+    dataset: str,
+    label: str,
+    source: Path | None,
+    cache: Path | str | None,
+    shown: Shown,
 ) -> Dataset:
     """Open a data set on a track, or build it if its files are made or at hand.
 

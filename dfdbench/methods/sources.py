@@ -103,7 +103,7 @@ class Sources:
         MethodError
             If a module was edited after this process imported it.
         """
-        found: Hashes = {self._label(path): self._hash(path) for path in self._modules}
+        found: Hashes = {**self._modules}
         for heard in self._read | self._written:
             if heard not in self._counted:
                 path = _source_of(heard)
@@ -118,12 +118,10 @@ class Sources:
         return {label: _sha256(self._path(label)) for label in labels}
 
     @functools.cached_property
-    def _modules(self) -> set[Path]:
-        if self._module is None:
-            return set()
+    def _modules(self) -> dict[str, str]:
         found: set[Path] = set()
         named: set[str] = set()
-        left = [self._module]
+        left = [self._module] if self._module else []
         while left:
             name, path = left.pop()
             if path in found:
@@ -137,7 +135,7 @@ class Sources:
                 for other in new:
                     if file := self._file_of_module(other):
                         left.append((other, file))
-        return found
+        return {self._label(path): self._hash(path) for path in found}
 
     def _file_of_module(self, name: str) -> Path | None:
         if name.startswith(_ROOMS):

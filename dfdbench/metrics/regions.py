@@ -61,7 +61,9 @@ def regions_of(
         second |= np.swapaxes(steps, 0, axis)
     # Both pixels of a jump count, and two more to either side.
     around = cv2.dilate(jumps, np.ones((_SIDE - 2, _SIDE - 2), np.uint8)) > 0
-    grey = infocus.reshape(*known.shape, -1).mean(axis=2)
+    # Channel by channel: numpy's mean over an axis of three takes more than twice as long.
+    channels = np.moveaxis(infocus.reshape(*known.shape, -1), 2, 0)
+    grey = sum(channels, np.zeros(known.shape)) / len(channels)
     window, edge = (_SIDE, _SIDE), cv2.BORDER_REPLICATE
     mean, square = (
         cv2.boxFilter(values, cv2.CV_64F, window, borderType=edge) for values in (grey, grey**2)

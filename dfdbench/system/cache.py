@@ -39,7 +39,7 @@ class CacheEntry:
     path: Path
 
 
-def cache_folder(folder: Path | None = None) -> Path:
+def cache_folder(folder: Path | str | None = None) -> Path:
     """Return a folder if one is given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
 
     ``~`` stands for the home folder, also where no shell saw it.
@@ -51,15 +51,15 @@ def cache_folder(folder: Path | None = None) -> Path:
 
     Examples
     --------
-    >>> cache_folder(Path("mine")) == Path("mine")
+    >>> cache_folder("mine") == Path("mine")
     True
     """
-    named = os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
-    found = folder or Path(os.path.expanduser(named))
+    named = folder or os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
+    found = Path(os.path.expanduser(named))
     if is_address(found):
         where = "--cache" if folder else "DFDBENCH_CACHE"
         fix = "name a folder; `dfdbench build NAME --store URL` builds a store elsewhere"
-        what = f"the cache is no folder of this machine: {folder or named}"
+        what = f"the cache is no folder of this machine: {named}"
         raise InputError(what, where=where, fix=fix)
     return found
 
