@@ -238,17 +238,22 @@ class Solver(Calibrated):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return depth levels, and their spread if that is asked for; shape (y, x)."""
         from dfdbench.methods.rims import settle_rims
-        from dfdbench.methods.spread import Posterior
 
-        told = isinstance(self.blur, BlurRecipe)
-        by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)
-        posterior = Posterior(infocus.shape[:2], *by) if self._sure else None
+        posterior = self._posterior(infocus.shape[:2])
         levels = self._solve(infocus, images, posterior)
         raw = None if posterior is None else posterior.spread_about(levels)
         if len(images) > 1:
             way = self._farther_is_higher
             levels = settle_rims(self.blurs, infocus, images, levels, farther_is_higher=way)
         return levels, raw
+
+    def _posterior(self, shape: tuple[int, ...]) -> Posterior | None:
+        """Return what hears costs of an image of this shape; None if it says not how sure it is."""
+        from dfdbench.methods.spread import Posterior
+
+        told = isinstance(self.blur, BlurRecipe)
+        by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)
+        return Posterior(shape, *by) if self._sure else None
 
     def _with_sigma(self, levels: NDArray[np.float32], raw: NDArray[np.float32] | None) -> Answer:
         from dfdbench.methods.spread import spread_of
@@ -276,7 +281,7 @@ class Solver(Calibrated):
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate_images
         from dfdbench.methods.spread import spread_on
-        from dfdbench.methods.stacks import farther_is_higher, sharp_and_blurred
+        from dfdbench.methods.stacks import farther_is_higher
 
         learned: Learned = {}
         if self._told is None:
@@ -289,14 +294,20 @@ class Solver(Calibrated):
         trial.restore(learned)
 
         def answer(capture: TrainingPair) -> tuple[Array, Array]:
-            images = capture.infocus, [capture.defocus]
-            if not capture.is_pair:
-                images = sharp_and_blurred(capture.stack)
-            levels, raw = trial._settled(*images)
+            levels, raw = trial._settled(*self._images_of(capture))
             assert raw is not None  # it is sure
             return levels, raw
 
         return learned | spread_on(answer, pairs, type(self).__name__)
+
+    @staticmethod
+    def _images_of(capture: TrainingPair) -> tuple[Image, list[Image]]:
+        """Return a capture's image in focus, or what stands for it, and its defocus images."""
+        from dfdbench.methods.stacks import sharp_and_blurred
+
+        if capture.is_pair:
+            return capture.infocus, [capture.defocus]
+        return sharp_and_blurred(capture.stack)
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""

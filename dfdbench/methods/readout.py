@@ -86,7 +86,7 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
 
 
 # As a fit returns them.
-_FIELDS = ("prior", "prior_weight", "sharpness", "smoothing")
+_FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer")
 
 
 @dataclass(frozen=True)
@@ -103,22 +103,27 @@ class Chosen:
         0 for the level of least cost; else the median of ``exp(-sharpness * cost)``.
     smoothing : int
         How many times as much a method smooths as usual.
+    finer : float
+        Within how many standard deviations of a network's answer to look again, in finer steps; 0
+        for leaving it as it is.
     """
 
     energy: NDArray[np.float64]
     weight: float = 0.0
     sharpness: float = 0.0
     smoothing: int = 1
+    finer: float = 0.0
 
     def as_learned(self) -> Learned:
         """Return it as a method's fit returns it."""
-        values = (self.energy, self.weight, self.sharpness, self.smoothing)
+        values = (self.energy, self.weight, self.sharpness, self.smoothing, self.finer)
         return dict(zip(_FIELDS, values, strict=True))
 
     def as_dict(self) -> dict[str, float]:
         """Return it as a run's record has it: what is as usual left out."""
         found = {"prior": self.weight, "smoothing": self.smoothing, "sharpness": self.sharpness}
-        usual = {"prior": 0.0, "smoothing": 1, "sharpness": 0.0}
+        found |= {"finer": self.finer}
+        usual = {"prior": 0.0, "smoothing": 1, "sharpness": 0.0, "finer": 0.0}
         return {name: value for name, value in found.items() if value != usual[name]}
 
     def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
@@ -146,9 +151,9 @@ class Chosen:
         """Take it out of what a fit learned; without it nothing was chosen."""
         if _FIELDS[0] not in learned:
             return AS_USUAL
-        energy, weight, sharpness, smoothing = (learned.pop(name) for name in _FIELDS)
+        energy, weight, sharpness, smoothing, finer = (learned.pop(name) for name in _FIELDS)
         energy = np.asarray(energy, np.float64)
-        return cls(energy, float(weight), float(sharpness), int(smoothing))
+        return cls(energy, float(weight), float(sharpness), int(smoothing), float(finer))
 
 
 #: No prior, the level of least cost, and no more smoothing than usual.

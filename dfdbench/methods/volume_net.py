@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +16,21 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import energy_of, shares_of
-from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread
-from dfdbench.methods.law_cost import MOST_NATS, law_cost
+from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread, wrong
+from dfdbench.methods.law_cost import MOST_NATS, UNIT, law_cost, level_costs_by_rows
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
-from dfdbench.methods.readout import Chosen
-from dfdbench.methods.sgm import DIRECTIONS, path_costs
-from dfdbench.methods.spread import Posterior
+from dfdbench.methods.readout import AS_USUAL, Chosen, least_label
+from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
+from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
+from dfdbench.methods.spread import MOST_CAPTURES, Posterior
+from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
 
@@ -34,6 +39,11 @@ _UNIT = 64
 # Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
 # erred least on five cameras of the training.
 _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
+# Levels of the finer volume; nats that its costs are cut off at, and of a step of one level and of
+# more, as for `SemiGlobal`.
+_FINER, _LIMIT, _STEPS = 64, 100.0, (0.5, 15.0)
+# Within so many standard deviations of the network's answer the fit tries to look again.
+_TRIED = (0.0, 1.0, 2.0, 4.0)
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
 # Side of the window that the guide's contrast is made even over, and grey levels of no contrast.
@@ -128,12 +138,77 @@ def guide_of(infocus: Image) -> NDArray[np.float32]:
     return np.asarray((grey - mean) / (np.sqrt(np.maximum(variance, 0)) + _BARE), np.float32)
 
 
+def looked_again(
+    laws: Sequence[BlurLaw],
+    infocus: Image,
+    images: Sequence[Image],
+    mean: NDArray[np.float32],
+    deviation: NDArray[np.float32],
+    posterior: Posterior | None = None,
+) -> NDArray[np.float32]:
+    """Return the levels of least cost along paths, in finer steps, about a network's answer.
+
+    The network sees coarse levels, and larger pixels. Where the law explains the images, what lies
+    between them tells more; the answer counts beside it, as a normal distribution of depth.
+
+    Parameters
+    ----------
+    laws, infocus, images
+        As for `halved_costs`.
+    mean, deviation : ndarray of float32, shape (y, x)
+        The answer and its standard deviation, in levels.
+    posterior : Posterior, optional
+        Told what every level costs.
+
+    Returns
+    -------
+    ndarray of float32, shape (y, x)
+    """
+    levels = levels_of(_FINER)
+    by_images = level_costs_by_rows(laws, infocus, images, _LIMIT, levels)
+    small, large = (min(round(UNIT * len(images) * step), MOST_OF_PATHS // 2) for step in _STEPS)
+
+    def costs_of(rows: slice) -> NDArray[np.uint16]:
+        costs = by_images(rows)
+        narrow = np.float32(UNIT / 2) / np.square(deviation[rows])
+        _weigh_in(costs, levels, mean[rows], narrow, UNIT * MOST, MOST_OF_PATHS - large)
+        return costs
+
+    label, shape = np.empty(infocus.shape[:2]), (*infocus.shape[:2], _FINER)
+    parts: Callable[[slice], NDArray[np.uint16]] = costs_of
+    if posterior is not None:
+        held = costs_of(slice(None))
+        parts = held.__getitem__
+        # Half of the levels tell a spread as well.
+        planes = np.ascontiguousarray(np.moveaxis(held[..., ::2], 2, 0))
+        posterior.add_all(levels[::2], planes, UNIT)
+    for rows, sums in path_costs_by_bands(parts, shape, small, large):
+        label[rows] = least_label(np.moveaxis(sums, 2, 0))
+    return np.asarray(np.interp(label, np.arange(_FINER), levels), np.float32)
+
+
+@compiled()
+def _weigh_in(
+    costs: Array, levels: Array, mean: Array, narrow: Array, unlikely: float, most: int
+) -> None:
+    """Add to a pixel's costs how far each level is from its mean, squared, at most `unlikely`."""
+    height, width, count = costs.shape
+    for y in range(height):
+        for x in range(width):
+            for level in range(count):
+                off = np.float32(levels[level]) - mean[y, x]
+                far = min(narrow[y, x] * off * off, np.float32(unlikely))
+                costs[y, x, level] = np.uint16(min(costs[y, x, level] + np.rint(far), most))
+
+
 class VolumeNetMethod(Solver):
     """Depth by a network that reads how well the blur of each depth explains the images.
 
     The fit measures the camera's blur and how often training shows each depth. What each of 32
     levels costs a pixel under that blur goes into a small network, trained on rendered rooms seen
-    by many lenses, and so made for none.
+    by many lenses, and so made for none. Where the blur explains the images well, finer levels tell
+    more: about the network's answer they are looked at along paths, as `sgm` does, if that errs
+    less on training captures.
 
     Parameters
     ----------
@@ -141,6 +216,9 @@ class VolumeNetMethod(Solver):
         A file that ``dfdbench train volume-net`` wrote, or the name of shipped weights.
     prior : bool
         Tell the network how often training shows each depth.
+    finer : bool
+        Let the fit find out whether it helps to look again, in finer steps, about what the network
+        says.
     sure : bool
         Also say how sure it is, in levels: the distribution's standard deviation, times the factor
         with which its intervals hold on the training captures.
@@ -169,10 +247,14 @@ class VolumeNetMethod(Solver):
         self,
         weights: str | Path = "unseen",
         prior: bool = True,
+        finer: bool = True,
         sure: bool = True,
         device: str = "auto",
     ) -> None:
         super().__init__(None, prior, sure=sure)
+        if not isinstance(finer, bool):
+            raise MethodError.of(wrong("finer", "true or false", finer))
+        self._tried = _TRIED if finer else _TRIED[:1]
         path = find_weights("volume-net", weights)
         network, self.card = load_weights(path, "volume-net")
         assert isinstance(network, VolumeNet)
@@ -185,27 +267,63 @@ class VolumeNetMethod(Solver):
         self.trained_on = self.card.saw
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        learned = Calibration.all_as_learned(found)
-        if not self._with_prior:
-            return learned
-        shares = np.stack([shares_of(captures[index]) for index in evenly_spread(len(captures))])
-        return learned | Chosen(energy_of(shares), weight=1.0).as_learned()
+        chosen = AS_USUAL
+        if self._with_prior:
+            read = evenly_spread(len(captures))
+            shares = np.stack([shares_of(captures[index]) for index in read])
+            chosen = Chosen(energy_of(shares), weight=1.0)
+        trial = copy.copy(self)
+        trial.calibrations, trial.chosen = tuple(found), chosen
+        errors = np.zeros(len(self._tried))
+        for index in evenly_spread(len(captures), MOST_CAPTURES):
+            errors += trial._errors_on(captures[index])
+        best = replace(chosen, finer=self._tried[int(errors.argmin())])
+        return Calibration.all_as_learned(found) | best.as_learned()
+
+    def _errors_on(self, capture: TrainingPair) -> NDArray[np.float64]:
+        """Return the root mean square error on a capture for each reach that is tried."""
+        if not capture.valid.any():
+            return np.zeros(len(self._tried))
+        images = self._images_of(capture)
+        said = self._said(*images)
+        off = [self._finer(*images, *said, reach) - capture.levels for reach in self._tried]
+        return np.array([np.sqrt(np.square(each[capture.valid]).mean()) for each in off])
 
     def _settled(
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         # It has learned where surfaces end.
-        levels, deviation = self._mean_and_deviation(infocus, images)
-        return levels, deviation if self._sure else None
+        levels, deviation = self._said(infocus, images)
+        posterior = self._posterior(infocus.shape[:2])
+        if not self.chosen.finer or posterior is None:
+            levels = self._finer(infocus, images, levels, deviation, self.chosen.finer)
+            return levels, deviation if self._sure else None
+        levels = self._finer(infocus, images, levels, deviation, self.chosen.finer, posterior)
+        return levels, posterior.spread_about(levels)
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
-        return self._mean_and_deviation(infocus, images)[0]
+        return self._settled(infocus, images)[0]
 
-    def _mean_and_deviation(
+    def _finer(
+        self,
+        infocus: Image,
+        images: Sequence[Image],
+        levels: NDArray[np.float32],
+        deviation: NDArray[np.float32],
+        reach: float,
+        posterior: Posterior | None = None,
+    ) -> NDArray[np.float32]:
+        if not reach:
+            return levels
+        laws, reached = [found.law for found in self.calibrations], np.float32(reach) * deviation
+        return looked_again(laws, infocus, images, levels, reached, posterior)
+
+    def _said(
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the mean and the standard deviation of what the network says, in levels."""
         rows, columns = infocus.shape[:2]
         count, multiple = self._network.levels, 2 * self._network.multiple
         laws = [found.law for found in self.calibrations]

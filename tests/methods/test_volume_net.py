@@ -9,7 +9,7 @@ from tests.methods.made_planes import pair_of, texture
 
 pytest.importorskip("torch")
 
-from dfdbench.methods.volume_net import VolumeNetMethod, halved_costs, levels_of
+from dfdbench.methods.volume_net import VolumeNetMethod, halved_costs, levels_of, looked_again
 
 LAW = BlurLaw(sigmas=tuple(RECIPES["published"].sigmas[::-1].tolist()))
 
@@ -53,3 +53,33 @@ def test_it_finds_depth_for_a_blur_that_it_was_not_trained_on() -> None:
     # A constant is off by 55 at the least.
     assert np.median(np.abs(found - depth)) < 8
     assert 0.85 < (np.abs(found - depth) <= 1.645 * sigma).mean() < 0.95
+
+
+def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_images() -> None:
+    depth = np.full((48, 64), 101, np.uint8)
+    depth[:, 32:] = 154
+    pair = pair_of(texture(6, 48, 64), depth)
+    said = depth + np.float32(6)
+    unsure, sure = (
+        looked_again([LAW], pair.infocus, [pair.defocus], said, np.full_like(said, deviation))
+        for deviation in (9, 0.3)
+    )
+    assert np.abs(unsure - depth).mean() < 2
+    # Who is surer is believed more.
+    assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1
+
+
+def test_the_fit_looks_again_only_where_that_errs_less() -> None:
+    depth = np.full((96, 128), 70, np.uint8)
+    depth[:, 64:] = 180
+    clean = pair_of(texture(5, 96, 128), depth)
+    method = VolumeNetMethod(device="cpu")
+    method.restore(dict(method.fit([clean])))  # type: ignore[misc]
+    assert method.chosen.finer > 0
+    never = VolumeNetMethod(finer=False, device="cpu")
+    never.restore(dict(never.fit([clean])))  # type: ignore[misc]
+    assert never.chosen.finer == 0
+    errors = [
+        np.abs(each(clean.infocus, clean.defocus)[0] - depth).mean() for each in (method, never)
+    ]
+    assert errors[0] < errors[1]
