@@ -23,7 +23,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from dfdbench.cli import screen
-from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory
+from dfdbench.errors import DfdbenchError, Problem, is_lack_of_memory, room_or
 from dfdbench.statuses import INTERRUPTED, MISTAKE
 from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
 
@@ -238,7 +238,8 @@ def main() -> None:
         # No room, too long a name, a folder that is gone: it may have come in by any option.
         if not error.strerror or is_lack_of_memory(error):
             raise
-        screen.say(f"error: {Problem(error.strerror, where=str(error.filename or ''))}")
+        where, fix = str(error.filename or ""), room_or("choose another place", error)
+        screen.say(f"error: {Problem(error.strerror, where=where, fix=fix)}")
         sys.stderr.flush()
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             # What standard output still holds cannot be written either.

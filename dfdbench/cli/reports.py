@@ -60,7 +60,7 @@ def report(
     if figure:
         output_place(figure, *results, option="--figure")
     once = {os.path.realpath(path / RESULT if path.is_dir() else path): path for path in results}
-    paths = [path for path in once.values() if not path.name.endswith(PREVIOUS)]
+    paths = [path for path in once.values() if PREVIOUS not in path.name]
     if paths and len(paths) < len(once):
         screen.say(f"left out: earlier runs, NAME{PREVIOUS}; `dfdbench compare` takes two runs")
     runs = distinguished(open_saved_run(path, dataset) for path in paths or once.values())

@@ -87,7 +87,9 @@ def run(
     if limit is not None and not done.result.complete and not done.failed:
         words = ["run", "--dataset", dataset, "--split", split, "--method", method]
         words += [word for each in param for word in ("--param", each)]
-        words += [] if out is None else ["--out", str(out)]
+        given = {"--protocol": protocol, "--fitted": fitted, "--seed": seed or None, "--out": out}
+        words += [str(word) for item in given.items() if item[1] is not None for word in item]
+        words += ["--no-predictions"] * no_predictions
         then = shlex.join(["dfdbench", *words])
     _show(done, format, None if no else figure_format or (), submit, tables, then)
 

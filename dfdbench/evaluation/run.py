@@ -61,7 +61,7 @@ class RunDone:
     folder : Path
         Where ``result.json`` and ``predictions.zarr`` lie.
     reused : int
-        Pairs taken over from an earlier call that was stopped or limited.
+        Pairs kept from an earlier call that was stopped or limited.
     set_aside : Path or None
         Where an earlier run of another kind in the same folder was moved.
     because : tuple of str
@@ -84,7 +84,7 @@ class RunDone:
             notes.append(f"the earlier run was moved to {self.set_aside}")
         if self.reused:
             pairs = counted(self.reused, "pair")
-            notes.append(f"{pairs} taken over from an earlier call (--fresh evaluates anew)")
+            notes.append(f"{pairs} kept from an earlier run (--fresh starts over)")
         return notes
 
 
@@ -154,7 +154,6 @@ def run_method(
             keep_fit(folder, plan.fit)
         run_folder.keep_store_place(folder, store.path)
         journal = _Journal(plan, folder, known, on_pair)
-        reused = journal.done
         _evaluate(plan, journal, pool)
         seed = plan.options.seed
         said = [*method.warnings, *warnings]
@@ -163,7 +162,7 @@ def run_method(
         record, pairs = _method_record(plan), journal.records()
         result = compose(store, split, record, pairs, seed, said, known.environments)
         save_result(result, folder / RESULT)
-    return RunDone(result, folder, reused, set_aside, tuple(because))
+    return RunDone(result, folder, journal.reused, set_aside, tuple(because))
 
 
 def _begun(folder: Path) -> dict[str, Any] | None:
@@ -228,13 +227,17 @@ class _Journal:
 
     def __init__(self, plan: RunPlan, folder: Path, known: _Known, on_pair: OnPair | None) -> None:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
-        places = range(len(known.environments))
-        found = run_folder.read_journal(folder)
-        self._finished = {name: each for name, each in found.items() if each.machine in places}
+        self._predictions = run_folder.Predictions(folder, plan.store.manifest)
+        places, kept = range(len(known.environments)), plan.options.keep_predictions
+        self._finished = {
+            name: each
+            for name, each in run_folder.read_journal(folder).items()
+            if each.machine in places and (not kept or self._predictions.has(name))
+        }
+        self.reused = len(self._finished)
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
         self._first: EvaluatedElsewhere | None = None
-        self._predictions = run_folder.Predictions(folder, plan.store.manifest)
 
     def note(self, pair: Pair, evaluated: EvaluatedElsewhere) -> None:
         """Write down what became of a pair; the first comes twice, and is compared."""
@@ -276,12 +279,10 @@ class _Journal:
 
     def records(self) -> list[PairResult]:
         """Return the records of all pairs of the split, those not evaluated too."""
-        wanted = {pair.id for pair in self._plan.chosen}
         present = {pair.id for pair in self._plan.available}
         return [
-            self._finished[pair.id]
-            if pair.id in wanted
-            else blank_record(pair, "not-run" if pair.id in present else "missing")
+            self._finished.get(pair.id)
+            or blank_record(pair, "not-run" if pair.id in present else "missing")
             for pair in self._plan.expected
         ]
 

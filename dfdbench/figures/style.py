@@ -1,5 +1,6 @@
 """What figures share: colours, markers, legends, brightness, plain text, files."""
 
+import io
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Depth
+from dfdbench.system.files import write_whole
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -63,9 +65,11 @@ def write_figure(figure: Figure, path: Path) -> None:
 
     The same figure gives the same bytes: no form holds the time.
     """
-    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+    form, content = path.suffix[1:].lower(), io.BytesIO()
+    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(form)
     with mpl.rc_context({"svg.hashsalt": path.stem}):
-        figure.savefig(path, dpi=_DPI, metadata=undated)
+        figure.savefig(content, format=form, dpi=_DPI, metadata=undated)
+    write_whole(path, content.getvalue())
 
 
 def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -> list[Path]:

@@ -42,8 +42,12 @@ _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
 # Levels of the finer volume; nats that its costs are cut off at, and of a step of one level and of
 # more, as for `SemiGlobal`.
 _FINER, _LIMIT, _STEPS = 64, 100.0, (0.5, 15.0)
-# Within so many standard deviations of the network's answer the fit tries to look again.
-_TRIED = (0.0, 1.0, 2.0, 4.0)
+# What the fit tries: not to look again, or within so many standard deviations of the network's
+# answer, with so many times the usual smoothing.
+_TRIED = (
+    (0.0, 1),
+    *((reach, smoothing) for smoothing in (1, 13) for reach in (1.0, 2.0, 4.0, 16.0)),
+)
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
 # Side of the window that the guide's contrast is made even over, and grey levels of no contrast.
@@ -139,11 +143,10 @@ def guide_of(infocus: Image) -> NDArray[np.float32]:
 
 
 def looked_again(
-    laws: Sequence[BlurLaw],
-    infocus: Image,
-    images: Sequence[Image],
+    costs: Callable[[slice], NDArray[np.uint16]],
     mean: NDArray[np.float32],
     deviation: NDArray[np.float32],
+    smoothing: float = 1,
     posterior: Posterior | None = None,
 ) -> NDArray[np.float32]:
     """Return the levels of least cost along paths, in finer steps, about a network's answer.
@@ -153,10 +156,13 @@ def looked_again(
 
     Parameters
     ----------
-    laws, infocus, images
-        As for `halved_costs`.
+    costs : callable
+        Gives what the 64 levels cost some rows, `UNIT` a nat, to be written over: uint16, (y, x,
+        level).
     mean, deviation : ndarray of float32, shape (y, x)
         The answer and its standard deviation, in levels.
+    smoothing : float
+        How many times as much a step along a path costs as of a pair by default.
     posterior : Posterior, optional
         Told what every level costs.
 
@@ -165,16 +171,14 @@ def looked_again(
     ndarray of float32, shape (y, x)
     """
     levels = levels_of(_FINER)
-    by_images = level_costs_by_rows(laws, infocus, images, _LIMIT, levels)
-    small, large = (min(round(UNIT * len(images) * step), MOST_OF_PATHS // 2) for step in _STEPS)
+    small, large = (min(round(UNIT * smoothing * step), MOST_OF_PATHS // 2) for step in _STEPS)
 
     def costs_of(rows: slice) -> NDArray[np.uint16]:
-        costs = by_images(rows)
-        narrow = np.float32(UNIT / 2) / np.square(deviation[rows])
-        _weigh_in(costs, levels, mean[rows], narrow, UNIT * MOST, MOST_OF_PATHS - large)
-        return costs
+        found, narrow = costs(rows), np.float32(UNIT / 2) / np.square(deviation[rows])
+        _weigh_in(found, levels, mean[rows], narrow, UNIT * MOST, MOST_OF_PATHS - large)
+        return found
 
-    label, shape = np.empty(infocus.shape[:2]), (*infocus.shape[:2], _FINER)
+    label, shape = np.empty(mean.shape), (*mean.shape, _FINER)
     parts: Callable[[slice], NDArray[np.uint16]] = costs_of
     if posterior is not None:
         held = costs_of(slice(None))
@@ -277,48 +281,50 @@ class VolumeNetMethod(Solver):
         errors = np.zeros(len(self._tried))
         for index in evenly_spread(len(captures), MOST_CAPTURES):
             errors += trial._errors_on(captures[index])
-        best = replace(chosen, finer=self._tried[int(errors.argmin())])
+        finer, smoothing = self._tried[int(errors.argmin())]
+        best = replace(chosen, finer=finer, smoothing=smoothing)
         return Calibration.all_as_learned(found) | best.as_learned()
 
     def _errors_on(self, capture: TrainingPair) -> NDArray[np.float64]:
-        """Return the root mean square error on a capture for each reach that is tried."""
+        """Return the root mean square error on a capture with everything that is tried."""
         if not capture.valid.any():
             return np.zeros(len(self._tried))
-        images = self._images_of(capture)
-        said = self._said(*images)
-        off = [self._finer(*images, *said, reach) - capture.levels for reach in self._tried]
-        return np.array([np.sqrt(np.square(each[capture.valid]).mean()) for each in off])
+        infocus, images = self._images_of(capture)
+        mean, deviation = self._said(infocus, images)
+        costs, errors = self._finer_costs(infocus, images)(slice(None)), list[float]()
+        for reach, smoothing in self._tried:
+            found = mean
+            if reach:
+                by = deviation * np.float32(reach), smoothing * len(images)
+                found = looked_again(lambda rows: costs[rows].copy(), mean, *by)
+            off = (found - capture.levels)[capture.valid]
+            errors.append(float(np.sqrt(np.square(off).mean())))
+        return np.array(errors)
 
     def _settled(
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         # It has learned where surfaces end.
         levels, deviation = self._said(infocus, images)
-        posterior = self._posterior(infocus.shape[:2])
-        if not self.chosen.finer or posterior is None:
-            levels = self._finer(infocus, images, levels, deviation, self.chosen.finer)
-            return levels, deviation if self._sure else None
-        levels = self._finer(infocus, images, levels, deviation, self.chosen.finer, posterior)
-        return levels, posterior.spread_about(levels)
+        if reach := np.float32(self.chosen.finer):
+            costs, posterior = self._finer_costs(infocus, images), self._posterior(levels.shape)
+            by = deviation * reach, self.chosen.smoothing * len(images)
+            levels = looked_again(costs, levels, *by, posterior)
+            if posterior is not None:
+                deviation = posterior.spread_about(levels)
+        return levels, deviation if self._sure else None
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
         return self._settled(infocus, images)[0]
 
-    def _finer(
-        self,
-        infocus: Image,
-        images: Sequence[Image],
-        levels: NDArray[np.float32],
-        deviation: NDArray[np.float32],
-        reach: float,
-        posterior: Posterior | None = None,
-    ) -> NDArray[np.float32]:
-        if not reach:
-            return levels
-        laws, reached = [found.law for found in self.calibrations], np.float32(reach) * deviation
-        return looked_again(laws, infocus, images, levels, reached, posterior)
+    def _finer_costs(
+        self, infocus: Image, images: Sequence[Image]
+    ) -> Callable[[slice], NDArray[np.uint16]]:
+        laws = [found.law for found in self.calibrations]
+        by_rows = level_costs_by_rows(laws, infocus, images, _LIMIT, levels_of(_FINER))
+        return lambda rows: by_rows(rows=rows)
 
     def _said(
         self, infocus: Image, images: Sequence[Image]

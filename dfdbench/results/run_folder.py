@@ -1,8 +1,8 @@
 """The folder of a run: its identity, finished pairs, depth maps, and where its store is."""
 
+import itertools
 import json
 import math
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +25,7 @@ from dfdbench.tables.table import listed
 
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"
-#: How the name of a run ends that was set aside for a newer one.
+#: How the name of a run ends that was set aside for a newer one; more than one are numbered.
 PREVIOUS = ".previous"
 PREDICTIONS = "predictions.zarr"
 
@@ -59,8 +59,10 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
             raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)
-            if set_aside.exists():
-                shutil.rmtree(set_aside)
+            for number in itertools.count(2):
+                if not set_aside.exists():
+                    break
+                set_aside = folder.with_name(f"{folder.name}{PREVIOUS}-{number}")
             folder.rename(set_aside)
     folder.mkdir(parents=True, exist_ok=True)
     keep_identity(folder, identity)
@@ -138,6 +140,10 @@ class Predictions:
         self._folder, self._axes = folder, manifest.axes
         # Opened once: to open one takes as long as many methods need for a pair.
         self._arrays: dict[tuple[str, str], zarr.Array[Any]] = {}
+
+    def has(self, pair: str) -> bool:
+        """Return whether depth maps of the scene of a pair, named by its id, were kept."""
+        return (self._folder / PREDICTIONS / pair.partition("/")[0]).is_dir()
 
     def keep(
         self, pair: Pair, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None = None

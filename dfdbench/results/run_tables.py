@@ -152,14 +152,16 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if pair.status == "failed":
             by_error.setdefault(pair.error or "", []).append(pair.id)
     for error, ids in by_error.items():
-        notes.append(f"{counted(len(ids), 'pair')} failed, the first of them {ids[0]}: {error}")
+        which = f", the first of them {ids[0]}" if len(ids) > 1 else f", {ids[0]}"
+        notes.append(f"{counted(len(ids), 'pair')} failed{which}: {error}")
     texts = {"missing": "not in the store", "not-run": "not run"}
     for status, text in texts.items():
         count = sum(pair.status == status for pair in result.pairs)
         if count:
             notes.append(f"{count} of {len(result.pairs)} pairs {text}")
     if not result.complete:
-        notes.append("an incomplete run has no rank; means in brackets are of what ran")
+        means = "; means in brackets are of what ran" if result.evaluated else ""
+        notes.append(f"an incomplete run has no rank{means}")
     return notes + [f"warning: {text}" for text in result.warnings]
 
 

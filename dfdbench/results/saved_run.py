@@ -50,9 +50,11 @@ class SavedRun:
 
     def __repr__(self) -> str:
         on = self.result.dataset
+        failed = [pair.error for pair in self.result.pairs if pair.status == "failed"]
         return (
             f"<run of {self.label} on {on.name}, split {on.split}: "
-            f"{on.evaluated} of {counted(on.expected, 'pair')}>"
+            f"{on.evaluated} of {counted(on.expected, 'pair')}"
+            + (f", {len(failed)} failed: {failed[0]}>" if failed else ">")
         )
 
     @property

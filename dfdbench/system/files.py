@@ -176,7 +176,9 @@ def hold(path: Path, taken: DfdbenchError) -> Iterator[None]:
     try:
         lock.acquire()
     except filelock.Timeout as error:
-        raise taken from error
+        # Where no file can be made, as below /proc, it times out as well: then this raises.
+        with tempfile.TemporaryFile(dir=os.path.dirname(place)):
+            raise taken from error
     try:
         yield
     finally:
@@ -216,8 +218,10 @@ def writing_folder(folder: Path, what: str) -> Iterator[None]:
         with hold(folder.with_name(f".{folder.name}.lock"), taken):
             yield
     except OSError as error:
-        fix = room_or("choose another place with --out DIR", error)
-        fix = f"{fix}; the same command goes on where it stopped"
+        elsewhere = "choose another place with --out DIR"
+        fix = room_or(elsewhere, error)
+        if fix != elsewhere:
+            fix += "; the same command goes on where it stopped"
         raise ResultError(
             f"cannot write the {what}", where=str(folder), got=reason_of(error), fix=fix
         ) from error

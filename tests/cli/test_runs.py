@@ -29,7 +29,7 @@ def test_the_whole_way(
         run = f"run --method mymodule:predict --dataset {store} --format {form}"
         shown = dfdbench.fine(run, "--protocol", "valid", "--no-figures")
         assert "figures " not in shown.err
-        assert "7 pairs taken over" in shown.err
+        assert "7 pairs kept from an earlier run" in shown.err
         if form == "json":
             told = json.loads(shown.out)
             assert told["tables"][0]["rows"][0]["protocol"] == "valid"

@@ -52,7 +52,7 @@ def test_a_sigma_is_scored_kept_drawn_and_scored_again(
         "run --method mymodule:sure --out run --protocol sure --dataset", store, BARE
     )
     assert "in 90 % intervals → 0.9" in shown.out
-    assert "7 pairs taken over" in shown.err
+    assert "7 pairs kept" in shown.err
     page = Path("page")
     dfdbench.fine("report run --out page")
     assert "how sure it is" in (page / "report.html").read_text("utf-8")

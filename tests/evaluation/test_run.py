@@ -1,4 +1,5 @@
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -84,10 +85,12 @@ def test_a_changed_method_starts_over_beside_the_old(tiny_store: Dataset, tmp_pa
     assert run.set_aside == tmp_path / "out.previous"
     assert (tmp_path / "out.previous" / RESULT).read_text() == old
     fresh = Counting()
-    run_method(
+    run = run_method(
         tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", RunOptions(fresh=True)
     )
     assert fresh.calls == 8
+    assert run.set_aside == tmp_path / "out.previous-2"
+    assert (tmp_path / "out.previous" / RESULT).read_text() == old
 
 
 MIXED = """
@@ -181,6 +184,16 @@ def test_a_limited_run_can_be_completed(tiny_store: Dataset, tmp_path: Path) -> 
     whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
     assert whole.reused == 2
     assert whole.result.averages is not None
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    assert (run.reused, run.result.complete) == (7, True)
+
+
+def test_depth_maps_that_were_removed_are_made_again(tiny_store: Dataset, tmp_path: Path) -> None:
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / PREDICTIONS)
+    again = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    assert (again.reused, again.result.complete) == (0, True)
+    assert (tmp_path / "out" / PREDICTIONS).is_dir()
 
 
 def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
