@@ -168,7 +168,7 @@ class ResultError(DfdbenchError):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> UnknownNameError:
-    """Return the error for an unknown name, with the near misses named.
+    """Return the error for an unknown name: the near misses are named, or all names.
 
     Parameters
     ----------
@@ -184,18 +184,20 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     Examples
     --------
     >>> print(unknown_name("scene", "Reinder", ["Art", "Books", "Reindeer"]))
-    unknown scene: expected one of: Art, Books, Reindeer, got Reinder
+    unknown scene 'Reinder'
     Fix: did you mean Reindeer?
+    >>> print(unknown_name("scene", "Xylophone", ["Art", "Books", "Reindeer"]))
+    unknown scene 'Xylophone': expected one of: Art, Books, Reindeer
     """
     choices = sorted(known)
-    near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5)
+    near = sorted(difflib.get_close_matches(name, choices, n=3))
     if not near:
         near = [choice for choice in choices if choice.casefold() == name.casefold()][-1:]
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     return UnknownNameError(
-        what=f"unknown {kind}",
-        expected="one of: " + ", ".join(choices),
-        got=name,
+        what=f"unknown {kind} {name!r}",
+        # Nobody reads thirty names where one is near.
+        expected="" if near else "one of: " + ", ".join(choices),
         fix=" ".join(part for part in (hint, fix) if part),
     )
 

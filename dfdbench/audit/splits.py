@@ -455,7 +455,7 @@ def propose(
         If both are asked for, or neither; as of `rank_tests` and `propose_folds`.
     """
     if (size is None) == (folds is None):
-        raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
+        raise InputError("ask for either", where="--test-scenes, --folds", fix="--test-scenes 3")
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])

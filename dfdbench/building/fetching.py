@@ -117,6 +117,7 @@ class Fetcher:
         #: Files that were set aside, each content of a name once.
         self.refused = 0
         self._failures: Counter[str] = Counter()
+        self._why: dict[str, str] = {}
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
             _TRIES - 1,
@@ -215,13 +216,14 @@ class Fetcher:
         except ValueError as error:
             raise _unreachable(address, requests.exceptions.InvalidURL(error)) from error
         if self._failures[host] >= _FAILURES_TO_GIVE_UP:
-            got = f"{self._failures[host]} files in a row could not be fetched from it"
+            got = f"{self._failures[host]} files in a row not fetched: {self._why[host]}"
             raise _UnreachableError("the server was given up", where=address, got=got, fix=_LATER)
         try:
             part.parent.mkdir(parents=True, exist_ok=True)
             self._receive(address, part)
-        except _UnreachableError:
+        except _UnreachableError as error:
             self._failures[host] += 1
+            self._why[host] = error.problems[0].got or error.problems[0].what
             raise
         except OSError as error:
             raise cannot_keep(part, error) from error

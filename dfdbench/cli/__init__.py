@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import errno
 import os
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -132,6 +133,16 @@ VERBS = {
 }
 
 
+# Of what pydantic says of an option's value.
+_IN_OUR_WORDS = {
+    r"^Value error, ": "",
+    r"^Input should be greater than or equal to (\S+)$": r"must be \1 or more",
+    r"^Input should be less than or equal to (\S+)$": r"must be \1 or less",
+    r"^Input should be a valid integer.*": "must be a whole number",
+    r"^Input should be a valid number.*": "must be a number",
+}
+
+
 class LazyGroup(TyperGroup):
     """Knows its verbs by name, and imports the one that is called."""
 
@@ -176,6 +187,10 @@ class LazyGroup(TyperGroup):
         """
         try:
             return super().invoke(ctx)
+        except typer.BadParameter as error:
+            for theirs, ours in _IN_OUR_WORDS.items():
+                error.message = re.sub(theirs, ours, error.message)
+            raise
         except BrokenPipeError:
             screen.end_unread()
         except KeyboardInterrupt as stopped:

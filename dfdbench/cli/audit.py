@@ -130,7 +130,9 @@ def difficulty(
         _answer_bound(store, split, result or [], folder, format)
         return
     if result:
-        raise InputError("runs stand beside the bound", where="--result", fix="add --bound")
+        raise InputError(
+            "--result is for --bound, which shows runs beside the bound", fix="add --bound"
+        )
     with screen.progress("looking at pairs", "nothing was written") as step:
         found = hardness.split_difficulty(store, split, noise, step)
     rows = hardness.difficulty_rows(manifest, found)
@@ -287,7 +289,11 @@ def _refuse_mixtures(
     tests = [name for name in named if name in ("--test", "--test-dataset")]
     wrong = (
         (not dataset and not run, "no data set is named", "dfdbench audit coverage DATASET"),
-        (each and others, "--each takes no split and no result", " and ".join(others)),
+        (
+            each and others,
+            "--each tests every scene or fold by itself: no split and no result can be named",
+            " and ".join(others),
+        ),
         (not each and run and tests, "a result says itself what tests", " and ".join(tests)),
         (run and {"--train", "--fold"} <= set(named), "a fold says what trains", "--train"),
     )

@@ -168,7 +168,9 @@ def clear_cache(
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")
     if chosen and not yes:
         if not sys.stdin.isatty():
-            raise InputError("nobody can be asked", where="dfdbench cache clear", fix="say --yes")
+            raise InputError(
+                "cannot ask: no terminal", where="dfdbench cache clear", fix="say --yes"
+            )
         typer.confirm("Remove them?", abort=True, err=True)
     remove_entries(tuple(chosen))
     size = sum(entry.size for entry in chosen)

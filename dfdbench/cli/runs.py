@@ -51,7 +51,10 @@ def run(
     ] = False,
     seed: options.Seed = 0,
     workers: Annotated[
-        int | None, Option(min=1, max=1024, help="Pairs at once; times are not comparable then.")
+        int | None,
+        Option(
+            min=1, max=1024, help="How many pairs to run at once; times are then not comparable."
+        ),
     ] = None,
     scheduler: options.Scheduler = None,
     cache: options.Cache = None,

@@ -227,7 +227,7 @@ def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) ->
     elif resume and fresh:
         what, fix = "--resume goes on, --fresh starts anew", "choose one"
     elif training.foreign:
-        what = "the folder holds something else than a training"
+        what = "the folder holds something other than a training"
     elif resume and not training.started:
         what, fix = "no checkpoint to go on from", "leave --resume out"
     elif training.holds_files and not resume and not fresh:

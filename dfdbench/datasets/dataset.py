@@ -50,6 +50,7 @@ Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
 #: Of so many scenes a notebook shows the first pair.
 _SHOWN = 4
+_REMOTE = "check the address, the network, and what the server knows you by"
 
 
 class Dataset:
@@ -431,7 +432,7 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
     """Return a store's root and the names of its groups."""
     try:
         if not exists(location):
-            fix = "dfdbench build NAME --store PATH"
+            fix = "dfdbench build NAME --store PATH" if is_local(location) else _REMOTE
             raise StoreError("no such store", where=str(location), fix=fix)
         root = zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
         return root, frozenset(root.group_keys())
@@ -442,5 +443,6 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
     except Exception as error:
         # Of an object store it may be unreachable, forbidden, no bucket.
         what = f"cannot read the store: {str(error)[:LONGEST]}"
-        fix = "allow more memory and threads" if "new thread" in str(error) else "build it again"
+        fix = "build it again" if is_local(location) else _REMOTE
+        fix = "allow more memory and threads" if "new thread" in str(error) else fix
         raise StoreError(what, where=str(location), fix=fix) from error

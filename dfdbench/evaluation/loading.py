@@ -63,7 +63,9 @@ def load_for(
         raise MethodError(what, where=found.entry, fix=fix)
     depth = store.manifest.depth
     if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
-        what = f"it answers in metres, and {store.manifest.stem} does not say what levels are"
+        what = (
+            f"it answers in metres, and {store.manifest.stem} does not say how levels become metres"
+        )
         fix = "put depth.scale into the manifest, or choose a method that answers in levels"
         raise MethodError(what, where=found.name, fix=fix)
     named = {} if images is None else {"images": list(images)}

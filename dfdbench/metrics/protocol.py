@@ -279,7 +279,7 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     if label == SURE:
         what = "the method neither says how sure it is nor leaves pixels without an answer"
     elif asked and asked.in_metres:
-        what = f"not scored in metres, which {label} takes"
+        what = f"{label} needs depth in metres"
     else:
         raise unknown_name(f"protocol of {whose}", label, there)
     raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")

@@ -224,7 +224,9 @@ class Run:
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
-            raise InputError("there is something", where=str(folder), fix="name a new folder")
+            raise InputError(
+                "something is there already", where=str(folder), fix="name a new folder"
+            )
         for label, run in self._runs.items():
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder

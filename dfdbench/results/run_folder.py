@@ -55,7 +55,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     set_aside = None
     if whole_files(folder):
         if not (folder / RUN_IDENTITY).exists():
-            what, fix = "the folder holds something else than a run", "choose another: --out"
+            what, fix = "the folder holds something other than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)

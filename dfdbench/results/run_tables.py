@@ -145,7 +145,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         notes.append(f"without a defined score (flat ground truth), in no mean: {pairs}")
     if whole.unanswered:
         pairs = f"{counted(whole.unanswered, 'pair')} without an answer for every pixel"
-        notes.append(f"{pairs}: no mean and no rank but under protocol {SURE}")
+        notes.append(f"{pairs}: no mean and no rank except under protocol {SURE}")
     notes += _notes_of_method(result)
     by_error: dict[str, list[str]] = {}
     for pair in result.pairs:

@@ -17,6 +17,19 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.01, le=100)]
 STEPS = Field(min_length=2, max_length=100)
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
+# Pydantic's kinds of refusal in our words.
+_WORDS = {
+    "string_type": "text",
+    "list_type": "a list",
+    "dict_type": "a table",
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "{ge} or more",
+    "less_than": "less than {lt}",
+    "less_than_equal": "{le} or less",
+}
 _LONGEST = 80
 
 
@@ -59,8 +72,7 @@ def problems_of(
     ...     Shelf(books=[3, "x"])
     ... except ValidationError as error:
     ...     print(*problems_of(error, "wrong value", file="shelf.json"))
-    wrong value (shelf.json: books[1]): expected a valid integer, unable to parse string as an \
-integer, got 'x'
+    wrong value (shelf.json: books[1]): expected a whole number, got 'x'
     """
     problems = []
     for detail in error.errors():
@@ -73,10 +85,14 @@ integer, got 'x'
                 problem = Problem("field is missing", where=where, fix=fix)
             case "extra_forbidden":
                 problem = Problem("unknown field", where=where, got=got, fix=fix)
+            case "json_invalid":
+                problem = Problem(f"broken JSON: {detail['ctx']['error']}", where=where, fix=fix)
             case kind:
                 # What contradicts itself as a whole is too long to be shown.
                 whole = kind == "value_error" and isinstance(detail["input"], dict)
                 expected = _PREAMBLE.sub("", detail["msg"])
+                if kind in _WORDS:
+                    expected = _WORDS[kind].format(**detail.get("ctx", {}))
                 got = "" if whole else got
                 problem = Problem(what, where=where, expected=expected, got=got, fix=fix)
         problems.append(problem)

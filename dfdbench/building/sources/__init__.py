@@ -226,7 +226,9 @@ def open_source(
     reader: Callable[..., Source] = getattr(import_module(f"{__name__}.{module}"), name)
     if is_made(manifest):
         if folder:
-            raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
+            raise SourceError(
+                f"{manifest.short} is rendered: it reads no folder", fix="leave out --source"
+            )
         return reader(manifest)
     if folder is None:
         layouts = manifest.files.patterns.values() if manifest.files else [layout]

@@ -99,7 +99,7 @@ class SearchFolder:
         file = self.path / _IDENTITY
         if not file.exists():
             if whole_files(self.path):
-                what = "the folder holds something else than a search"
+                what = "the folder holds something other than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
             write_whole(file, json.dumps(now, indent=2) + "\n")
         what = "the folder holds another search"
