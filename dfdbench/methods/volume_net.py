@@ -284,7 +284,7 @@ class VolumeNetMethod(Solver):
         looked_at = evenly_spread(len(captures), MOST_CAPTURES)
         errors = np.array([trial._errors_on(captures[index]) for index in looked_at])
         means = np.array([errors.mean(axis=0), np.exp(np.log(errors + _ROUNDING).mean(axis=0))])
-        better = (means < _BETTER * means[:, :1]).all(axis=0)
+        better = np.array((means < _BETTER * means[:, :1]).all(axis=0))
         better[0] = True
         finer, smoothing = self._tried[int(np.where(better, means[0], np.inf).argmin())]
         best = replace(chosen, finer=finer, smoothing=smoothing)
