@@ -168,7 +168,7 @@ def require_truth(store: Dataset) -> None:
     if not store.manifest.has_truth:
         name = store.manifest.short
         export = f"dfdbench export {name} --png IMAGES --images-only"
-        fix = f"{export}, then dfdbench predict IMAGES --out MAPS"
+        fix = f"{export}, then dfdbench predict IMAGES --method NAME --out MAPS"
         raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
 
 

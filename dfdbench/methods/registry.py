@@ -7,6 +7,7 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -39,9 +40,8 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
         return
     names = [name for name in known if name not in ("infocus", "defocus")]
     if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in known.values()):
-        expected = "one of: " + ", ".join(names) if names else "no parameters"
         MethodError.raise_if(
-            Problem(f"unknown parameter {name}", where=entry, expected=expected)
+            _unknown_parameter(name, entry, names)
             for name in arguments
             if name not in (*known, "infocus", "defocus")
         )
@@ -55,6 +55,19 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
         )
 
 
+def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
+    if name in _OPTIONS:
+        what, option = _OPTIONS[name]
+        fix = f"leave out {option} (--param {name}=...)"
+        return Problem(f"this method takes no {what}", where=entry, fix=fix)
+    near = get_close_matches(name, known)
+    fix = f"did you mean {' or '.join(near)}?" if near else ""
+    expected = "one of: " + ", ".join(known) if known else "no parameters"
+    return Problem(f"unknown parameter {name}", where=entry, expected=expected, fix=fix)
+
+
+# Parameters that options of `predict` stand for, which nobody types by their names there.
+_OPTIONS = {"recipe": ("lens or blur recipe", "--lens"), "weights": ("weights", "--weights")}
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
@@ -278,7 +291,8 @@ def _made(
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
             predict = functools.partial(predict, **given)
     if not callable(predict):
-        what = f"not a method: a {type(predict).__name__}"
+        kind = type(predict).__name__
+        what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
         expected = "something to call as predict(infocus, defocus)"
         raise MethodError(what, where=entry, expected=expected)
     method = Method(name, entry, predict, recorded, uses, source)

@@ -215,4 +215,4 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     )
     commands = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
     dfdbench.fine(commands[0])
-    assert commands[1].startswith("predict IMAGES --out MAPS")
+    assert commands[1].startswith("predict IMAGES --method NAME --out MAPS")
