@@ -207,9 +207,12 @@ class DepthPredictor:
         InputError
             If the images differ in size or cannot be laid on each other.
         MethodError
-            If the method raises or returns no depth map.
+            If the method raises, returns no depth map, or needs a stack.
         """
         found = ""
+        if self.method.attribute("needs_stack"):
+            what = f"{self.method.name} needs a focal stack, and this is a pair"
+            raise MethodError(what, fix="name a folder of stacks: STACK/stack.json and its images")
         if infocus.shape != defocus.shape or infocus.ndim != 3:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"

@@ -196,6 +196,7 @@ class _Network:
         self._inputs = {node.name: node for node in session.get_inputs()}
         self.weights_sha256 = weights_sha256
         self.unit, self.trained_on, self.paper = about.unit, about.trained_on, about.paper
+        self.needs_stack = bool(about.focus_distance)
 
     def _depth(self, given: dict[str, NDArray[Any]], size: tuple[int, ...]) -> Any:
         about = self._about

@@ -109,6 +109,7 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
         (None, None, "no method is named"),
         (lambda infocus, defocus: 1 / 0, None, "ZeroDivisionError"),
         ("local", {"focal_length": 0.025}, "not known well enough"),
+        ("shape-from-focus", None, "needs a focal stack, and this is a pair"),
     ],
 )
 def test_what_is_lacking_is_said(
