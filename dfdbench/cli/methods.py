@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -265,7 +266,9 @@ def check_method_command(
     from dfdbench.evaluation.loading import load_to_check
 
     load = partial(load_to_check, method, values_of(param, "--param"))
-    trials = check_method(load(), load=load)
+    found, tried = load(), count(1)
+    with progress(f"checking {method}") as step:
+        trials = check_method(found, load, lambda name: step(next(tried), None, name))
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -33,7 +33,7 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
     Raises
     ------
     MethodError
-        Naming each parameter that is unknown, or is needed.
+        Naming each parameter that is unknown, is text where a number is declared, or is needed.
     """
     known = _parameters_of(target)
     if known is None:
@@ -45,6 +45,7 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
             for name in arguments
             if name not in (*known, "infocus", "defocus")
         )
+    MethodError.raise_if(_texts(entry, known, arguments))
     if isinstance(target, type):
         MethodError.raise_if(
             Problem("parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE")
@@ -53,6 +54,18 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
             and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
             and name not in arguments
         )
+
+
+def _texts(
+    entry: str, known: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yield where text is given for a number; our own methods check more than that themselves."""
+    for name, value in arguments.items():
+        kind = known[name].annotation if name in known else ""
+        kind = str(getattr(kind, "__name__", kind))
+        is_text = isinstance(value, str) and kind in ("bool", "float", "int")
+        if is_text and not entry.startswith("dfdbench."):
+            yield Problem(f"parameter {name} is text", where=entry, expected=kind, got=value)
 
 
 def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:

@@ -1,4 +1,5 @@
 import io
+import shlex
 import shutil
 import zipfile
 from pathlib import Path
@@ -148,6 +149,12 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     results = "results/mine-1-test/mymodule-predict"
     dfdbench.fine("report", results, "--out", "page", "--format", "markdown")
     assert "valid" in Path("page/report.md").read_text("utf-8")
+
+
+def test_the_next_command_can_be_pasted(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "own <fish>")
+    told = dfdbench.facts("new-dataset", str(folder))["next"]
+    assert shlex.split(told)[-1] == str(folder)
 
 
 def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_path: Path) -> None:
