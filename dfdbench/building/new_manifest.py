@@ -81,7 +81,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
         Where a file that is looked at is damaged.
     """
     if not folder.is_dir():
-        raise InputError("no such folder", where=str(folder))
+        is_file = folder.exists()
+        what = f"{folder.name} is a file, not a folder" if is_file else "no such folder"
+        raise InputError(what, where=str(folder))
     layout, facts = _look(folder, image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
@@ -106,7 +108,9 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
     if stacks is not None:
         return stacks, look_into_stacks(folder, stacks)
     what = "no scene with two photographs and a depth map that share a name or a folder"
-    there = "; ".join(filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder))))
+    there = "; ".join(filter(None, (listed(paths, _NAMED), unread_files(folder))))
+    if not there:
+        raise InputError("the folder is empty", where=str(folder), fix="name one of photographs")
     raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
 
 

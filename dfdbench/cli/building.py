@@ -105,7 +105,7 @@ def export(
     store = open_dataset(name, cache=cache)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step, images_only)
-    text = f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}"
+    text = f"{counted(count, 'pair')} written to {png}"
     show(format, text=text, pairs=count, folder=png)
 
 

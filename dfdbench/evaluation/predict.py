@@ -57,7 +57,7 @@ class Estimate:
     seconds : float
         How long the method took.
     found : str
-        How the photographs were laid on each other, in words; empty if they were in register.
+        How the photographs were aligned, in words; empty if they were in register.
     sigma : ndarray of float32, shape (y, x), or None
         The standard deviation that the method gives each pixel, in the unit of the depth; None
         where it gives none.
@@ -205,7 +205,7 @@ class DepthPredictor:
         Raises
         ------
         InputError
-            If the images differ in size or cannot be laid on each other.
+            If the images differ in size or cannot be aligned.
         MethodError
             If the method raises, returns no depth map, or needs a stack.
         """
@@ -227,7 +227,7 @@ class DepthPredictor:
             needed = matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
                 fix = "align them yourself and say --no-align"
-                raise InputError("the photographs cannot be laid on each other", fix=fix)
+                raise InputError("the photographs cannot be aligned", fix=fix)
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))

@@ -122,8 +122,12 @@ def test_damage_and_what_is_lacking_are_told_together(tmp_path: Path) -> None:
 def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         new_manifest(tmp_path / "none")
+    with pytest.raises(InputError, match="the folder is empty"):
+        new_manifest(tmp_path)
     (tmp_path / "one.png").touch()
     (tmp_path / "two.txt").touch()
+    with pytest.raises(InputError, match=r"two\.txt is a file, not a folder"):
+        new_manifest(tmp_path / "two.txt")
     told = r"no scene with two photographs.*: got one\.png; not read: 1 \.txt$"
     with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)
