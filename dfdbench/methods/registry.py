@@ -76,6 +76,7 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
     near = get_close_matches(name, known)
     fix = f"did you mean {' or '.join(near)}?" if near else ""
     expected = "one of: " + ", ".join(known) if known else "no parameters"
+    expected = "" if near else expected
     return Problem(f"unknown parameter {name}", where=entry, expected=expected, fix=fix)
 
 
