@@ -165,7 +165,7 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.roles["depth"] = depths[0]
         _tell_depth(layout.scenes, facts, metres=True)
     else:
-        facts.open.append("depth: none was found, so that nothing can be scored")
+        facts.open.append(f"depth: {_some_depth(layout)}, so that nothing can be scored")
     _tell_table(layout, stack, images[layout.scenes[0]], facts)
     if more:
         named_more = listed((group.pattern for group in more), _STACKS_NAMED)
@@ -176,6 +176,11 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.open.append(f"{kinds} of files belong to no stack: {names}")
     _tell_matching(Matching(), facts)
     return facts
+
+
+def _some_depth(layout: Layout) -> str:
+    some = max((len(group.files) for group in layout.groups if group.is_depth), default=0)
+    return f"in {some} of {counted(len(layout.scenes), 'scene')}" if some else "none was found"
 
 
 def _also(kinds: list[Group], chosen: list[Group]) -> str:
@@ -319,7 +324,9 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     facts.found.append(f"depth {group.pattern}, {kind}, {share:.1f} % of it missing")
     _tell_sizes(sizes, facts)
     if kind == np.uint8:
-        facts.open.append("8-bit depth is taken for levels: whether brighter is nearer, and what")
+        facts.open.append(
+            "8-bit depth: check that these are depth levels, and whether brighter is nearer"
+        )
         return
     median = float(np.median(told))
     unit = next(u for u in (1.0, 0.001, 1e-6) if median * u < _PLAUSIBLE[1])

@@ -23,7 +23,7 @@ from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles
 from dfdbench.datasets.manifest import FOUND, Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import InputError, SourceError
+from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.tables.table import counted, listed
 
 _TEST = 4  # without splits of its own, every fourth scene or place of a set tests
@@ -81,7 +81,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
         Where a file that is looked at is damaged.
     """
     if not folder.is_dir():
-        raise InputError("no such folder", where=str(folder))
+        is_file = folder.exists()
+        what = f"{folder.name} is a file, not a folder" if is_file else "no such folder"
+        raise InputError(what, where=str(folder))
     layout, facts = _look(folder, image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
@@ -100,10 +102,15 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
         except InputError:
             if stacks is None:
                 raise
+        except SourceError as error:
+            left = [Problem(text, where=str(folder)) for text in _left(layout)]
+            raise SourceError.of([*error.problems, *left]) from error
     if stacks is not None:
         return stacks, look_into_stacks(folder, stacks)
     what = "no scene with two photographs and a depth map that share a name or a folder"
-    there = "; ".join(filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder))))
+    there = "; ".join(filter(None, (listed(paths, _NAMED), unread_files(folder))))
+    if not there:
+        raise InputError("the folder is empty", where=str(folder), fix="name one of photographs")
     raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
 
 
@@ -206,14 +213,17 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
         facts.open.append(
             "whether files go together by their order: their names have nothing in common"
         )
-    if layout.left:
-        named = listed(layout.left, _NAMED)
-        facts.open.append(f"{len(layout.left)} image files belong to no scene: {named}")
+    facts.open += _left(layout)
     if not _are_told(scenes):
         facts.open.append(
-            "which scenes test: every fourth place does; scenes of one place belong together"
+            "which scenes are for testing: now every fourth; scenes of one place belong together"
         )
     facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
+
+
+def _left(layout: Layout) -> list[str]:
+    named = listed(layout.left, _NAMED)
+    return [f"{counted(len(layout.left), 'image file')} without a scene: {named}"] * bool(named)
 
 
 def _listed(scenes: list[_Scene]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -104,7 +105,7 @@ def export(
     store = open_dataset(name, cache=cache)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step, images_only)
-    text = f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}"
+    text = f"{counted(count, 'pair')} written to {png}"
     show(format, text=text, pairs=count, folder=png)
 
 
@@ -184,7 +185,7 @@ def new_dataset(
         raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
     with writing(path):
         write_whole(path, written.toml)
-    then = f"dfdbench build {path} --source {folder}"
+    then = shlex.join(["dfdbench", "build", str(path), "--source", str(folder)])
     lines = ("found:", *(f"  {line}" for line in written.found))
     lines += ("say yourself:", *(f"  {line}" for line in written.open))
     lines += (f"manifest     {path}", f"next         {then}")

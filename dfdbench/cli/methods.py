@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,13 +13,13 @@ import typer
 from typer import Argument, Option
 
 from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
-from dfdbench.cli.screen import progress, say, show
-from dfdbench.errors import InputError, Problem
+from dfdbench.cli.screen import progress, require_picture, say, show
+from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
 from dfdbench.system.parallel import one_by_one
-from dfdbench.tables.table import Format, Table, counted
+from dfdbench.tables.table import Format, Table, counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
@@ -60,7 +61,7 @@ def predict(
         str | None, Option(metavar="NAME", help="A network's weights, by name or file.")
     ] = None,
     no_align: Annotated[
-        bool, Option("--no-align", help="The photographs lie on each other as they are.")
+        bool, Option("--no-align", help="Do not align: the photographs already match.")
     ] = False,
     figure: Annotated[
         Path | None, Option(metavar="FILE.png", help="Draw images and depth.")
@@ -69,7 +70,7 @@ def predict(
     format: Facts = "table",
 ) -> None:
     """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
-    from dfdbench.evaluation.predict import DepthPredictor, captures_in
+    from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images
 
     if fitted and lens:
         raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
@@ -77,16 +78,17 @@ def predict(
     if not folder and len(images) != 2:
         named = counted(len(images), "path")
         what = f"two photographs or a folder of pairs are needed, not {named}"
-        raise InputError(what, fix="dfdbench predict sharp.png blurred.png --out depth.png")
-    if folder and figure:
-        raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
-    captures = captures_in(images[0]) if folder else {}
+        pair = "dfdbench predict sharp.png blurred.png --method NAME --out depth.png"
+        raise InputError(what, fix=pair)
+    if not folder and all(map(Path.exists, images)) and images[0].samefile(images[1]):
+        what = "the in-focus and the defocus photograph are one file"
+        raise InputError(what, where=str(images[0]), fix="name two photographs of the scene")
+    captures, lone = ({}, []) if not folder else (captures_in(images[0]), lone_images(images[0]))
     if folder and not captures:
+        InputError.raise_if(lone)
         fix = "name photographs PAIR/infocus.png and PAIR/defocus.png, or export --images-only"
         raise InputError("no pair and no stack in this folder", where=str(images[0]), fix=fix)
-    output_place(out, *images, fitted)
-    if figure:
-        output_place(figure, *images, fitted, option="--figure")
+    _check_places(out, figure, folder, [*images, fitted])
     parameters = values_of(param, "--param")
     if weights:
         if "weights" in parameters:
@@ -95,9 +97,28 @@ def predict(
         parameters["weights"] = weights
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
-        _predict_folder(predictor, captures, out, format)
+        _predict_folder(predictor, captures, lone, out, format)
     else:
         _predict_pair(predictor, images, out, figure, format)
+
+
+def _check_places(
+    out: Path, figure: Path | None, folder: bool, inputs: Sequence[Path | None]
+) -> None:
+    """Refuse before the work what could not be written after it."""
+    from dfdbench.evaluation.map_files import MAPS, require_map
+
+    if folder and figure:
+        raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
+    if folder and out.suffix in MAPS:
+        what = "the maps of a folder do not go into one file"
+        raise InputError(what, where=f"--out {out}", fix="name a folder, or a .zip")
+    if not folder:
+        require_map(out)
+    output_place(out, *inputs)
+    if figure:
+        require_picture(figure)
+        output_place(figure, *inputs, option="--figure")
 
 
 def _predict_pair(
@@ -105,9 +126,10 @@ def _predict_pair(
 ) -> None:
     import numpy as np
 
-    from dfdbench.evaluation.predict import read_image, write_depth
+    from dfdbench.evaluation.map_files import write_depth
+    from dfdbench.evaluation.predict import read_images
 
-    sharp, blurred = map(read_image, images)
+    sharp, blurred = read_images(images)
     with progress("estimating depth", "nothing was written"):
         estimate = predictor(sharp, blurred)
     write_depth(out, estimate.depth, predictor.unit, estimate.sigma)
@@ -154,19 +176,32 @@ def _say_if_odd(estimate: Estimate, unit: str) -> None:
 
 
 def _predict_folder(
-    predictor: DepthPredictor, captures: Mapping[str, tuple[Path, ...]], out: Path, format: str
+    predictor: DepthPredictor,
+    captures: Mapping[str, tuple[Path, ...]],
+    failed: list[Problem],
+    out: Path,
+    format: str,
 ) -> None:
-    from dfdbench.evaluation.predict import read_image, read_stack, write_depth, write_submission
+    from dfdbench.evaluation.map_files import write_depth, write_submission
+    from dfdbench.evaluation.predict import read_images, read_stack
 
-    zipped, sure = out.suffix == ".zip", 0
+    zipped, sure, done = out.suffix == ".zip", 0, list[str]()
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
         for name, paths in one_by_one(captures.items(), step):
-            if len(paths) == 1:
-                estimate = predictor.of_stack(read_stack(*paths))
-            else:
-                estimate = predictor(*map(read_image, paths))
+            try:
+                if len(paths) == 1:
+                    estimate = predictor.of_stack(read_stack(*paths))
+                else:
+                    estimate = predictor(*read_images(paths))
+            except DfdbenchError as error:
+                failed.extend(replace(one, where=one.where or name) for one in error.problems)
+                continue
             yield name, estimate
+            done.append(name)
+        # A test server takes no zip that lacks a map.
+        if zipped:
+            MethodError.raise_if(_together(failed))
 
     with progress("estimating depth", "the same command begins anew") as step:
         if zipped:
@@ -180,9 +215,18 @@ def _predict_folder(
     if sure:
         say(f"sigma        beside the depth of {counted(sure, 'map')}, in .npz files")
     meaning = "distances in metres" if zipped else predictor.meaning
-    text = f"depth        {out}: {counted(len(captures), 'map')} of {meaning}"
+    text = f"depth        {out}: {counted(len(done), 'map')} of {meaning}"
     unit = "metres" if zipped else predictor.unit
-    show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=list(captures))
+    show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=done)
+    MethodError.raise_if(_together(failed))
+
+
+def _together(problems: Sequence[Problem]) -> list[Problem]:
+    """Return problems, those that are the same of several captures as one."""
+    places: dict[Problem, list[str]] = {}
+    for problem in problems:
+        places.setdefault(replace(problem, where=""), []).append(problem.where)
+    return [replace(one, where=listed(found, most=5)) for one, found in places.items()]
 
 
 def export_onnx_command(
@@ -222,7 +266,9 @@ def check_method_command(
     from dfdbench.evaluation.loading import load_to_check
 
     load = partial(load_to_check, method, values_of(param, "--param"))
-    trials = check_method(load(), load=load)
+    found, tried = load(), count(1)
+    with progress(f"checking {method}") as step:
+        trials = check_method(found, load, lambda name: step(next(tried), None, name))
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",

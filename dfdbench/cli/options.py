@@ -81,7 +81,8 @@ Protocol = Annotated[
     str | None,
     Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
 ]
-Out = Annotated[str | None, Option(help="Folder; default: below results/ or training/.")]
+Out = Annotated[str | None, Option(help="Folder; default: below results/.")]
+TrainingOut = Annotated[str | None, Option(help="Folder; default: below training/.")]
 Printed = Annotated[Format, Option(help="How the tables are printed.")]
 #: Of an answer that is no table.
 Facts = Annotated[

@@ -126,6 +126,18 @@ def writing(place: Path) -> Iterator[None]:
         raise ResultError(what, where=where, fix="choose another place") from error
 
 
+def require_picture(path: Path) -> None:
+    """Do nothing where a file's name is that of a figure.
+
+    Raises
+    ------
+    InputError
+        Where it ends otherwise.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG, PDF or SVG file and say where it lies; no others are replaced.
 
@@ -137,8 +149,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     from dfdbench.figures.style import write_figure
     from dfdbench.results.output_place import output_place
 
-    if path.suffix.lower() not in PICTURES:
-        raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
+    require_picture(path)
     output_place(path, option="")
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

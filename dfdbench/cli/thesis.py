@@ -59,7 +59,7 @@ def experiment(
         int | None, Option(min=1, help="Trainings a value; default: as the thesis.")
     ] = None,
     max_time: training.MaxTime = None,
-    out: options.Out = None,
+    out: options.TrainingOut = None,
     format: options.Printed = Format.table,
     device: training.Device = "auto",
     threads: training.Threads = None,
@@ -154,7 +154,7 @@ def reduce(
     tuning: Annotated[
         Literal["own", "neighbours"], Option(help="Whose inputs a neuron follows after 100 epochs.")
     ] = "own",
-    out: options.Out = None,
+    out: options.TrainingOut = None,
     format: options.Printed = Format.table,
     device: training.Device = "auto",
     threads: training.Threads = None,
@@ -221,7 +221,7 @@ def architecture(
     config: training.Configuration = "published",
     changes: training.Changes = None,
     seed: options.Seed = 0,
-    out: options.Out = None,
+    out: options.TrainingOut = None,
     workers: Annotated[
         int | None, Option(min=1, max=1024, help="Trainings at once; default: one, here.")
     ] = None,

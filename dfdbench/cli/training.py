@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from dfdbench.cli.options import Cache, Facts, Out, Seed, data_sets, values_of
+from dfdbench.cli.options import Cache, Facts, Seed, TrainingOut, data_sets, values_of
 from dfdbench.cli.screen import progress, save_figure, say, show
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, Problem
@@ -53,7 +53,7 @@ def train_command(
         bool, Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
     seed: Seed = 0,
-    out: Out = None,
+    out: TrainingOut = None,
     format: Facts = "table",
     device: Device = "auto",
     threads: Threads = None,

@@ -73,7 +73,11 @@ class Check:
     warning: str = ""
 
 
-def check_method(method: Method, load: Callable[[], Method] | None = None) -> tuple[Check, ...]:
+def check_method(
+    method: Method,
+    load: Callable[[], Method] | None = None,
+    on_trial: Callable[[str], None] | None = None,
+) -> tuple[Check, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
@@ -91,12 +95,38 @@ def check_method(method: Method, load: Callable[[], Method] | None = None) -> tu
     load : callable, optional
         Loads the method anew in another process, so it has to be picklable. Without it the method
         is not tried there.
+    on_trial : callable, optional
+        Called with the name of each input before it is tried.
     """
+    at = _At(on_trial)
+    try:
+        return _tried(method, load, at)
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(f"it was at {at.name}")
+        raise
+
+
+class _At:
+    """Which input is tried, for whoever waits."""
+
+    def __init__(self, on_trial: Callable[[str], None] | None) -> None:
+        self.name, self._on_trial = "", on_trial
+
+    def __call__(self, name: str) -> None:
+        self.name = name
+        if self._on_trial:
+            self._on_trial(name)
+
+
+def _tried(
+    method: Method, load: Callable[[], Method] | None, at: Callable[[str], None]
+) -> tuple[Check, ...]:
     pairs = _awkward_pairs(method)
     ordinary = pairs[_ORDINARY]
     trials = []
     learned: Learned | None = None
     if method.learner is not None:
+        at(_FIT)
         trial, learned = _try_fit(method)
         trials.append(trial)
         if trial.error:
@@ -104,16 +134,20 @@ def check_method(method: Method, load: Callable[[], Method] | None = None) -> tu
     if isinstance(method.predict, TorchMethod):
         trials.append(Check("a torch module: run with eval() and no_grad()", 0))
     if method.warm_up:
+        at("its warm_up")
         call(method.warm_up, *method.called_on(ordinary)[1])
     answers = {}
     for name, images in pairs.items():
+        at(name)
         answers[name] = prediction = _answer(method, images)
         trials.append(Check(name, prediction.seconds, prediction.error, _odd(prediction)))
     first = answers[_ORDINARY]
     if first.depth is not None:
+        at(_AGAIN)
         trials.append(_try_again(method, ordinary, first))
         # What keeps its fit in itself cannot be sent there; the fit's own line says so.
         if load and not trials[-1].error and (method.learner is None or learned is not None):
+            at(_ELSEWHERE)
             trials.append(_try_elsewhere(partial(_answer_anew, load, learned), ordinary, first))
         turned = correlation(ordinary.depth, first.depth) < AGAINST
         if ordinary.about.kind == "levels":

@@ -18,6 +18,7 @@ from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.fitted import evenly_spread
 from dfdbench.methods.method import Learned, Method, TrainingPair, check_learned, restore, teach
 from dfdbench.methods.readout import Chosen
+from dfdbench.results.record import RESULT, MethodRecord, load_result
 from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
@@ -169,11 +170,13 @@ def fit_from(method: Method, folder: Path, stem: str) -> Fit:
     Raises
     ------
     MethodError
-        If the method has no fit, or the run kept none that it takes back.
+        If the method has no fit, the run is of another, or kept none that it takes back.
     """
     if method.learner is None:
         raise MethodError("the method has no fit", where=method.entry, fix="leave out --fitted")
     fit_sha256(folder)
+    if (folder / RESULT).is_file():
+        require_run_of(method.name, method.entry, load_result(folder / RESULT).method, folder)
     fit = fit_again(method, folder)
     assert fit is not None  # its file is there
     chosen = isinstance(method.attribute("chosen"), Chosen)
@@ -181,6 +184,20 @@ def fit_from(method: Method, folder: Path, stem: str) -> Fit:
         fit = replace(fit, learned=Chosen.left_out_of(fit.learned))
         restore(method, dict(fit.learned or {}))
     return fit
+
+
+def require_run_of(name: str, entry: str, ran: MethodRecord, folder: Path) -> None:
+    """Do nothing where a run is of this method, whose fit alone it can take back.
+
+    Raises
+    ------
+    MethodError
+        If it is of another one.
+    """
+    # The same file may be named from another folder, and our own modules move.
+    if name != ran.name and Path(entry).name != Path(ran.entry).name:
+        what, fix = f"this run is of {ran.name}, not of {name}", "name a run of the same method"
+        raise MethodError(what, where=str(folder), fix=fix)
 
 
 def fit_again(method: Method, folder: Path) -> Fit | None:

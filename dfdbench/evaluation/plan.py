@@ -9,7 +9,7 @@ from typing import Any
 from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import StoreError
+from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import Fit, fit_sha256
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import ABSENT, changes
@@ -150,6 +150,8 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     ------
     StoreError
         Where the store holds no pair of the split, or has lost what was built.
+    MethodError
+        Where the method needs stacks, and the store holds pairs.
     """
     require_truth(store)
     require_what_was_built(store, split)
@@ -158,6 +160,7 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
         fix = f"build {store.manifest.short} with the scenes of that split"
         what = f"the store holds no pair of split {split}"
         raise StoreError(what, where=str(store.path), fix=fix)
+    require_stacks(method, store, available[0])
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
@@ -168,8 +171,19 @@ def require_truth(store: Dataset) -> None:
     if not store.manifest.has_truth:
         name = store.manifest.short
         export = f"dfdbench export {name} --png IMAGES --images-only"
-        fix = f"{export}, then dfdbench predict IMAGES --out MAPS"
+        fix = f"{export}, then dfdbench predict IMAGES --method NAME --out MAPS"
         raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
+
+
+def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
+    """Refuse a set of pairs for a method that could answer to none of them."""
+    dot = (slice(1), slice(1))
+    if method.attribute("needs_stack") and store.read(pair, dot).is_pair:
+        manifest = store.manifest
+        made = manifest.short if manifest.recipe and not manifest.on_track else "demo"
+        what = f"{method.name} needs a focal stack, and {manifest.short} holds pairs"
+        fix = f"dfdbench build {made}@stack-9, and name that as --dataset"
+        raise MethodError(what, where=str(store.path), fix=fix)
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
-import re
-import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
@@ -27,21 +23,19 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
-from dfdbench.evaluation.fitting import FIT, read_fit
+from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
+from dfdbench.evaluation.fitting import FIT, read_fit, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
-from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.registry import load_method
+from dfdbench.methods.registry import find_entry, load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_folder import read_store_place
-from dfdbench.system.files import write_whole
 
 if TYPE_CHECKING:
     import xarray
@@ -63,7 +57,7 @@ class Estimate:
     seconds : float
         How long the method took.
     found : str
-        How the photographs were laid on each other, in words; empty if they were in register.
+        How the photographs were aligned, in words; empty if they were in register.
     sigma : ndarray of float32, shape (y, x), or None
         The standard deviation that the method gives each pixel, in the unit of the depth; None
         where it gives none.
@@ -116,6 +110,8 @@ class DepthPredictor:
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
             fitted = Path(camera)
             result = load_result(fitted / RESULT)
+            if isinstance(method, str):
+                require_run_of(method, find_entry(method), result.method, fitted)
             method = method or result.method.name
             given = {**result.method.parameters, **given}
             self._scale = _scale_of(result, fitted)
@@ -126,9 +122,11 @@ class DepthPredictor:
         elif camera is not None:
             given["recipe"], self._scale = _blur(camera)
         if method is None:
-            raise MethodError("no method is named", fix="name a method, or a run of one")
+            fix = "name a method (--method NAME), or a run of one (--fitted RUN)"
+            raise MethodError("no method is named", fix=fix)
         images = images_in(given)
-        self.method = replace(_load(method, images[1], seed), images=images[0])
+        found, self._takes_lens = _load(method, images[1], seed)
+        self.method = replace(found, images=images[0])
         self.unit: Unit = self.method.answers_in("levels")
         self._restore(fitted)
 
@@ -139,7 +137,8 @@ class DepthPredictor:
             what = "the run kept nothing that the method learned"
             if fitted is None:
                 what = "the method learns the blur of a camera, and nothing says what it is"
-            fix = "name a run on the same camera (--fitted RUN), or the lens (--lens FILE)"
+            fix = "name a run on the same camera (--fitted RUN)"
+            fix += ", or the lens (--lens FILE)" if self._takes_lens else ""
             raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
         learned = read_fit(fitted).learned
         assert learned is not None  # `keep_fit` writes nothing else
@@ -196,7 +195,8 @@ class DepthPredictor:
         with seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
-            raise MethodError(f"no depth map: {answer.error}", where=self.method.entry)
+            fix = f"mend the method; dfdbench check-method {self.method.name} tries more images"
+            raise MethodError(f"no depth map: {answer.error}", fix=fix)
         return Estimate(answer.depth, answer.seconds, found, answer.sigma)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
@@ -205,11 +205,14 @@ class DepthPredictor:
         Raises
         ------
         InputError
-            If the images differ in size or cannot be laid on each other.
+            If the images differ in size or cannot be aligned.
         MethodError
-            If the method raises or returns no depth map.
+            If the method raises, returns no depth map, or needs a stack.
         """
         found = ""
+        if self.method.attribute("needs_stack"):
+            what = f"{self.method.name} needs a focal stack, and this is a pair"
+            raise MethodError(what, fix="name a folder of stacks: STACK/stack.json and its images")
         if infocus.shape != defocus.shape or infocus.ndim != 3:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"
@@ -224,7 +227,7 @@ class DepthPredictor:
             needed = matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
                 fix = "align them yourself and say --no-align"
-                raise InputError("the photographs cannot be laid on each other", fix=fix)
+                raise InputError("the photographs cannot be aligned", fix=fix)
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
@@ -276,10 +279,26 @@ def predict(
     predictor = DepthPredictor(method, camera, parameters, align, seed)
     if not isinstance(images, tuple | list):
         return predictor.of_stack(images).depth
-    sharp, blurred = (
-        read_image(Path(image)) if isinstance(image, str | Path) else image for image in images
-    )
+    sharp, blurred = read_images(images)
     return predictor(sharp, blurred).depth
+
+
+def read_images(images: Iterable[Image | Path | str]) -> list[Image]:
+    """Read the photographs among images, as `read_image`; arrays are taken as they are.
+
+    Raises
+    ------
+    SourceError
+        With all that is wrong, of each image.
+    """
+    found, problems = list[Image](), list[Problem]()
+    for image in images:
+        try:
+            found.append(read_image(Path(image)) if isinstance(image, str | Path) else image)
+        except DfdbenchError as error:
+            problems += error.problems
+    SourceError.raise_if(problems)
+    return found
 
 
 def read_image(path: Path) -> Image:
@@ -298,82 +317,6 @@ def read_image(path: Path) -> Image:
         raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
 
-def write_depth(
-    path: Path,
-    depth: NDArray[np.float32],
-    unit: Unit = "levels",
-    sigma: NDArray[np.float32] | None = None,
-) -> None:
-    """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
-
-    Only ``.npz`` has room for sigma too, the standard deviation of each pixel: arrays ``depth`` and
-    ``sigma``, as ``dfdbench score`` reads them.
-
-    Raises
-    ------
-    InputError
-        If the file's name ends otherwise, it cannot be written, or it is a PNG file and pixels have
-        no answer.
-    """
-    file = io.BytesIO()
-    if path.suffix == ".npy":
-        np.save(file, depth)
-    elif path.suffix == ".npz":
-        arrays: dict[str, Any] = {"depth": depth} | ({} if sigma is None else {"sigma": sigma})
-        np.savez_compressed(file, **arrays)
-    elif path.suffix == ".png":
-        if gaps := np.count_nonzero(np.isnan(depth)):
-            what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
-            raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
-        whole = np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
-        PIL.Image.fromarray(whole).save(file, "png")
-    else:
-        raise InputError("a depth map is written as .npy, .npz or .png", where=str(path))
-    _write_content(path, file.getvalue(), "depth map")
-
-
-def write_submission(path: Path, depths: Iterable[tuple[str, NDArray[np.float32]]]) -> None:
-    """Write depth maps as ZEDD's test server takes them: a zip of ``zedd_output_0001.npy`` ...
-
-    Parameters
-    ----------
-    path : Path
-        The zip.
-    depths : iterable of (str, ndarray)
-        Each capture's name, which begins with its scene's, as ``test_0001``; its depth in metres,
-        float32, shape (y, x).
-
-    Raises
-    ------
-    InputError
-        If a scene has no number, or two captures have the same, or the file cannot be written.
-    """
-    content, written = io.BytesIO(), dict[str, str]()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, depth in depths:
-            number = re.search(r"\d+$", name.split("/")[0])
-            if number is None:
-                what = "a scene without a number, such as test_0001, has no place in the zip"
-                raise InputError(what, where=name)
-            file = f"zedd_output_{number[0]}.npy"
-            if file in written:
-                what = f"{written[file]} would be {file}, too"
-                fix = "leave one capture a scene in the folder"
-                raise InputError(what, where=name, fix=fix)
-            written[file] = name
-            with archive.open(file, "w") as entry:
-                np.save(entry, depth)
-    _write_content(path, content.getvalue(), "depth maps")
-
-
-def _write_content(path: Path, content: bytes, what: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-    except OSError as error:
-        raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
-
-
 def read_stack(place: Path) -> xarray.DataArray:
     """Read a stack as `dfdbench.building.export.export` writes it: images and ``stack.json``.
 
@@ -386,7 +329,7 @@ def read_stack(place: Path) -> xarray.DataArray:
 
     try:
         said = json.loads((place / STACK_FILE).read_text("utf-8"))
-        images = [read_image(place / name) for name in said["images"]]
+        images = read_images(place / name for name in said["images"])
         if len({image.shape for image in images}) > 1:
             sizes = ", ".join(dict.fromkeys(_size(image) for image in images))
             raise InputError("images of a stack differ in size", where=str(place), got=sizes)
@@ -413,27 +356,46 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
         Of a pair the in-focus and the defocus image, ``PAIR/infocus.png`` and
         ``PAIR/defocus.png``; of a stack its folder, which has a ``stack.json``.
     """
+    return {
+        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
+        for name, found in _images_in(folder).items()
+        if STACK_FILE in found or found.keys() >= set(ROLES)
+    }
+
+
+def lone_images(folder: Path) -> list[Problem]:
+    """Return what is to be said of folders that hold one image of a pair."""
+    return [
+        Problem(f"there is no {other} image beside it", where=str(found[role]))
+        for found in _images_in(folder).values()
+        for role, other in (ROLES, ROLES[::-1])
+        if [*found] == [role]
+    ]
+
+
+def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
     there: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.rglob("*")):
         images = path.suffix.lower() in SUFFIXES and path.stem in ROLES
         if images or path.name == STACK_FILE:
             name = path.parent.relative_to(folder).as_posix()
             there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
-    return {
-        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
-        for name, found in there.items()
-        if STACK_FILE in found or found.keys() >= set(ROLES)
-    }
+    return there
 
 
-def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:
+def _load(
+    method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int
+) -> tuple[Method, bool]:
+    """Return a method, and whether it would take a lens that it was not given."""
+    asked = []
+
     def recipe() -> None:
         fix = "say what the lens is (--lens FILE), or give a recipe (--param recipe=published)"
         raise MethodError("the method needs to be given the blur", where=str(method), fix=fix)
 
     offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
-    unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}
-    return load_method(method, parameters, offers, unknown)
+    unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: asked.append("recipe")}
+    return load_method(method, parameters, offers, unknown), bool(asked)
 
 
 def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:

@@ -178,6 +178,8 @@ def check_answer(
     --------
     >>> check_answer(np.full((2, 2), 300), (2, 2))
     (None, None, 'returned levels from 300 to 300; expected 0 to 255')
+    >>> check_answer((np.ones((1, 2)),) * 3, (1, 2))[2]
+    'returned a tuple of 3; expected depth, or a tuple (depth, sigma)'
     >>> check_answer((np.ones((1, 2)), np.zeros((1, 2))), (1, 2))[2]
     'returned sigma of 0 to 0; expected finite numbers above 0 wherever there is depth'
     """
@@ -190,6 +192,9 @@ def check_answer(
     # A tuple of two rows is no depth map that anyone returns.
     if not isinstance(returned, tuple) or len(returned) != 2:
         depth, wrong = _checked_depth(returned, shape, unit)
+        if wrong and isinstance(returned, tuple):
+            count = len(returned)
+            wrong = f"returned a tuple of {count}; expected depth, or a tuple (depth, sigma)"
         return depth, None, wrong
     depth, wrong = _checked_depth(returned[0], shape, unit)
     if depth is None:

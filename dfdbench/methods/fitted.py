@@ -453,7 +453,7 @@ def odd_window(name: str, value: Any, most: int = 255) -> list[Problem]:
     """Return what is wrong with the side of a window in pixels: odd, positive, at most `most`."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     right = whole and 0 < value <= most and value % 2
-    return [] if right else [wrong(name, f"odd, 1 to {most}", value)]
+    return [] if right else [wrong(name, f"an odd number from 1 to {most}", value)]
 
 
 def require_window_fits(window: int, image: Image, method: str) -> None:

@@ -149,8 +149,7 @@ def _import_file(path: Path) -> ModuleType:
         specification.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        what, got = "the file cannot be imported", describe(error)
-        raise MethodError(what, where=str(path), got=got) from error
+        raise error_of("the file cannot be imported", str(path), error) from error
     finally:
         sys.path.remove(str(path.resolve().parent))
     return module
@@ -170,7 +169,9 @@ def describe(error: BaseException) -> str:
 
 def error_of(what: str, where: str, error: BaseException) -> MethodError:
     """Return the error for an exception that a user's own code raised, with where it did."""
-    return MethodError(what, where=where, got=describe(error) + where_raised(error))
+    # A syntax error's own text names its file and line.
+    raised = "" if isinstance(error, SyntaxError) else where_raised(error)
+    return MethodError(what, where=where, got=describe(error) + raised)
 
 
 def where_raised(error: BaseException) -> str:

@@ -34,6 +34,8 @@ _NUMBERS: dict[str, type[np.generic]] = {
 _ELSEWHERE = b"\x0a\x08location\x12"
 _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
 
+_INPUTS = "name the inputs infocus and defocus, or stack"
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 
@@ -88,8 +90,8 @@ class Description(StrictRecord):
         """Yield what no field alone is to blame for."""
         stack = bool(self.stack)
         if len({*self.inputs}) != (1 if stack else 2):
-            fix = "name the inputs infocus and defocus, or stack"
-            yield Problem("the inputs are no pair and no stack", where=str(file), fix=fix)
+            what = "the inputs are neither a pair nor a stack"
+            yield Problem(what, where=str(file), fix=_INPUTS)
         if self.focus_distance and not stack:
             where = f"{file}: focus_distance"
             yield Problem("only a stack has focus distances", where=where, fix="leave it out")
@@ -141,9 +143,13 @@ def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
 
 def _read_description(file: Path) -> Description:
     try:
-        about = Description.model_validate(parse_toml(read_text(file)))
+        said = parse_toml(read_text(file))
+        about = Description.model_validate(said)
     except ValidationError as error:
-        raise MethodError.of(problems_of(error, "wrong value", file=file)) from error
+        problems = problems_of(error, "wrong value", file=file)
+        if not said.keys() & {"infocus", "defocus", "stack"}:
+            problems.insert(0, Problem("no input is named", where=str(file), fix=_INPUTS))
+        raise MethodError.of(problems) from error
     except FileNotFoundError as error:
         fix = "write it: docs/methods.md shows how; dfdbench export-onnx writes one of ours"
         raise MethodError("the model has no description", where=str(file), fix=fix) from error
@@ -179,13 +185,16 @@ def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
             yield Problem(f"cannot give {node.name}", where=str(path), expected=expected, got=shape)
         elif node.name in about.inputs and not _takes(node.shape, parts, about.channels):
             expected = f"{about.layout} with {about.channels} channels, as {file.name} says"
-            yield Problem(f"{node.name} is other", where=str(path), expected=expected, got=shape)
+            what, fix = f"{node.name} is other", f"mend layout or colour in {file.name}"
+            yield Problem(what, where=str(path), expected=expected, got=shape, fix=fix)
 
 
 def _takes(shape: list[int | str | None], parts: list[str], channels: int) -> bool:
     sizes = {"N": 1, "C": channels}
+    # Of an image that is 3 pixels high or wide the layout is wrong: those are its channels.
     return len(shape) == len(parts) and all(
-        not isinstance(size, int) or size == sizes.get(part, size)
+        not isinstance(size, int)
+        or (size == sizes.get(part, size) and (part not in "HW" or size > 3))
         for size, part in zip(shape, parts, strict=True)
     )
 
@@ -196,6 +205,7 @@ class _Network:
         self._inputs = {node.name: node for node in session.get_inputs()}
         self.weights_sha256 = weights_sha256
         self.unit, self.trained_on, self.paper = about.unit, about.trained_on, about.paper
+        self.needs_stack = bool(about.focus_distance)
 
     def _depth(self, given: dict[str, NDArray[Any]], size: tuple[int, ...]) -> Any:
         about = self._about

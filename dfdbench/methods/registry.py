@@ -5,8 +5,9 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -32,19 +33,19 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
     Raises
     ------
     MethodError
-        Naming each parameter that is unknown, or is needed.
+        Naming each parameter that is unknown, is text where a number is declared, or is needed.
     """
     known = _parameters_of(target)
     if known is None:
         return
     names = [name for name in known if name not in ("infocus", "defocus")]
     if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in known.values()):
-        expected = "one of: " + ", ".join(names) if names else "no parameters"
         MethodError.raise_if(
-            Problem(f"unknown parameter {name}", where=entry, expected=expected)
+            _unknown_parameter(name, entry, names)
             for name in arguments
             if name not in (*known, "infocus", "defocus")
         )
+    MethodError.raise_if(_texts(entry, known, arguments))
     if isinstance(target, type):
         MethodError.raise_if(
             Problem("parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE")
@@ -55,6 +56,32 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
         )
 
 
+def _texts(
+    entry: str, known: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yield where text is given for a number; our own methods check more than that themselves."""
+    for name, value in arguments.items():
+        kind = known[name].annotation if name in known else ""
+        kind = str(getattr(kind, "__name__", kind))
+        is_text = isinstance(value, str) and kind in ("bool", "float", "int")
+        if is_text and not entry.startswith("dfdbench."):
+            yield Problem(f"parameter {name} is text", where=entry, expected=kind, got=value)
+
+
+def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
+    if name in _OPTIONS:
+        what, option = _OPTIONS[name]
+        fix = f"leave out {option} (--param {name}=...)"
+        return Problem(f"this method takes no {what}", where=entry, fix=fix)
+    near = get_close_matches(name, known)
+    fix = f"did you mean {' or '.join(near)}?" if near else ""
+    expected = "one of: " + ", ".join(known) if known else "no parameters"
+    expected = "" if near else expected
+    return Problem(f"unknown parameter {name}", where=entry, expected=expected, fix=fix)
+
+
+# Parameters that options of `predict` stand for, which nobody types by their names there.
+_OPTIONS = {"recipe": ("lens or blur recipe", "--lens"), "weights": ("weights", "--weights")}
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
@@ -278,7 +305,8 @@ def _made(
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
             predict = functools.partial(predict, **given)
     if not callable(predict):
-        what = f"not a method: a {type(predict).__name__}"
+        kind = type(predict).__name__
+        what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
         expected = "something to call as predict(infocus, defocus)"
         raise MethodError(what, where=entry, expected=expected)
     method = Method(name, entry, predict, recorded, uses, source)

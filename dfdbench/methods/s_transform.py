@@ -98,8 +98,9 @@ class STransform:
             variances = np.square(recipe.sigmas)
             rises = np.diff(variances)
             if rises.min() < 0 < rises.max():
-                what = "the blur neither rises nor falls with depth"
-                raise MethodError(what, where=_NAME, fix="recipe=null fits a table")
+                what = "the blur neither rises nor falls with depth: the focus is inside the scene"
+                fix = "another method, or a fit to captures (run --param recipe=null)"
+                raise MethodError(what, where=_NAME, fix=f"take {fix}")
             levels = np.argsort(variances, kind="stable")
             self._variances = variances[levels]
             self._depths = recipe.depth_of_level(levels)

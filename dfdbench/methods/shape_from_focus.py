@@ -245,6 +245,8 @@ class ShapeFromFocus:
     )
     #: It answers in the stack's own unit.
     unit = "stack"
+    #: A set of pairs is refused before a run.
+    needs_stack = True
 
     #: What `dfdbench.tune` tries.
     ranges: ClassVar[dict[str, Sequence[Any]]] = {
@@ -308,6 +310,10 @@ class ShapeFromFocus:
         return np.asarray(cv2.blur(cells, self._window, borderType=cv2.BORDER_REPLICATE))
 
 
+#: What to do where there are only pairs.
+STACKS = "dfdbench build demo@stack-9 makes stacks, as of any set with synthetic blur"
+
+
 def focus_places(stack: DataArray, name: str = _NAME) -> tuple[NDArray[np.float64], list[int]]:
     """Return where the focus lies, rising, on a scale that blur grows along; and which images.
 
@@ -323,6 +329,8 @@ def focus_places(stack: DataArray, name: str = _NAME) -> tuple[NDArray[np.float6
     used = [index for index, role in enumerate(roles) if role != "infocus"]
     depths = np.asarray(stack["focus_depth"].values, np.float64)[used]
     unknown = [index for index, depth in zip(used, depths, strict=True) if np.isnan(depth)]
+    if unknown and len(roles) == 2:
+        raise MethodError(f"{name} needs a focal stack, and this is a pair", fix=STACKS)
     if unknown:
         what = f"images {unknown} of {len(roles)} have no known focus depth"
         fix = "say in the manifest at what distance each image was focused"

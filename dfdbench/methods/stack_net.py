@@ -72,6 +72,8 @@ class StackNetMethod:
     )
     #: It answers in the stack's own unit.
     unit = "stack"
+    #: A set of pairs is refused before a run.
+    needs_stack = True
 
     def __init__(
         self, weights: str | Path = "unseen", sure: bool = True, device: str = "auto"

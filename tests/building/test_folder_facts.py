@@ -59,7 +59,7 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
     facts = facts_of(folder)
     assert facts.scale is None
     assert "depth_unit" not in facts.files
-    assert any("taken for levels" in text for text in facts.open)
+    assert any("check that these are depth levels" in text for text in facts.open)
     for scene in SCENES:
         (folder / scene / "depth.png").unlink()
         metres = np.linspace(0.3, 2.0, 64 * 64, dtype=np.float32).reshape(64, 64)

@@ -148,6 +148,14 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     ]
 
 
+def test_depth_in_some_stacks_is_counted(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES[1:]:
+        (folder / scene / "depth.npy").unlink()
+    (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
+    assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
+
+
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:
     folder = rearranged(tmp_path, lambda number, kind: f"{kind}/{number}.png")
     paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))

@@ -108,11 +108,26 @@ def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None
     assert any("by their order" in text for text in written.open)
 
 
+def test_damage_and_what_is_lacking_are_told_together(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    (folder / SCENES[0] / "sharp.png").write_bytes(b"")
+    (folder / SCENES[1] / "depth.png").unlink()
+    with pytest.raises(SourceError) as told:
+        new_manifest(folder)
+    damaged, lacking = told.value.problems
+    assert damaged.where == str(folder / SCENES[0] / "sharp.png")
+    assert SCENES[1] in lacking.what
+
+
 def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         new_manifest(tmp_path / "none")
+    with pytest.raises(InputError, match="the folder is empty"):
+        new_manifest(tmp_path)
     (tmp_path / "one.png").touch()
     (tmp_path / "two.txt").touch()
+    with pytest.raises(InputError, match=r"two\.txt is a file, not a folder"):
+        new_manifest(tmp_path / "two.txt")
     told = r"no scene with two photographs.*: got one\.png; not read: 1 \.txt$"
     with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)

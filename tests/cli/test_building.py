@@ -1,4 +1,5 @@
 import io
+import shlex
 import shutil
 import zipfile
 from pathlib import Path
@@ -150,6 +151,12 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "valid" in Path("page/report.md").read_text("utf-8")
 
 
+def test_the_next_command_can_be_pasted(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "own <fish>")
+    told = dfdbench.facts("new-dataset", str(folder))["next"]
+    assert shlex.split(told)[-1] == str(folder)
+
+
 def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "mine")
     assert dfdbench("new-dataset", str(folder)).status == 0
@@ -215,4 +222,4 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     )
     commands = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
     dfdbench.fine(commands[0])
-    assert commands[1].startswith("predict IMAGES --out MAPS")
+    assert commands[1].startswith("predict IMAGES --method NAME --out MAPS")

@@ -1,4 +1,5 @@
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -65,6 +66,7 @@ def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_pat
     make_folder(tmp_path / "mine")
     write_png(tmp_path / "a.png", np.full((40, 60, 3), 90, np.uint8))
     a = tmp_path / "a.png"
+    b = Path(shutil.copy(a, tmp_path / "b.png"))
     for words, status, name, told in (
         ("list", 0, "tables", ...),
         ("info middlebury --pairs Art", 0, "pairs", ...),
@@ -76,7 +78,7 @@ def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_pat
         (f"new-dataset {tmp_path / 'mine'}", 0, "manifest", "mine-1.toml"),
         (f"build mine-1.toml --source {tmp_path / 'mine'} --store s.zarr", 0, "pairs", 4),
         ("export s.zarr --png png", 0, "pairs", 4),
-        (f"predict {a} {a} --method mymodule:predict --no-align --out d.npy", 0, "depth", "d.npy"),
+        (f"predict {a} {b} --method mymodule:predict --no-align --out d.npy", 0, "depth", "d.npy"),
         ("check-method mymodule:nan", 1, "failed", 10),
         ("run --method mymodule:nan --dataset s.zarr --out nan", 1, "failed", 1),
         ("run --method constant --dataset demo --out run", 0, "folder", "run"),

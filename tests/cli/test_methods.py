@@ -7,6 +7,7 @@ import pytest
 from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
 from tests.conftest import write_png
+from tests.evaluation.test_predict import LENS
 
 
 def photographs(folder: Path) -> tuple[str, str]:
@@ -44,9 +45,47 @@ def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: P
     assert (told.status, np.load("out/scene.npy").max()) == (0, 90), told.err
 
 
+def test_every_pair_is_tried_and_what_fails_is_named_together(
+    dfdbench: Command, tmp_path: Path
+) -> None:
+    folders = {name: tmp_path / "in" / name for name in ("a", "b", "cut", "dark_1", "lone", "text")}
+    for folder in folders.values():
+        folder.mkdir(parents=True)
+        photographs(folder)
+    for name in ("infocus.png", "defocus.png"):
+        write_png(folders["dark_1"] / name, np.full((64, 80, 3), 20, np.uint8))
+    whole = (folders["cut"] / "infocus.png").read_bytes()
+    (folders["cut"] / "infocus.png").write_bytes(whole[: len(whole) // 2])
+    (folders["lone"] / "defocus.png").unlink()
+    (folders["text"] / "defocus.png").write_text("no image")
+    words = ("predict", str(tmp_path / "in"), "--method", "mymodule:dim", "--no-align", "--out")
+    told = dfdbench(*words, "out")
+    assert (told.status, [path.name for path in Path("out").iterdir()]) == (2, ["dark_1.npy"])
+    assert "out: 1 map of" in told.out
+    assert "error: 4 problems:" in told.err
+    assert f"there is no defocus image beside it ({folders['lone'] / 'infocus.png'})" in told.err
+    assert "no depth map: raised RuntimeError: too bright" in told.err
+    assert " (a, b)\nFix: mend the method" in told.err
+    for path in (folders["cut"] / "infocus.png", folders["text"] / "defocus.png"):
+        assert f"({path})" in told.err
+    far = "class Far:\n    unit = 'metres'\n    __call__ = staticmethod(dim)\n"
+    Path("far.py").write_text("from mymodule import dim\n\n" + far)
+    dfdbench.refused("4 problems", *words, "out.zip", "--method", "far:Far")
+    assert not Path("out.zip").exists()
+
+
+def test_all_is_said_of_two_damaged_photographs(dfdbench: Command, tmp_path: Path) -> None:
+    images = photographs(tmp_path)
+    for image in images:
+        Path(image).write_bytes(b"")
+    words = ("predict", *images, "--method", "mymodule:predict", "--out", "depth.npy")
+    assert images[1] in dfdbench.refused(images[0], *words).err
+
+
 def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:
     images = photographs(tmp_path)
     (tmp_path / "empty").mkdir()
+    Path("lens.toml").write_text(LENS)
     for words, says in (
         ((images[0], "--method", "local"), "two photographs or a folder of pairs are needed"),
         ((str(tmp_path / "empty"), "--method", "local"), "no pair and no stack in this folder"),
@@ -54,8 +93,16 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
         ((*images, "--weights", "demo", "--param", "weights=robust"), "weights are named twice"),
         ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
         ((*images, "--method", "graph-cuts"), "--fitted RUN"),
+        (images, "--method NAME"),
+        ((images[0], images[0], "--method", "local"), "are one file"),
+        ((*images, "--method", "mymodule:predict", "--figure", "q.xyz"), "not a picture's name"),
+        ((*images, "--method", "mymodule:predict", "--out", "depth.gif"), ".npy, .npz or .png"),
+        ((str(tmp_path), "--method", "mymodule:predict", "--out", "maps.png"), "into one file"),
+        ((*images, "--method", "mymodule:predict", "--weights", "demo"), "takes no weights"),
+        ((*images, "--method", "mymodule:predict", "--lens", "lens.toml"), "takes no lens"),
+        ((*images, "--method", "s-transform", "--lens", "lens.toml"), "the focus is inside"),
     ):
-        dfdbench.refused(says, "predict", *words, "--out", "depth.npy")
+        dfdbench.refused(says, "predict", "--out", "depth.npy", *words)
         assert not Path("depth.npy").exists()
 
 

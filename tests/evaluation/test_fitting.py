@@ -212,6 +212,10 @@ def test_one_run_s_fit_is_used_in_another(tiny_store: Dataset, run: Run, tmp_pat
     (tmp_path / "none").mkdir()
     with pytest.raises(MethodError, match="kept nothing"):
         run("c", fitted=tmp_path / "none")
+    result = tmp_path / "two/result.json"
+    result.write_text(result.read_text().replace(':Mean"', ':Other"'))
+    with pytest.raises(MethodError, match=r"this run is of .*:Other, not of"):
+        run("d", fitted=tmp_path / "two")
 
 
 def test_another_camera_in_the_test_is_told() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import StoreError
+from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
@@ -43,6 +43,13 @@ def test_a_file_of_a_parameter_counts_by_content(tiny_store: Dataset, tmp_path: 
     assert hashes[0] == hashes[1] != hashes[2]
     assert set(hashes[0]) == {"file", "also.0.deep"}
     assert str(tmp_path) not in json.dumps(run.result.method.parameters)
+
+
+def test_pairs_are_refused_for_a_method_of_stacks(tiny_store: Dataset) -> None:
+    loaded = load_for(tiny_store, "shape-from-focus", {})
+    says = "shape-from-focus needs a focal stack, and tiny holds pairs"
+    with pytest.raises(MethodError, match=f"{says}.*\nFix: dfdbench build (demo|tiny)@stack-9"):
+        plan_run(tiny_store, loaded, "test", RunOptions())
 
 
 def of_smaller_crop(store: Dataset) -> Dataset:

@@ -13,7 +13,7 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.predict import DepthPredictor, captures_in, predict, write_depth
+from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images, predict
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.registry import load
 from tests.conftest import write_png
@@ -86,6 +86,8 @@ def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> 
     images = few_demo.read(few_demo.pairs("test")[0])
     depth = predict(None, (images.infocus, images.defocus), tmp_path / "run", align=False)
     assert np.array_equal(depth, method.predict(images.infocus, images.defocus))
+    with pytest.raises(MethodError, match=r"of local, not of graph-cuts"):
+        DepthPredictor("graph-cuts", tmp_path / "run")
 
 
 def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
@@ -107,6 +109,7 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
         (None, None, "no method is named"),
         (lambda infocus, defocus: 1 / 0, None, "ZeroDivisionError"),
         ("local", {"focal_length": 0.025}, "not known well enough"),
+        ("shape-from-focus", None, "needs a focal stack, and this is a pair"),
     ],
 )
 def test_what_is_lacking_is_said(
@@ -116,27 +119,19 @@ def test_what_is_lacking_is_said(
         predict(method, pair[:2], camera)
 
 
+def test_a_lens_is_offered_only_to_what_takes_one(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    fit = restore = __call__ = lambda self, *images: None\n"
+    )
+    for method, offered in (("graph-cuts", True), (f"{tmp_path / 'mine.py'}:Mine", False)):
+        with pytest.raises(MethodError, match=r"\(--fitted RUN\)") as refused:
+            DepthPredictor(method)
+        assert ("--lens" in str(refused.value)) == offered
+
+
 def test_photographs_of_two_sizes_are_refused(pair: tuple[Image, Image, Image]) -> None:
     with pytest.raises(InputError, match="differ in size"):
         predict("local", (pair[0], pair[1][1:]), "published")
-
-
-def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
-    depth = np.array([[0, 100.25], [255, 1.5]], np.float32)
-    write_depth(tmp_path / "a.npy", depth)
-    write_depth(tmp_path / "deep/a.png", depth)
-    assert np.array_equal(np.load(tmp_path / "a.npy"), depth)
-    read = np.asarray(cv2.imread(str(tmp_path / "deep/a.png"), cv2.IMREAD_UNCHANGED))
-    assert (str(read.dtype), (read / 256).tolist()) == ("uint16", depth.tolist())
-    with pytest.raises(InputError, match=r"\.npy, \.npz or \.png"):
-        write_depth(tmp_path / "a.gif", depth)
-    write_depth(tmp_path / "a.npz", depth, sigma=depth + 1)
-    with np.load(tmp_path / "a.npz") as kept:
-        assert np.array_equal(kept["depth"], depth)
-        assert np.array_equal(kept["sigma"], depth + 1)
-    depth[0, 0] = np.nan
-    with pytest.raises(InputError, match=r"1 of 4 pixels have no answer.*\n.*\.npz"):
-        write_depth(tmp_path / "a.png", depth)
 
 
 def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
@@ -145,3 +140,5 @@ def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert list(captures_in(tmp_path)) == ["a", "b/c"]
+    alone = f"there is no defocus image beside it ({tmp_path / 'infocus.png'})"
+    assert list(map(str, lone_images(tmp_path))) == [alone]

@@ -14,7 +14,7 @@ import numpy as np
 def predict(infocus, defocus):
     return np.full(infocus.shape[:2], 7)
 
-def scaled(infocus, defocus, factor=1.0, *, offset=0.0):
+def scaled(infocus, defocus, factor=1.0, *, offset: float = 0.0):
     return np.full(infocus.shape[:2], factor * 10 + offset)
 
 class Named:

@@ -37,7 +37,10 @@ IMAGE = np.zeros((4, 6, 3), np.uint8)
         ((np.zeros((4, 6)), np.full((4, 6), 1e60)), "sigma of inf to inf"),
         ((np.zeros((4, 6)), "much"), "sigma of <U4 values; expected real numbers"),
         ((np.zeros((6, 4)), np.ones((4, 6))), "returned shape (6, 4)"),
-        ((np.zeros((4, 6)), np.zeros((4, 6)), 1), "no array"),
+        (
+            (np.zeros((4, 6)), np.zeros((4, 6)), 1),
+            "a tuple of 3; expected depth, or a tuple (depth, sigma)",
+        ),
     ],
 )
 def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:

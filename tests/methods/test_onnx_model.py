@@ -172,7 +172,7 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     description.write_text(description.read_text() + 'depth = "out"\nfocus_distance = "f"\n')
     told = problems(mean)
     assert [text.partition(" (")[0] for text in told] == [
-        "the inputs are no pair and no stack",
+        "the inputs are neither a pair nor a stack",
         "only a stack has focus distances",
         "not a layout",
         "not one number a channel",
@@ -180,6 +180,12 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     ]
     description.write_text(PAIR + "colour = 3\nsize = 4\n")
     assert len(problems(mean)) == 2
+    description.write_text("")
+    assert len(problems(mean)) == 2
+    description.write_text(PAIR + 'layout = "NHWC"\n')
+    assert [text.rpartition("\n")[2] for text in problems(mean)] == [
+        "Fix: mend layout or colour in mean.toml"
+    ] * 2
 
 
 @pytest.mark.parametrize(

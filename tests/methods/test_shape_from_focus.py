@@ -96,6 +96,7 @@ def test_any_size_has_an_answer_within_the_range(shape: tuple[int, int]) -> None
         ((30.0, np.nan, 150.0, np.nan), r"images \[1, 3\] of 4 have no known focus depth"),
         ((30.0, 90.0, 90.0, 210.0), r"the same focus depth: \[90.0\]"),
         ((30.0, 90.0), "3 or more"),
+        ((30.0, np.nan), "needs a focal stack, and this is a pair"),
     ],
 )
 def test_says_what_is_wrong_with_the_focus_depths(focus: tuple[float, ...], words: str) -> None:

@@ -347,8 +347,8 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     likely = likely_bits(greatest)
     if bits is None and likely:
         what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
-        other = f"image_bits = {likely}" if likely > 8 else "else write it as 8 bit"
-        fix = f"image_bits = 16 under [files] if it is only dark; {other}"
+        said = f"image_bits = {likely}, or 16 if" if likely > 8 else "image_bits = 16 if"
+        fix = f"write it as 8 bit; or say in a manifest, under [files], {said} it is only dark"
         raise SourceError(what, where=where, fix=fix)
     if greatest >= 2 ** (bits or _FULL):
         what = f"the image holds {greatest}, more than {bits} bits"

@@ -298,7 +298,10 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     gain = max(map(abs, gains))
     align, moved = _proposed(moves)
     light = replace(find_change(seen), similarity=ViewChange.similarity)
-    found = [*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %"]
+    # What nothing is to be done about is not said.
+    found = moved if align != "none" else []
+    if gain > _UNGAINED:
+        found.append(f"photographs differ in brightness by up to {100 * gain:.1f} %")
     if light.changes or light.has_shadow:
         found.append(f"the defocus images are {light.words()}")
     measured = len(moves)

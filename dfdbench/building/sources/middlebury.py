@@ -62,7 +62,8 @@ class MiddleburyScenes:
         }
         if not self._scenes:
             what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
-            got = "" if folder.is_dir() else "no such folder"
+            there = "a file, not a folder" if folder.exists() else "no such folder"
+            got = "" if folder.is_dir() else there
             raise SourceError(what, where=str(folder), got=got)
 
     def available_pairs(self) -> tuple[Pair, ...]:

@@ -18,8 +18,8 @@ from dfdbench.system.files import write_whole
 EXPORTED = ("u-net", "dfd-net")
 # Why others are not.
 _READS = {
-    "stack-net": "reads a stack of any length, no pair",
-    "volume-net": "reads a volume of costs, no images",
+    "stack-net": "reads a stack of any length, not a pair",
+    "volume-net": "reads a volume of costs, not images",
 }
 # What onnxruntime 1.20 and any later one reads.
 _OPERATORS = 17
@@ -59,8 +59,8 @@ def export_onnx(
     Raises
     ------
     InputError
-        If the package onnx is not installed, it is another method, the path has another ending or
-        the description's is taken, or there is no such readout.
+        If the package onnx is not installed, it is another method, the path has another ending, it
+        or the description's is taken, or there is no such readout.
     MethodError
         If there are no such weights.
 
@@ -69,19 +69,7 @@ def export_onnx(
     >>> export_onnx("u-net", "u-net.onnx", weights="demo")  # doctest: +SKIP
     """
     path = Path(path)
-    if find_spec("onnx") is None:
-        fix = "pip install 'dfdbench[onnx]'"
-        raise InputError("the package onnx is not installed", where="export-onnx", fix=fix)
-    if method not in EXPORTED:
-        reads = _READS.get(method, "is no network")
-        expected = " or ".join(EXPORTED)
-        raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
-    if path.suffix != ".onnx":
-        raise InputError("not the name of an ONNX file", where=str(path), fix="NAME.onnx")
-    description = path.with_suffix(".toml")
-    if description.exists() and not path.exists():
-        what, fix = "the description would replace a file of another use", "choose another name"
-        raise InputError(what, where=str(description), fix=fix)
+    _require_writable(method, path)
     network, card = load_weights(find_weights(method, weights), method)
     readout = readout or card.configuration.get("readout", "mode")
     if readout not in READOUTS:
@@ -104,9 +92,29 @@ def export_onnx(
             dynamo=False,
         )
     write_whole(path, content.getvalue())
+    description = path.with_suffix(".toml")
     text = _DESCRIPTION.format(method=method, multiple=multiple, seen=json.dumps(card.trained_on))
     write_whole(description, text)
     return description
+
+
+def _require_writable(method: str, path: Path) -> None:
+    if find_spec("onnx") is None:
+        fix = "pip install 'dfdbench[onnx]'"
+        raise InputError("the package onnx is not installed", where="export-onnx", fix=fix)
+    if method not in EXPORTED:
+        reads = _READS.get(method, "is not a network")
+        expected = " or ".join(EXPORTED)
+        raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
+    if path.suffix != ".onnx":
+        raise InputError("not the name of an ONNX file", where=str(path), fix="NAME.onnx")
+    if path.exists():
+        fix = "name another: --out NAME.onnx"
+        raise InputError("a file of that name is there", where=str(path), fix=fix)
+    description = path.with_suffix(".toml")
+    if description.exists():
+        what, fix = "the description would replace a file of another use", "choose another name"
+        raise InputError(what, where=str(description), fix=fix)
 
 
 class _Levels(nn.Module):

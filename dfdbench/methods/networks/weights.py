@@ -132,8 +132,8 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     }
     example = next(iter(shipped), "FILE")
     fix = (
-        f"dfdbench train {method} makes them; shipped are {', '.join(shipped)}, "
-        f"as --param weights={example}, with `train` and `reduce` --weights {example}"
+        f"shipped weights: {', '.join(shipped) or 'none'} (--param weights={example}); "
+        f"dfdbench train {method} makes others"
     )
     if weights is None:
         raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)

@@ -48,7 +48,7 @@ def test_the_median_level_is_exported_too(tmp_path: Path, small_demo: Dataset) -
     [
         ("stack-net", "a.onnx", None, "reads a stack of any length"),
         ("volume-net", "a.onnx", None, "reads a volume of costs"),
-        ("sgm", "a.onnx", None, "is no network"),
+        ("sgm", "a.onnx", None, "is not a network"),
         ("u-net", "a.pt", None, "not the name of an ONNX file"),
         ("u-net", "a.onnx", "mean", "no such readout"),
         ("u-net", "taken.onnx", None, "would replace a file of another use"),
@@ -61,6 +61,13 @@ def test_what_cannot_be_exported_is_refused(
     with pytest.raises(InputError, match=says):
         export_onnx(method, tmp_path / name, "demo", readout)
     assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]
+
+
+def test_no_file_is_replaced(u_net: Path) -> None:
+    u_net.with_suffix(".toml").write_text(edited := "# edited by hand")
+    with pytest.raises(InputError, match=r"is there.*\n.*--out NAME\.onnx"):
+        export_onnx("u-net", u_net, "demo")
+    assert u_net.with_suffix(".toml").read_text() == edited
 
 
 def test_without_the_package_onnx_the_error_says_what_to_install(

@@ -1,0 +1,108 @@
+"""Write depth maps that were estimated without a data set: files, or a test server's zip."""
+
+import io
+import re
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from dfdbench.errors import InputError, reason_of
+from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
+from dfdbench.metrics.protocol import Unit
+from dfdbench.system.files import write_whole
+
+#: How the file of a depth map may end.
+MAPS = (".npy", ".npz", ".png")
+
+
+def require_map(path: Path) -> None:
+    """Do nothing where a file's name is that of a depth map.
+
+    Raises
+    ------
+    InputError
+        If it ends otherwise.
+    """
+    if path.suffix not in MAPS:
+        raise InputError("a depth map is written as .npy, .npz or .png", where=str(path))
+
+
+def write_depth(
+    path: Path,
+    depth: NDArray[np.float32],
+    unit: Unit = "levels",
+    sigma: NDArray[np.float32] | None = None,
+) -> None:
+    """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
+
+    Only ``.npz`` has room for sigma too, the standard deviation of each pixel: arrays ``depth`` and
+    ``sigma``, as ``dfdbench score`` reads them.
+
+    Raises
+    ------
+    InputError
+        If the file's name ends otherwise, it cannot be written, or it is a PNG file and pixels have
+        no answer.
+    """
+    file = io.BytesIO()
+    if path.suffix == ".npy":
+        np.save(file, depth)
+    elif path.suffix == ".npz":
+        arrays: dict[str, Any] = {"depth": depth} | ({} if sigma is None else {"sigma": sigma})
+        np.savez_compressed(file, **arrays)
+    elif path.suffix == ".png":
+        if gaps := np.count_nonzero(np.isnan(depth)):
+            what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
+            raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
+        whole = np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
+        PIL.Image.fromarray(whole).save(file, "png")
+    else:
+        require_map(path)
+    _write_content(path, file.getvalue(), "depth map")
+
+
+def write_submission(path: Path, depths: Iterable[tuple[str, NDArray[np.float32]]]) -> None:
+    """Write depth maps as ZEDD's test server takes them: a zip of ``zedd_output_0001.npy`` ...
+
+    Parameters
+    ----------
+    path : Path
+        The zip.
+    depths : iterable of (str, ndarray)
+        Each capture's name, which begins with its scene's, as ``test_0001``; its depth in metres,
+        float32, shape (y, x).
+
+    Raises
+    ------
+    InputError
+        If a scene has no number, or two captures have the same, or the file cannot be written.
+    """
+    content, written = io.BytesIO(), dict[str, str]()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, depth in depths:
+            number = re.search(r"\d+$", name.split("/")[0])
+            if number is None:
+                what = "a scene without a number, such as test_0001, has no place in the zip"
+                raise InputError(what, where=name)
+            file = f"zedd_output_{number[0]}.npy"
+            if file in written:
+                what = f"{written[file]} would be {file}, too"
+                fix = "leave one capture a scene in the folder"
+                raise InputError(what, where=name, fix=fix)
+            written[file] = name
+            with archive.open(file, "w") as entry:
+                np.save(entry, depth)
+    _write_content(path, content.getvalue(), "depth maps")
+
+
+def _write_content(path: Path, content: bytes, what: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
