@@ -184,20 +184,23 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     Examples
     --------
     >>> print(unknown_name("scene", "Reinder", ["Art", "Books", "Reindeer"]))
-    unknown scene 'Reinder'
+    unknown scene: got Reinder
     Fix: did you mean Reindeer?
     >>> print(unknown_name("scene", "Xylophone", ["Art", "Books", "Reindeer"]))
-    unknown scene 'Xylophone': expected one of: Art, Books, Reindeer
+    unknown scene: expected one of: Art, Books, Reindeer, got Xylophone
     """
     choices = sorted(known)
-    near = sorted(difflib.get_close_matches(name, choices, n=3))
+    # Of short names one letter is much.
+    near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5 if len(name) < 4 else 0.55)
+    near.sort(key=lambda each: (-difflib.SequenceMatcher(None, each, name).ratio(), each))
     if not near:
         near = [choice for choice in choices if choice.casefold() == name.casefold()][-1:]
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     return UnknownNameError(
-        what=f"unknown {kind} {name!r}",
+        what=f"unknown {kind}",
         # Nobody reads thirty names where one is near.
         expected="" if near else "one of: " + ", ".join(choices),
+        got=name,
         fix=" ".join(part for part in (hint, fix) if part),
     )
 

@@ -112,7 +112,7 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
         leaderboard(tmp_path)
     assert [str(problem).splitlines()[0].split(" (")[0] for problem in caught.value.problems] == [
         "the row has no card",
-        "wrong value in a row of the leaderboard",
+        "broken JSON: EOF while parsing an object at line 1 column 1",
         "made from another manifest than demo-1",
     ]
 

@@ -55,7 +55,7 @@ def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
         open_source(find_manifest("realworld"))
     with pytest.raises(SourceError, match="and none is named"):
         open_source(find_manifest("middlebury"))
-    with pytest.raises(SourceError, match="made, not read"):
+    with pytest.raises(SourceError, match="reads no folder"):
         open_source(find_manifest("demo"), tmp_path)
     unknown = find_manifest("demo").model_copy(update={"reader": "tapes"})
     with pytest.raises(SourceError, match="no reader tapes for the files"):

@@ -66,7 +66,7 @@ def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
 ) -> None:
     store = str(small_demo.path)
     asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
-    dfdbench.refused("not scored in metres", *asked, "--out", "run")
+    dfdbench.refused("metric needs depth in metres", *asked, "--out", "run")
     assert not (tmp_path / "work/run").exists()
 
 

@@ -44,7 +44,7 @@ def problems_of(text: str) -> str:
         (TINY_TOML, "pair_count = 11", "pair_count = 12", ["pair_count", "11 pairs", "not 12"]),
         (TINY_TOML, "scene_count = 3", "scene_count = 4", ["scene_count", "3 scenes", "not 4"]),
         (TINY_TOML, 'test_scenes = ["Three"]', 'test_scenes = ["One"]', ["One is not", "in 2"]),
-        (TINY_TOML, "unknown = 0", "unknown = 300", ["depth.unknown", "less than or", "300"]),
+        (TINY_TOML, "unknown = 0", "unknown = 300", ["depth.unknown", "255 or less", "300"]),
         (TINY_TOML, 'reader = "middlebury"', "", ["field is missing", "reader"]),
         (TINY_TOML, 'title = "Tiny set"', 'titel = "Tiny set"', ["titel", "unknown field"]),
         (TINY_TOML, 'blocks = "exposure"', 'blocks = "exposition"', ["blocks", "mean exposure"]),

@@ -208,7 +208,7 @@ def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_
 
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(ResultError, match="something else"):
+    with pytest.raises(ResultError, match="something other"):
         run_method(tiny_store, method(Counting()), "test", tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 

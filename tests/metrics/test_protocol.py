@@ -54,7 +54,7 @@ def test_a_result_without_a_protocol_says_so() -> None:
     require_scored("valid", ["thesis", "valid"], "mine")
     with pytest.raises(UnknownNameError, match="unknown protocol of mine"):
         require_scored("valid", ["thesis"], "mine")
-    with pytest.raises(UnknownNameError, match="not scored in metres, which aligned takes"):
+    with pytest.raises(UnknownNameError, match="aligned needs depth in metres"):
         require_scored("aligned", ["thesis"], "mine")
     with pytest.raises(UnknownNameError, match="neither says how sure it is"):
         require_scored("sure", ["thesis"], "mine")
@@ -127,8 +127,10 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
 def test_an_unknown_protocol_shows_the_near_miss() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
+    assert caught.value.problems[0].got == "thesys"
     named = "one of: aligned, metric, sure, thesis, thesis-networks, valid"
-    assert caught.value.problems[0].expected == named
+    with pytest.raises(UnknownNameError, match=named):
+        find_protocol("brightness")
 
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)

@@ -64,5 +64,5 @@ def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Pat
     assert open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False) is None
     assert read_identity(tmp_path) == {"entry": "mine"}
     (tmp_path / "run.json").rename(tmp_path / "thesis.txt")
-    with pytest.raises(ResultError, match="something else than a run"):
+    with pytest.raises(ResultError, match="something other than a run"):
         open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False)

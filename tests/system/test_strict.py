@@ -24,8 +24,8 @@ class Shelf(Record):
         (
             {"books": "x", "names": ["a", 7]},
             [
-                ("off", "f.json: books", "a valid integer, unable", "'x'"),
-                ("off", "f.json: names[1]", "a valid string", "7"),
+                ("off", "f.json: books", "a whole number", "'x'"),
+                ("off", "f.json: names[1]", "text", "7"),
             ],
         ),
         ({"books": 3, "names": []}, [("off", "f.json: names", "have at least 1 item", "[]")]),

@@ -87,9 +87,9 @@ def test_bounds_make_the_box_smaller() -> None:
         ({"crop": "12:30"}, "multiples of 4"),
         ({"width": "9:8"}, "lower bound first"),
         ({"width": "8"}, "field is missing"),
-        ({"kernel": "1:11"}, "less than or equal to 9"),
+        ({"kernel": "1:11"}, "9 or less"),
         ({"height": "1:2"}, "unknown field"),
-        ({"width": "a:b"}, "integer"),
+        ({"width": "a:b"}, "a whole number"),
     ],
 )
 def test_what_are_no_bounds_is_told(given: dict[str, str], said: str) -> None:
