@@ -29,7 +29,7 @@ from dfdbench.methods.networks.weights import find_weights, load_weights, weight
 from dfdbench.methods.readout import AS_USUAL, Chosen, least_label
 from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
 from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
-from dfdbench.methods.spread import MOST_CAPTURES, Posterior
+from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
@@ -48,6 +48,8 @@ _TRIED = (
     (0.0, 1),
     *((reach, smoothing) for smoothing in (1, 13) for reach in (1.0, 2.0, 4.0, 16.0)),
 )
+# Training captures that it is tried on, evenly among all.
+_LOOKED_AT = 32
 # What it takes must err less by so much in both the mean over captures and the geometric mean: of
 # choices on half of the training captures of eight sets, those err less on the other half too.
 _BETTER, _ROUNDING = 0.98, 0.5
@@ -281,7 +283,7 @@ class VolumeNetMethod(Solver):
             chosen = Chosen(energy_of(shares), weight=1.0)
         trial = copy.copy(self)
         trial.calibrations, trial.chosen = tuple(found), chosen
-        looked_at = evenly_spread(len(captures), MOST_CAPTURES)
+        looked_at = evenly_spread(len(captures), _LOOKED_AT)
         errors = np.array([trial._errors_on(captures[index]) for index in looked_at])
         means = np.array([errors.mean(axis=0), np.exp(np.log(errors + _ROUNDING).mean(axis=0))])
         better = np.array((means < _BETTER * means[:, :1]).all(axis=0))
