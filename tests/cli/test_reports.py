@@ -100,7 +100,10 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
     for arguments, told in (
         (("compare", result, row), "unknown field"),
         (("compare", "nowhere", result), "cannot read the result"),
-        (("report", result, "--out", "page", "--protocol", "metric"), "metric needs depth in metres"),
+        (
+            ("report", result, "--out", "page", "--protocol", "metric"),
+            "metric needs depth in metres",
+        ),
         (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
