@@ -10,8 +10,8 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board import SCORE_TOLERANCE
 from dfdbench.board.row_file import Row
-from dfdbench.datasets.dataset import open_dataset
-from dfdbench.errors import InputError, ResultError
+from dfdbench.datasets.dataset import Dataset, open_dataset
+from dfdbench.errors import InputError, Problem, ResultError, StoreError
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
@@ -107,10 +107,8 @@ def verify(
     InputError
         If the tolerance is not from 0 to 1.
     ResultError
-        If the method is neither built in nor trusted, nothing was run, or the data that are built
-        here are others.
-    StoreError
-        If a data set of the draw is not built.
+        If the method is neither built in nor trusted, nothing was run, or data sets of the draw
+        are not built here or are others.
     """
     if not 0 <= tolerance <= 1:
         raise InputError(f"a tolerance is a number from 0 to 1, not {tolerance:g}")
@@ -126,11 +124,16 @@ def verify(
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
     seed = secrets.randbits(32) if seed is None else seed
     drawn = random.Random(seed).sample(done, min(count, len(done)))
+    claims = {
+        number: own
+        for number, result in enumerate(row.results)
+        if (own := [pair for drawn_from, pair in drawn if drawn_from is result])
+    }
+    stores = _opened([row.results[number] for number in claims], path)
     found: list[Rerun] = []
     same_source = True
-    for result in row.results:
-        claims = [pair for drawn_from, pair in drawn if drawn_from is result]
-        for rerun, same in _run_again(result, claims, path, weights):
+    for (number, own), store in zip(claims.items(), stores, strict=True):
+        for rerun, same in _run_again(row.results[number], own, store, weights):
             found.append(rerun)
             same_source &= same
             if on_pair:
@@ -138,18 +141,28 @@ def verify(
     return Verification(seed, len(done), tolerance, tuple(found), same_source)
 
 
+def _opened(results: Sequence[Result], path: Path) -> list[Dataset]:
+    """Return the data sets of runs as they are built here; all that are not are named."""
+    stores, problems = list[Dataset](), list[Problem]()
+    for dataset in (result.dataset for result in results):
+        where, fix = f"{path}: {dataset.degradation}", f"dfdbench build {dataset.name}"
+        try:
+            stores.append(open_dataset(dataset.name))
+        except StoreError as error:
+            problems += [Problem(found.what, where=where, fix=fix) for found in error.problems]
+            continue
+        if stores[-1].fingerprint != dataset.fingerprint:
+            what = f"{dataset.name} as it is built here is not what the row was run on"
+            problems.append(Problem(what, where=f"{where}, fingerprint", fix=fix))
+    ResultError.raise_if(problems)
+    return stores
+
+
 def _run_again(
-    result: Result, claims: Sequence[PairResult], path: Path, weights: Path | None
+    result: Result, claims: Sequence[PairResult], store: Dataset, weights: Path | None
 ) -> Iterator[tuple[Rerun, bool]]:
     """Run pairs of one run again, loaded and fitted as it was; tell whether the source is too."""
-    if not claims:
-        return
     record, dataset = result.method, result.dataset
-    store = open_dataset(dataset.name)
-    if store.fingerprint != dataset.fingerprint:
-        what = f"{dataset.name} as it is built here is not what the row was run on"
-        where = f"{path}: {dataset.degradation}, fingerprint"
-        raise ResultError(what, where=where, fix=f"dfdbench build {dataset.name}")
     parameters: dict[str, Any] = dict(record.parameters)
     if weights:
         parameters["weights"] = str(weights)

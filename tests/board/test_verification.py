@@ -11,7 +11,7 @@ from dfdbench.board.row_file import Row, read_row, row_of, row_text
 from dfdbench.board.verification import verify
 from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import DfdbenchError, InputError, ResultError
+from dfdbench.errors import DfdbenchError, InputError, ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
@@ -184,3 +184,19 @@ def test_runs_on_tracks_are_run_as_they_were(stores: dict[str, Dataset], tmp_pat
         assert not verify(forged, HERE, count=14).passed
     except DfdbenchError as error:
         assert "do not show" in str(error)  # noqa: PT017
+
+
+def test_all_that_is_not_built_is_named(
+    stores: dict[str, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
+
+    def absent(name: str) -> Dataset:
+        raise StoreError(f"data set {name} is not built", fix="--dataset demo")
+
+    monkeypatch.setattr("dfdbench.board.verification.open_dataset", absent)
+    with pytest.raises(ResultError) as caught:
+        verify(row_of(results, ["tracks-1"]), HERE, count=99)
+    assert [problem.fix for problem in caught.value.problems] == [
+        f"dfdbench build {name}" for name in stores
+    ]
