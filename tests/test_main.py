@@ -19,7 +19,7 @@ from importlib.abc import MetaPathFinder
 class CtrlC(MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name == sys.argv[1]:
-            raise KeyboardInterrupt
+            raise eval(sys.argv[2])
 
 sys.meta_path.insert(0, CtrlC())
 from dfdbench.__main__ import main
@@ -40,8 +40,15 @@ except SystemExit:
 
 @pytest.mark.parametrize("module", ["dfdbench.cli.screen", "dfdbench.cli"])
 def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
-    ended = python("-c", STOPPED_WHILE_LOADING, module)
+    ended = python("-c", STOPPED_WHILE_LOADING, module, "KeyboardInterrupt")
     assert (ended.returncode, ended.stderr) == (130, "stopped\n")
+
+
+def test_a_copy_that_is_not_installed_says_so() -> None:
+    lacking = "ModuleNotFoundError('no', name='dfdbench.manifests')"
+    ended = python("-c", STOPPED_WHILE_LOADING, "dfdbench.cli", lacking)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: this copy of dfdbench is not installed")
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
