@@ -18,7 +18,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import all_blurred
-from dfdbench.methods.choices import energy_of, shares_of
+from dfdbench.methods.choices import FEWEST, energy_of, shares_of
 from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread, wrong
 from dfdbench.methods.law_cost import MOST_NATS, UNIT, law_cost, level_costs_by_rows
 from dfdbench.methods.measured_law import Calibration
@@ -50,9 +50,9 @@ _TRIED = (
 )
 # Training captures that it is tried on, evenly among all.
 _LOOKED_AT = 32
-# What it takes must err less by so much in both the mean over captures and the geometric mean: of
-# choices on half of the training captures of eight sets, those err less on the other half too.
-_BETTER, _ROUNDING = 0.98, 0.5
+# Standard errors that a mean gain has to exceed: chance alone brings one of the eight that are
+# tried so far in one fit of twenty.
+_SURE, _ROUNDING = 2.5, 0.5
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
 # Side of the window that the guide's contrast is made even over, and grey levels of no contrast.
@@ -283,14 +283,24 @@ class VolumeNetMethod(Solver):
             chosen = Chosen(energy_of(shares), weight=1.0)
         trial = copy.copy(self)
         trial.calibrations, trial.chosen = tuple(found), chosen
-        looked_at = evenly_spread(len(captures), _LOOKED_AT)
-        errors = np.array([trial._errors_on(captures[index]) for index in looked_at])
-        means = np.array([errors.mean(axis=0), np.exp(np.log(errors + _ROUNDING).mean(axis=0))])
-        better = np.array((means < _BETTER * means[:, :1]).all(axis=0))
-        better[0] = True
-        finer, smoothing = self._tried[int(np.where(better, means[0], np.inf).argmin())]
+        finer, smoothing = trial._best_tried(captures)
         best = replace(chosen, finer=finer, smoothing=smoothing)
         return Calibration.all_as_learned(found) | best.as_learned()
+
+    def _best_tried(self, captures: Sequence[TrainingPair]) -> tuple[float, int]:
+        """Return the reach and smoothing of least error, of those that surely err less than none.
+
+        Gains are of the logarithm of a capture's error: each capture counts alike.
+        """
+        looked_at = evenly_spread(len(captures), _LOOKED_AT)
+        if len(looked_at) < FEWEST:
+            return self._tried[0]
+        errors = np.array([self._errors_on(captures[index]) for index in looked_at])
+        gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
+        chance = gains.std(axis=0, ddof=1) / math.sqrt(len(gains))
+        means = np.where(gains.mean(axis=0) > _SURE * chance, errors.mean(axis=0), np.inf)
+        means[0] = errors[:, 0].mean()
+        return self._tried[int(means.argmin())]
 
     def _errors_on(self, capture: TrainingPair) -> NDArray[np.float64]:
         """Return the root mean square error on a capture with everything that is tried."""

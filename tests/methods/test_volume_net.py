@@ -68,17 +68,29 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1
 
 
-def test_the_fit_looks_again_only_where_that_errs_less() -> None:
+def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
     depth = np.full((96, 128), 70, np.uint8)
     depth[:, 64:] = 180
-    clean = pair_of(texture(5, 96, 128), depth)
+    clean = [pair_of(texture(seed, 96, 128), depth) for seed in range(5)]
     method = VolumeNetMethod(device="cpu")
-    method.restore(dict(method.fit([clean])))  # type: ignore[misc]
+    method.restore(dict(method.fit(clean[1:])))  # type: ignore[misc]
     assert method.chosen.finer > 0
     never = VolumeNetMethod(finer=False, device="cpu")
-    never.restore(dict(never.fit([clean])))  # type: ignore[misc]
+    never.restore(dict(never.fit(clean[1:])))  # type: ignore[misc]
     assert never.chosen.finer == 0
-    errors = [
-        np.abs(each(clean.infocus, clean.defocus)[0] - depth).mean() for each in (method, never)
-    ]
+    found = [each(clean[0].infocus, clean[0].defocus)[0] for each in (method, never)]
+    errors = [np.abs(each - depth).mean() for each in found]
     assert errors[0] < errors[1]
+    # Three captures are too few to tell.
+    method.restore(dict(method.fit(clean[2:])))  # type: ignore[misc]
+    assert method.chosen.finer == 0
+
+
+def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    method = VolumeNetMethod(device="cpu")
+    errors = iter(np.full((8, 9), 20.0) - np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(9)) / 8)
+    monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
+    assert method._best_tried([None] * 8) == (0.0, 1)  # type: ignore[list-item]
+    steady = iter(np.full((8, 9), 20.0) - np.arange(9) / 8)
+    monkeypatch.setattr(method, "_errors_on", lambda capture: next(steady))
+    assert method._best_tried([None] * 8) == (16.0, 13)  # type: ignore[list-item]
