@@ -216,8 +216,8 @@ class VolumeNetMethod(Solver):
     The fit measures the camera's blur and how often training shows each depth. What each of 32
     levels costs a pixel under that blur goes into a small network, trained on rendered rooms seen
     by many lenses, and so made for none. Where the blur explains the images well, finer levels tell
-    more: about the network's answer they are looked at along paths, as `sgm` does, if that errs
-    less on training captures.
+    more: about the network's answer they are looked at along paths, as `sgm` does, if the gain on
+    training captures is beyond chance.
 
     Parameters
     ----------
@@ -229,8 +229,9 @@ class VolumeNetMethod(Solver):
         Let the fit find out whether it helps to look again, in finer steps, about what the network
         says.
     sure : bool
-        Also say how sure it is, in levels: the distribution's standard deviation, times the factor
-        with which its intervals hold on the training captures.
+        Also say how sure it is, in levels: the distribution's standard deviation or, where it looks
+        again, the spread of the costs about the answer, as of a `Solver`; times the factor with
+        which its intervals hold on the training captures.
     device : str
         ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
 
@@ -293,7 +294,7 @@ class VolumeNetMethod(Solver):
         Gains are of the logarithm of a capture's error: each capture counts alike.
         """
         looked_at = evenly_spread(len(captures), _LOOKED_AT)
-        if len(looked_at) < FEWEST:
+        if len(self._tried) == 1 or len(looked_at) < FEWEST:
             return self._tried[0]
         errors = np.array([self._errors_on(captures[index]) for index in looked_at])
         gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
