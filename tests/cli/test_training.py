@@ -51,7 +51,7 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Dataset) ->
     assert beside.read_text() == "keep"
     Path("other").mkdir()
     Path("other/precious.txt").write_text("keep")
-    dfdbench.refused("something else than a training", *train, "--out", "other", "--fresh")
+    dfdbench.refused("something other than a training", *train, "--out", "other", "--fresh")
     assert Path("other/precious.txt").read_text() == "keep"
 
 
