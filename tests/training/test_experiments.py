@@ -55,7 +55,7 @@ def test_wrong_values_are_told_before_a_training(tiny_store: Dataset, tmp_path: 
         ("noise", (1, -3), InputError, "noise"),
         ("repeatability", (1,), InputError, "varies the seed alone"),
         ("patch-size", None, InputError, "varies crop itself"),
-        ("cross-validation", ("K9",), UnknownNameError, "K1, K2"),
+        ("cross-validation", ("K9",), UnknownNameError, "K1 or K2"),
     ):
         with pytest.raises(kind, match=told):
             planned(name, tiny_store, tmp_path, values=values)
