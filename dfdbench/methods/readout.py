@@ -121,10 +121,13 @@ class Chosen:
 
     def as_dict(self) -> dict[str, float]:
         """Return it as a run's record has it: what is as usual left out."""
-        found = {"prior": self.weight, "smoothing": self.smoothing, "sharpness": self.sharpness}
-        found |= {"finer": self.finer}
-        usual = {"prior": 0.0, "smoothing": 1, "sharpness": 0.0, "finer": 0.0}
-        return {name: value for name, value in found.items() if value != usual[name]}
+        found = {
+            "prior": (self.weight, 0.0),
+            "smoothing": (self.smoothing, 1),
+            "sharpness": (self.sharpness, 0.0),
+            "finer": (self.finer, 0.0),
+        }
+        return {name: value for name, (value, usual) in found.items() if value != usual}
 
     def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
         """Add what levels cost to costs of no known unit, shape (label, y, x), where they lie.
