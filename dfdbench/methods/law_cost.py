@@ -77,11 +77,10 @@ def level_costs_by_rows(
     infocus: NDArray[np.uint8],
     images: Sequence[NDArray[np.uint8]],
     limit: float,
-    levels: NDArray[np.intp] | None = None,
 ) -> Callable[..., NDArray[np.uint16]]:
     """Return what gives the `level_costs` of some ``rows``, a slice without a step.
 
-    Of a pair no more is held than its two images. Of laws only some ``levels`` may be asked for.
+    Of a pair no more is held than its two images.
     """
     most = max(round(UNIT * (limit if len(images) == 1 else min(limit, MOST_NATS))), 1)
     if isinstance(blurs[0], BlurRecipe):
@@ -92,10 +91,10 @@ def level_costs_by_rows(
         cost = partial(data_cost, sharp, blurred, blurs[0].sigmas, weight, most, size)
         return lambda rows: cost(rows=rows)[0]
     if len(images) == 1:
-        pair = next(all_blurred(blurs, infocus, images, levels))
+        pair = next(all_blurred(blurs, infocus, images))
         return lambda rows: law_cost(pair.part(rows), UNIT, most)[0]
     costs: NDArray[np.uint16] | None = None
-    for one in all_blurred(blurs, infocus, images, levels):
+    for one in all_blurred(blurs, infocus, images):
         costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=most)[0]
         del one  # Before the next is made: they are large.
     assert costs is not None

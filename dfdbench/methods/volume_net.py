@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import FEWEST, energy_of, shares_of
 from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread, wrong
-from dfdbench.methods.law_cost import MOST_NATS, UNIT, law_cost, level_costs_by_rows
+from dfdbench.methods.law_cost import MOST_NATS, law_cost
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device
@@ -34,14 +34,16 @@ from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
 
-# Integer cost of a nat: over a window hundredths of one add up.
-_UNIT = 64
+# Integer cost of a nat: over a window hundredths of one add up. What costs are at most.
+_UNIT, _MOST_KEPT = 64, np.iinfo(np.uint16).max
+# Rows that are blurred at once: their blurred images stay in a processor's cache.
+_ROWS = 128
 # Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
 # erred least on five cameras of the training.
 _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
-# Levels of the finer volume; nats that its costs are cut off at, and of a step of one level and of
-# more, as for `SemiGlobal`.
-_FINER, _LIMIT, _STEPS = 64, 100.0, (0.5, 15.0)
+# Looking again: how many times as coarse a nat's integer cost is; nats that costs are cut off at,
+# and of a step of one level and of more, as for `SemiGlobal`.
+_COARSER, _LIMIT, _STEPS = 16, 100, (0.5, 15.0)
 # What the fit tries: not to look again, or within so many standard deviations of the network's
 # answer, with so many times the usual smoothing.
 _TRIED = (
@@ -71,6 +73,18 @@ def levels_of(count: int) -> NDArray[np.intp]:
     return np.arange(step // 2, LAST_LEVEL + 1, step)
 
 
+def finer_levels(count: int) -> NDArray[np.intp]:
+    """Return twice as many levels: every second one is of `levels_of`.
+
+    Examples
+    --------
+    >>> finer_levels(32)[[0, 1, 2, 61, 62, 63]].tolist()
+    [4, 8, 12, 248, 252, 255]
+    """
+    step = (LAST_LEVEL + 1) // (2 * count)
+    return np.append(np.arange(step, LAST_LEVEL + 1, step), LAST_LEVEL)
+
+
 def halved_costs(
     laws: Sequence[BlurLaw], infocus: Image, images: Sequence[Image], count: int, multiple: int = 2
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -96,17 +110,29 @@ def halved_costs(
     told : ndarray of float32, shape (y / 2, x / 2)
         By how much the least and the largest level differ there, squared, in units of the noise.
     """
-    most = MOST if len(images) == 1 else MOST_NATS
-    ceiling = math.inf if len(images) == 1 else _UNIT * most
-    costs, told = None, np.zeros((1, 1), np.float32)
-    for blurred in all_blurred(laws, infocus, images, levels_of(count)):
-        costs, _ = law_cost(blurred, _UNIT, round(_UNIT * most), costs, costs is not None, ceiling)
-        ends = blurred.nodes @ (blurred.factors[:, -1] - blurred.factors[:, 0])
-        told = told + np.square(ends / blurred.noise).sum(axis=2)
-    assert costs is not None
-    volume = np.moveaxis(_halved(costs, multiple), 2, 0) / np.float32(_UNIT)
-    nearest = np.minimum(volume - volume.min(axis=0), np.float32(MOST))
-    return nearest, _halved(told, multiple)
+    return _halved(*_all_costs(laws, infocus, images, levels_of(count)), multiple)
+
+
+def _all_costs(
+    laws: Sequence[BlurLaw],
+    infocus: Image,
+    images: Sequence[Image],
+    levels: NDArray[np.intp],
+    step: int = 1,
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+    """Return what levels cost, `_UNIT` a nat, and what every so manieth of them can tell."""
+    shape, one = infocus.shape[:2], len(images) == 1
+    most, ceiling = (_MOST_KEPT, math.inf) if one else (_UNIT * MOST_NATS, _UNIT * MOST_NATS)
+    costs, told = np.zeros((*shape, len(levels)), np.uint16), np.zeros(shape, np.float32)
+    for blurred in all_blurred(laws, infocus, images, levels):
+        for top in range(0, shape[0], _ROWS):
+            rows = slice(top, top + _ROWS)
+            band = blurred.part(rows)
+            law_cost(band, _UNIT, most, costs[rows], not one, ceiling)
+            factors = band.factors[:, ::step]
+            ends = band.nodes @ (factors[:, -1] - factors[:, 0])
+            told[rows] += np.square(ends / band.noise).sum(axis=2)
+    return costs, told
 
 
 def along_paths(volume: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -148,7 +174,8 @@ def guide_of(infocus: Image) -> NDArray[np.float32]:
 
 
 def looked_again(
-    costs: Callable[[slice], NDArray[np.uint16]],
+    costs: NDArray[np.uint16],
+    levels: NDArray[np.intp],
     mean: NDArray[np.float32],
     deviation: NDArray[np.float32],
     smoothing: float = 1,
@@ -161,53 +188,58 @@ def looked_again(
 
     Parameters
     ----------
-    costs : callable
-        Gives what the 64 levels cost some rows, `UNIT` a nat, to be written over: uint16, (y, x,
-        level).
+    costs : ndarray of uint16, shape (y, x, level)
+        What the levels cost, 64 a nat; written over.
+    levels : ndarray of int, shape (level,)
     mean, deviation : ndarray of float32, shape (y, x)
         The answer and its standard deviation, in levels.
     smoothing : float
         How many times as much a step along a path costs as of a pair by default.
     posterior : Posterior, optional
-        Told what every level costs.
+        Told what every second level costs.
 
     Returns
     -------
     ndarray of float32, shape (y, x)
     """
-    levels = levels_of(_FINER)
-    small, large = (min(round(UNIT * smoothing * step), MOST_OF_PATHS // 2) for step in _STEPS)
-
-    def costs_of(rows: slice) -> NDArray[np.uint16]:
-        found, narrow = costs(rows), np.float32(UNIT / 2) / np.square(deviation[rows])
-        _weigh_in(found, levels, mean[rows], narrow, UNIT * MOST, MOST_OF_PATHS - large)
-        return found
-
-    label, shape = np.empty(mean.shape), (*mean.shape, _FINER)
-    parts: Callable[[slice], NDArray[np.uint16]] = costs_of
+    unit = _UNIT // _COARSER
+    small, large = (min(round(unit * smoothing * step), MOST_OF_PATHS // 2) for step in _STEPS)
+    narrow = np.float32(unit / 2) / np.square(deviation)
+    _weigh_in(costs, levels, mean, narrow, unit * MOST, MOST_OF_PATHS - large)
     if posterior is not None:
-        held = costs_of(slice(None))
-        parts = held.__getitem__
-        # Half of the levels tell a spread as well.
-        planes = np.ascontiguousarray(np.moveaxis(held[..., ::2], 2, 0))
-        posterior.add_all(levels[::2], planes, UNIT)
-    for rows, sums in path_costs_by_bands(parts, shape, small, large):
+        posterior.add_all(levels[::2], _planes(costs, 2), unit)
+    label = np.empty(mean.shape)
+    for rows, sums in path_costs_by_bands(costs.__getitem__, costs.shape, small, large):
         label[rows] = least_label(np.moveaxis(sums, 2, 0))
-    return np.asarray(np.interp(label, np.arange(_FINER), levels), np.float32)
+    return np.asarray(np.interp(label, np.arange(len(levels)), levels), np.float32)
 
 
 @compiled()
 def _weigh_in(
     costs: Array, levels: Array, mean: Array, narrow: Array, unlikely: float, most: int
 ) -> None:
-    """Add to a pixel's costs how far each level is from its mean, squared, at most `unlikely`."""
+    """Add to a pixel's costs, in coarser units, how far each level is from its mean, squared."""
     height, width, count = costs.shape
+    cut_off = _LIMIT * _UNIT // _COARSER
     for y in range(height):
         for x in range(width):
             for level in range(count):
+                cost = min((costs[y, x, level] + _COARSER // 2) // _COARSER, cut_off)
                 off = np.float32(levels[level]) - mean[y, x]
                 far = min(narrow[y, x] * off * off, np.float32(unlikely))
-                costs[y, x, level] = np.uint16(min(costs[y, x, level] + np.rint(far), most))
+                costs[y, x, level] = np.uint16(min(cost + np.rint(far), most))
+
+
+@compiled()
+def _planes(costs: Array, step: int) -> Array:
+    """Return every so manieth level's costs, shape (level, y, x)."""
+    height, width, count = costs.shape
+    planes = np.empty(((count + step - 1) // step, height, width), np.uint16)
+    for y in range(height):
+        for level in range(len(planes)):
+            for x in range(width):
+                planes[level, y, x] = costs[y, x, step * level]
+    return planes
 
 
 class VolumeNetMethod(Solver):
@@ -308,13 +340,13 @@ class VolumeNetMethod(Solver):
         if not capture.valid.any():
             return np.zeros(len(self._tried))
         infocus, images = self._images_of(capture)
-        mean, deviation = self._said(infocus, images)
-        costs, errors = self._finer_costs(infocus, images)(slice(None)), list[float]()
+        costs, mean, deviation = self._said(infocus, images, finer=True)
+        errors = list[float]()
         for reach, smoothing in self._tried:
             found = mean
             if reach:
                 by = deviation * np.float32(reach), smoothing * len(images)
-                found = looked_again(lambda rows: costs[rows].copy(), mean, *by)
+                found = looked_again(costs.copy(), finer_levels(self._network.levels), mean, *by)
             off = (found - capture.levels)[capture.valid]
             errors.append(float(np.sqrt(np.square(off).mean())))
         return np.array(errors)
@@ -323,11 +355,12 @@ class VolumeNetMethod(Solver):
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         # It has learned where surfaces end.
-        levels, deviation = self._said(infocus, images)
-        if reach := np.float32(self.chosen.finer):
-            costs, posterior = self._finer_costs(infocus, images), self._posterior(levels.shape)
+        reach = np.float32(self.chosen.finer)
+        costs, levels, deviation = self._said(infocus, images, finer=bool(reach))
+        if reach:
+            posterior, finer = self._posterior(levels.shape), finer_levels(self._network.levels)
             by = deviation * reach, self.chosen.smoothing * len(images)
-            levels = looked_again(costs, levels, *by, posterior)
+            levels = looked_again(costs, finer, levels, *by, posterior)
             if posterior is not None:
                 deviation = posterior.spread_about(levels)
         return levels, deviation if self._sure else None
@@ -337,21 +370,16 @@ class VolumeNetMethod(Solver):
     ) -> NDArray[np.float32]:
         return self._settled(infocus, images)[0]
 
-    def _finer_costs(
-        self, infocus: Image, images: Sequence[Image]
-    ) -> Callable[[slice], NDArray[np.uint16]]:
-        laws = [found.law for found in self.calibrations]
-        by_rows = level_costs_by_rows(laws, infocus, images, _LIMIT, levels_of(_FINER))
-        return lambda rows: by_rows(rows=rows)
-
     def _said(
-        self, infocus: Image, images: Sequence[Image]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the mean and the standard deviation of what the network says, in levels."""
+        self, infocus: Image, images: Sequence[Image], finer: bool
+    ) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.float32]]:
+        """Return what levels cost, and the mean and deviation of what the network says of them."""
         rows, columns = infocus.shape[:2]
         count, multiple = self._network.levels, 2 * self._network.multiple
         laws = [found.law for found in self.calibrations]
-        volume, told = halved_costs(laws, infocus, images, count, multiple)
+        levels, step = (finer_levels(count), 2) if finer else (levels_of(count), 1)
+        costs, told = _all_costs(laws, infocus, images, levels, step)
+        volume, told = _halved(costs, told, multiple, step)
         prior = -self.chosen.energy[levels_of(count)].astype(np.float32)
         guide = _padded(guide_of(infocus), multiple)
         told = np.log1p(told)[np.newaxis]
@@ -364,16 +392,42 @@ class VolumeNetMethod(Solver):
             depths = torch.from_numpy(levels_of(count) - 0.5).float().to(self._device)
             found = mean_and_variance(logits, mask, depths)
         mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
-        return np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
+        return costs, np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
 
 
 def _padded(image: Array, multiple: int) -> Array:
-    sides = [(0, -side % multiple) for side in image.shape[:2]]
-    return np.pad(image, sides + [(0, 0)] * (image.ndim - 2), mode="edge")
+    return np.pad(image, [(0, -side % multiple) for side in image.shape], mode="edge")
 
 
-def _halved(image: Array, multiple: int) -> NDArray[np.float32]:
-    whole = _padded(image, multiple)
-    rows, columns = (side // 2 for side in whole.shape[:2])
-    blocks = whole.reshape(rows, 2, columns, 2, *image.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
+def _halved(
+    costs: Array, told: Array, multiple: int, step: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return every so manieth level's costs in nats, and what can be told, over two by two."""
+    whole = _padded(told, multiple)
+    rows, columns = (side // 2 for side in whole.shape)
+    volume = np.empty((rows, columns, (costs.shape[2] + step - 1) // step), np.float32)
+    _halve(costs, step, int(_UNIT * MOST), volume)
+    blocks = whole.reshape(rows, 2, columns, 2)
+    return np.moveaxis(volume, 2, 0), blocks.mean(axis=(1, 3), dtype=np.float32)
+
+
+@compiled()
+def _halve(costs: Array, step: int, most: int, volume: Array) -> None:
+    (height, width, _), (rows, columns, count) = costs.shape, volume.shape
+    sums = np.empty(count, np.int64)
+    for y in range(rows):
+        for x in range(columns):
+            sums[:] = 0
+            for down in range(2):
+                for right in range(2):
+                    # The last row and column stand for those beyond.
+                    pixel = costs[min(2 * y + down, height - 1), min(2 * x + right, width - 1)]
+                    least = pixel[0]
+                    for level in range(count):
+                        least = min(least, pixel[level * step])
+                    for level in range(count):
+                        sums[level] += min(pixel[level * step] - least, most)
+            least = sums.min()
+            for level in range(count):
+                nats = (sums[level] - least) / np.float32(4 * _UNIT)
+                volume[y, x, level] = min(nats, np.float32(MOST))

@@ -4,13 +4,19 @@ import pytest
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods.blurred import blurred_by
-from dfdbench.methods.law_cost import level_costs_by_rows
+from dfdbench.methods.law_cost import law_cost
 from dfdbench.methods.networks.volume import MOST
 from tests.methods.made_planes import pair_of, texture
 
 pytest.importorskip("torch")
 
-from dfdbench.methods.volume_net import VolumeNetMethod, halved_costs, levels_of, looked_again
+from dfdbench.methods.volume_net import (
+    VolumeNetMethod,
+    finer_levels,
+    halved_costs,
+    levels_of,
+    looked_again,
+)
 
 LAW = BlurLaw(sigmas=tuple(RECIPES["published"].sigmas[::-1].tolist()))
 
@@ -60,9 +66,13 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     depth = np.full((48, 64), 101, np.uint8)
     depth[:, 32:] = 154
     pair = pair_of(texture(6, 48, 64), depth)
-    costs = level_costs_by_rows([LAW], pair.infocus, [pair.defocus], 100, levels_of(64))
+    levels = finer_levels(32)
+    # 64 a nat.
+    costs, _ = law_cost(blurred_by(LAW, pair.infocus, pair.defocus, levels), 64, 65535)
     said = depth + np.float32(6)
-    unsure, sure = (looked_again(costs, said, np.full_like(said, by)) for by in (9, 0.3))
+    unsure, sure = (
+        looked_again(costs.copy(), levels, said, np.full_like(said, by)) for by in (9, 0.3)
+    )
     assert np.abs(unsure - depth).mean() < 2
     # Who is surer is believed more.
     assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1

@@ -91,8 +91,9 @@ class VolumeNet(nn.Module):
         mask : Tensor of float32, shape (n, 36, y, x)
             See `mean_and_variance`.
         """
-        seen = [_seen(volume), _seen(paths), told / 3 - 1, functional.pixel_unshuffle(guide, 2)]
-        x = torch.cat(seen, 1)
+        # What is large is named only where it is needed again: a name keeps it.
+        last = (told / 3 - 1, functional.pixel_unshuffle(guide, 2))
+        x = torch.cat((_seen(volume), _seen(paths), *last), 1)
         x = functional.relu_(self.stem(x) + self.prior(prior / 4 + 1)[:, :, None, None])
         x = self.blocks[0](x)
         scales, costs = [x], volume
