@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
-from dfdbench.cli.screen import progress, require_picture, say, show
+from dfdbench.cli.screen import GOES_ON, progress, require_picture, say, show
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
@@ -182,13 +182,18 @@ def _predict_folder(
     out: Path,
     format: str,
 ) -> None:
-    from dfdbench.evaluation.map_files import write_depth, write_submission
+    from dfdbench.evaluation.map_files import KeptMaps, write_submission
     from dfdbench.evaluation.predict import read_images, read_stack
 
-    zipped, sure, done = out.suffix == ".zip", 0, list[str]()
+    zipped, files, kept = out.suffix == ".zip", dict[str, Path](), list[str]()
+    maps = None if zipped else KeptMaps(out, predictor.method, predictor.identity)
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
         for name, paths in one_by_one(captures.items(), step):
+            if maps and (place := maps.place_of(name, paths)):
+                files[name] = place
+                kept.append(name)
+                continue
             try:
                 if len(paths) == 1:
                     estimate = predictor.of_stack(read_stack(*paths))
@@ -197,27 +202,28 @@ def _predict_folder(
             except DfdbenchError as error:
                 failed.extend(replace(one, where=one.where or name) for one in error.problems)
                 continue
+            files[name] = out
             yield name, estimate
-            done.append(name)
         # A test server takes no zip that lacks a map.
         if zipped:
             MethodError.raise_if(_together(failed))
 
-    with progress("estimating depth", "the same command begins anew") as step:
-        if zipped:
+    resumed = GOES_ON if maps else "the same command begins anew"
+    with progress("estimating depth", resumed) as step:
+        if maps is None:
             depths = ((name, predictor.metres(found.depth)) for name, found in estimates())
             write_submission(out, depths)
         else:
             for name, found in estimates():
-                ending = "npy" if found.sigma is None else "npz"
-                sure += found.sigma is not None
-                write_depth(out / f"{name}.{ending}", found.depth, sigma=found.sigma)
-    if sure:
+                files[name] = maps.add(name, captures[name], found.depth, found.sigma)
+    if kept:
+        say(f"taken over   {counted(len(kept), 'map')} from before")
+    if sure := sum(place.suffix == ".npz" for place in files.values()):
         say(f"sigma        beside the depth of {counted(sure, 'map')}, in .npz files")
     meaning = "distances in metres" if zipped else predictor.meaning
-    text = f"depth        {out}: {counted(len(done), 'map')} of {meaning}"
+    text = f"depth        {out}: {counted(len(files), 'map')} of {meaning}"
     unit = "metres" if zipped else predictor.unit
-    show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=done)
+    show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=list(files))
     MethodError.raise_if(_together(failed))
 
 

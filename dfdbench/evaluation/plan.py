@@ -82,51 +82,64 @@ class RunPlan:
     def identity(self) -> dict[str, Any]:
         """What must be the same for pairs of an earlier call to be taken over."""
         identity = {
-            "dfdbench": PACKAGE_VERSION,
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
-            "entry": self.method.entry,
-            "parameters": self.method.parameters,
-            "weights_sha256": self.method.weights_sha256,
-            "files_sha256": self.method.files_sha256,
             "protocols": [protocol.as_dict() for protocol in protocols_on(self.store)],
             "keep_predictions": self.options.keep_predictions,
-            "seed": self.options.seed,
-            "software": software(),
-            "used": self.method.used,
             # The same method, parameters and data without them are another run.
             "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
-            "fitted_sha256": fit_sha256(self.options.fitted) if self.options.fitted else None,
         }
-        return dict(json.loads(json.dumps(identity)))
+        own = identity_of(self.method, self.options.seed, self.options.fitted)
+        return dict(json.loads(json.dumps(identity))) | own
 
-    def differs_from(self, before: Mapping[str, Any]) -> list[str]:
-        """Say in what this run differs from an earlier one; nothing if it is the same run.
 
-        Files that the earlier run used are hashed again: what this one will open is not known yet.
+def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[str, Any]:
+    """Return what must be the same of a method for its earlier answers to be taken over."""
+    identity = {
+        "dfdbench": PACKAGE_VERSION,
+        "entry": method.entry,
+        "parameters": method.parameters,
+        "weights_sha256": method.weights_sha256,
+        "files_sha256": method.files_sha256,
+        "seed": seed,
+        "software": software(),
+        "used": method.used,
+        "fitted_sha256": fit_sha256(fitted) if fitted else None,
+    }
+    return dict(json.loads(json.dumps(identity)))
 
-        Parameters
-        ----------
-        before : mapping
-            The earlier run's `identity`.
-        """
-        now = self.identity
-        used = before.get("used")
-        if not isinstance(used, dict) or not used:
-            return ["its record is damaged"]
-        used_now = now.pop("used")
-        said = [
-            f"{name.removeprefix('software.')} was {_short(one)} and is {_short(other)}"
-            for name, one, other in differences({name: before.get(name) for name in now}, now)
-        ]
-        said += changes(used, used_now | self.method.used_again(used))
-        said += [
-            f"{label} was not used before"
-            for label, found in used_now.items()
-            if label not in used and found not in (None, ABSENT)
-        ]
-        return said
+
+def differences_from(
+    before: Mapping[str, Any], identity: Mapping[str, Any], method: Method
+) -> list[str]:
+    """Say in what a call differs from an earlier one; nothing if its answers may be taken over.
+
+    Files that the earlier call used are hashed again: what this one will open is not known yet.
+
+    Parameters
+    ----------
+    before, identity : mapping
+        By what the two are known: `identity_of`, and more.
+    method : Method
+        What this call runs.
+    """
+    now = dict(identity)
+    used = before.get("used")
+    if not isinstance(used, dict) or not used:
+        return ["its record is damaged"]
+    used_now = now.pop("used")
+    said = [
+        f"{name.removeprefix('software.')} was {_short(one)} and is {_short(other)}"
+        for name, one, other in differences({name: before.get(name) for name in now}, now)
+    ]
+    said += changes(used, used_now | method.used_again(used))
+    said += [
+        f"{label} was not used before"
+        for label, found in used_now.items()
+        if label not in used and found not in (None, ABSENT)
+    ]
+    return said
 
 
 def _short(value: Any) -> str:

@@ -27,6 +27,7 @@ from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, Sou
 from dfdbench.evaluation.fitting import FIT, read_fit, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
@@ -128,7 +129,13 @@ class DepthPredictor:
         found, self._takes_lens = _load(method, images[1], seed)
         self.method = replace(found, images=images[0])
         self.unit: Unit = self.method.answers_in("levels")
+        self._fitted = fitted
         self._restore(fitted)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for depth maps of an earlier call to be taken over."""
+        return {"align": self._align, **identity_of(self.method, self._seed, self._fitted)}
 
     def _restore(self, fitted: Path | None) -> None:
         if self.method.learner is None:

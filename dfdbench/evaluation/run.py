@@ -20,7 +20,7 @@ from dfdbench.evaluation.pair import (
     RemoteEvaluator,
     blank_record,
 )
-from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run, protocols_on
+from dfdbench.evaluation.plan import RunOptions, RunPlan, differences_from, plan_run, protocols_on
 from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
@@ -144,7 +144,7 @@ def run_method(
     plan = plan_run(store, method, split, options or RunOptions())
     with writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)
-        because = plan.differs_from(before) if before is not None else []
+        because = differences_from(before, plan.identity, method) if before is not None else []
         if because:
             before = None
         plan = replace(plan, fit=_fitted(plan, folder if before else None, pool))
@@ -157,7 +157,7 @@ def run_method(
         _evaluate(plan, journal, pool)
         seed = plan.options.seed
         said = [*method.warnings, *warnings]
-        if edited := plan.differs_from(known.content):
+        if edited := differences_from(known.content, plan.identity, method):
             said.append(f"{listed(edited)} while it was run: run it again")
         record, pairs = _method_record(plan), journal.records()
         result = compose(store, split, record, pairs, seed, said, known.environments)

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import InputError
-from dfdbench.evaluation.map_files import write_depth
+from dfdbench.evaluation.map_files import KeptMaps, write_depth
+from dfdbench.evaluation.plan import identity_of
+from dfdbench.methods.registry import load_method
 
 
 def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
@@ -24,3 +26,29 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
     depth[0, 0] = np.nan
     with pytest.raises(InputError, match=r"1 of 4 pixels have no answer.*\n.*\.npz"):
         write_depth(tmp_path / "a.png", depth)
+
+
+def test_a_folder_s_maps_are_taken_over_from_the_same_method_and_images(tmp_path: Path) -> None:
+    images = {name: tmp_path / f"{name}.png" for name in "ab"}
+    for name, path in images.items():
+        path.write_bytes(name.encode())
+    depth = np.ones((2, 3), np.float32)
+
+    def maps(seed: int = 0) -> KeptMaps:
+        method = load_method("s-transform", {}, {})
+        return KeptMaps(tmp_path / "out", method, identity_of(method, seed))
+
+    first = maps()
+    for name, sigma in (("a", None), ("deep/b", depth)):
+        assert first.place_of(name, [images[name[-1]]]) is None
+        first.add(name, [images[name[-1]]], depth, sigma)
+    a, b = (maps().place_of(name, [images[name[-1]]]) for name in ("a", "deep/b"))
+    assert (a, b) == (tmp_path / "out/a.npy", tmp_path / "out/deep/b.npz")
+    # Another call, another image, a map that is gone, a record that is damaged.
+    assert maps(seed=1).place_of("a", [images["a"]]) is None
+    images["a"].write_bytes(b"other")
+    assert maps().place_of("a", [images["a"]]) is None
+    (tmp_path / "out/deep/b.npz").unlink()
+    assert maps().place_of("deep/b", [images["b"]]) is None
+    (tmp_path / "out/.predicted.json").write_text("[]")
+    assert maps().place_of("deep/b", [images["b"]]) is None
