@@ -98,8 +98,8 @@ def panel_figure(
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
     """Draw each metric by scene and lighting, as the thesis's Figs 5.11 to 5.13."""
-    pairs = result.evaluated
-    if not pairs:
+    pairs, first = result.evaluated, next(iter(metrics_of(protocol)))
+    if all(pair.score(protocol, first) is None for pair in pairs):
         return None
     blocks, rows = result.dataset.blocks, result.dataset.rows
     columns = sorted({pair.coordinates[rows] for pair in pairs}) if rows else [None]

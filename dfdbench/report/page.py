@@ -90,11 +90,12 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     Raises
     ------
     UnknownNameError
-        If a run was not scored under the protocol.
+        If no run was scored under the protocol.
     """
-    for run in runs:
-        require_scored(protocol, run.result.protocol_names, str(run.path))
-    sections, sentences = [], []
+    others = [run for run in runs if protocol not in run.result.protocol_names]
+    if len(others) == len(runs):
+        require_scored(protocol, runs[0].result.protocol_names, str(runs[0].path))
+    sections, sentences = [], [f"{run.label}: not scored under {protocol}." for run in others]
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in boards([Entry((run.result,), run.path, run.label) for run in runs]):
         if board.protocol != protocol:
