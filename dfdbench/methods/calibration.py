@@ -26,7 +26,14 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
-from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
+from dfdbench.methods.width_curve import (
+    LADDER,
+    best_widths,
+    grown_from_focus,
+    held_at_ends,
+    left_at,
+    width_curve,
+)
 
 #: Side of the kernels that are tried, in pixels.
 KERNEL_SIZE = 27
@@ -232,8 +239,9 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     in-focus image adds, which blur lessens, is taken off. The widths of all levels are smoothed by
     a curve of least bending (Whittaker), each weighted by how sharp its minimum is, so that levels
     that training lacks lie on the curve through their neighbours; beyond all that it shows they
-    have no width of others (`held_at_ends`). Of the shapes, and of blur in grey levels or in linear
-    light, that with the least difference is taken.
+    have no width of others (`held_at_ends`), and nowhere does it turn back (`grown_from_focus`). Of
+    the shapes, and of blur in grey levels or in linear light, that with the least difference is
+    taken.
     """
     return _calibrate(pairs, _of_pair)[0]
 
@@ -278,7 +286,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
-    sigmas = held_at_ends(sigmas, pixels)
+    sigmas = grown_from_focus(held_at_ends(sigmas, pixels), pixels)
     residual, noise = _residuals(samples, way, sigmas)
     # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
     shares = np.interp(sigmas, LADDER, _shares(way))

@@ -24,6 +24,8 @@ _LARGEST_STEP = 0.2
 _NEAR = 6
 # Of curves that leave at most so much more than the best, the smoothest is taken.
 _AS_GOOD = 1.5
+# A curve that falls below its largest width by this factor has turned back.
+_TURNED_BACK = 1.1
 # A level whose curve is flatter than this says nothing.
 _LEAST_SHARPNESS = 1e-3
 
@@ -101,6 +103,33 @@ def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
         if ((outside >= inside.min()) & (outside <= inside.max())).any():
             outside[:] = held[end]
     return held
+
+
+def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
+    """Return a curve of widths that only grows, from one level to both sides, as a lens blurs.
+
+    Where little tells a level's width, beside jumps of depth above all, a curve may turn back among
+    the widths of other levels. Of all curves that stay at the largest width so far, from some level
+    on to both sides, that which changes most pixels least is taken; but one that turns back by less
+    than a tenth is left as it is.
+
+    Parameters
+    ----------
+    sigmas : ndarray of float, shape (level,)
+        Standard deviations in pixels.
+    pixels : ndarray of int, shape (level,)
+        How many pixels show each level.
+
+    Examples
+    --------
+    >>> grown_from_focus(np.array([2.0, 2.8, 3.0, 2.0, 1.0, 1.5]), np.array([1, 1, 9, 9, 9, 9]))
+    array([3. , 3. , 3. , 2. , 1. , 1.5])
+    """
+    above = (np.maximum.accumulate(sigmas[level:]) for level in range(len(sigmas)))
+    below = (np.maximum.accumulate(sigmas[level::-1])[:0:-1] for level in range(len(sigmas)))
+    grown = np.array([np.concatenate(sides) for sides in zip(below, above, strict=True)])
+    best = grown[(np.square(grown - sigmas) @ (pixels + 1)).argmin()]
+    return best if (best > _TURNED_BACK * sigmas).any() else sigmas
 
 
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:

@@ -78,3 +78,15 @@ def test_ends_that_nobody_saw_do_not_come_back_to_the_widths_of_others() -> None
     held = width_curve.held_at_ends(VALLEY, pixels)
     assert_allclose(held[200:], VALLEY[200])
     assert_allclose(held[:201], VALLEY[:201])
+
+
+def test_a_curve_turns_back_only_where_few_pixels_tell_and_a_lens_could_not() -> None:
+    # Beside jumps of depth little tells the widest blurs: some came out as none.
+    few = np.where(LEVEL > 208, 2, 9)
+    bent = np.where(LEVEL > 216, 0.3, LINE)
+    grown = width_curve.grown_from_focus(bent, few)
+    assert_allclose(grown[:217], LINE[:217])
+    assert_allclose(grown[217:], LINE[216])
+    # A focus inside the range, and what noise does, stay as they are.
+    wavy = VALLEY * (1 + 0.03 * np.sin(LEVEL))
+    assert width_curve.grown_from_focus(wavy, few) is wavy
