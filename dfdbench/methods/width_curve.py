@@ -110,8 +110,8 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
 
     Where little tells a level's width, beside jumps of depth above all, a curve may turn back among
     the widths of other levels. Of all curves that stay at the largest width so far, from some level
-    on to both sides, that which changes most pixels least is taken; but one that turns back by less
-    than a tenth is left as it is.
+    on to both sides, that which changes most pixels least is taken; but one that has turned back by
+    less than a tenth at its ends is left as it is.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     below = (np.maximum.accumulate(sigmas[level::-1])[:0:-1] for level in range(len(sigmas)))
     grown = np.array([np.concatenate(sides) for sides in zip(below, above, strict=True)])
     best = grown[(np.square(grown - sigmas) @ (pixels + 1)).argmin()]
-    return best if (best > _TURNED_BACK * sigmas).any() else sigmas
+    return best if (best > _TURNED_BACK * sigmas)[[0, -1]].any() else sigmas
 
 
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
