@@ -14,7 +14,6 @@ from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.errors import InputError
 from dfdbench.methods.blurred import blurred_by
 
 RECIPE = RECIPES["published"]
@@ -45,20 +44,12 @@ def off(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float
 
 
 @pytest.mark.parametrize("name", TRACKS)
-def test_severity_0_is_clean_in_every_byte(name: str) -> None:
+def test_severity_0_is_clean_in_every_byte_and_each_other_is_further_from_it(name: str) -> None:
     infocus, defocus = formed(f"{name}-0")
     assert np.array_equal(infocus, IMAGE)
     assert np.array_equal(defocus, CLEAN)
-
-
-@pytest.mark.parametrize("label", NAMES)
-def test_a_pair_is_made_alike_each_time_and_further_from_clean_the_severer(label: str) -> None:
-    name, _, severity = label.partition("-")
-    first, second = formed(label), formed(label)
-    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
-    distance = np.abs(off(formed(label)[1], CLEAN)).mean()
-    milder = np.abs(off(formed(f"{name}-{int(severity) - 1}")[1], CLEAN)).mean()
-    assert distance > milder
+    apart = [np.abs(off(formed(f"{name}-{number}")[1], CLEAN)).mean() for number in range(4)]
+    assert apart == sorted(set(apart))
 
 
 def test_noise_has_its_sigma_on_both_images_and_is_each_image_s_own() -> None:
@@ -134,11 +125,6 @@ def test_a_camera_s_noise_follows_the_light(grey: int) -> None:
             assert photograph.mean() == pytest.approx(grey, abs=1.5)
 
 
-def test_wrong_input_is_named() -> None:
-    with pytest.raises(InputError, match="sizes differ"):
-        formation.form_pair(IMAGE, DEPTH[1:], RECIPE, find_degradation("noise-1"), "a")
-
-
 # What the released tracks make of a small scene; a line changes only with its track's version.
 PINNED = {
     "noise-1": "3911ee4ac48657b6", "noise-2": "302db44cab44c29d", "noise-3": "e325de331ce0c0a6",
@@ -191,20 +177,6 @@ def test_the_numbers_are_those_of_the_generator_s_paper() -> None:
     normal = formation.normal_numbers((3, 7), "camera", 1, "Art/view1")
     inverse = NormalDist().inv_cdf
     assert np.allclose(normal.ravel(), [inverse(number) for number in expected], atol=1e-9)
-
-
-def test_another_key_gives_others_and_a_longer_array_begins_alike() -> None:
-    assert not np.array_equal(
-        formation.uniform_numbers(9, "a", "b"), formation.uniform_numbers(9, "ab")
-    )
-    assert np.array_equal(formation.uniform_numbers(9, "a")[:4], formation.uniform_numbers(4, "a"))
-
-
-def test_they_are_normal() -> None:
-    numbers = formation.normal_numbers((300, 300), "many")
-    assert scipy.stats.kstest(numbers.ravel(), "norm").pvalue > 0.01
-    beside = np.corrcoef(numbers[:, :-1].ravel(), numbers[:, 1:].ravel())[0, 1]
-    assert abs(beside) < 0.01
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,6 @@ def test_wrong_recipes_are_named() -> None:
         assert part in str(caught.value)
     with pytest.raises(UnknownNameError, match="did you mean published"):
         find_recipe("publishd")
-    with pytest.raises(InputError, match="sigma_mni"):
-        find_recipe({"sigma_mni": 1})
 
 
 def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> None:
