@@ -56,20 +56,16 @@ def test_depth_maps_lie_over_one_image_on_one_scale(tmp_path: Path) -> None:
     write_figure(figure, tmp_path / "overlay.png")
 
 
-def test_sharpness_is_drawn_over_temperature_with_its_background() -> None:
+def test_sharpness_is_drawn_over_temperature_and_each_way_through_the_steps() -> None:
     figure = camera.temperature_figure([measured(135, 0.2, 30), measured(135, 0.4, 50)])
     sharpness, background = figure.axes[0].lines
     assert np.array_equal(sharpness.get_xydata(), [[30, 0.2], [50, 0.4]])
     assert np.array_equal(background.get_ydata(), [0.1, 0.2])
     assert "voltage step 135" in figure.axes[0].get_title()
-
-
-def test_each_way_through_the_steps_is_a_line_that_says_where_it_goes() -> None:
     up = [measured(127, 0.1), measured(143, 0.3)]
     down = [measured(127, 0.2), measured(143, 0.4)]
     labels = [line.get_label() for line in camera.voltage_figure(up, down).axes[0].lines]
     assert labels == ["127 → 143", "143 → 127"]
-    assert len(camera.voltage_figure([], down).axes[0].lines) == 1
 
 
 def test_blur_touches_nothing_at_the_focus_and_its_limit_far_off() -> None:
@@ -83,7 +79,6 @@ def test_blur_touches_nothing_at_the_focus_and_its_limit_far_off() -> None:
     # Table 2.1: 10.58 pixels at infinity.
     assert highest == pytest.approx(10.58, abs=0.005)
     assert set(np.asarray(focus.get_xdata())) == {0.5}
-    assert axis.get_title() == "f/3.7, 9.6 mm, focused at 0.5 m, pixels of 4.8 µm"
     assert axis.get_ylim()[1] > highest
 
 

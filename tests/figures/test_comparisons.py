@@ -66,6 +66,7 @@ def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
     saved = SavedRun(Path("r.json"), nothing, None, "")
     assert comparisons.time_figure([saved]) is None
     assert comparisons.lighting_figures([saved], "thesis") == {}
+    assert comparisons.accuracy_figure([saved], "thesis") is None
 
 
 def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
@@ -77,8 +78,6 @@ def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
     assert averages is not None
     assert np.asarray(axis.lines[0].get_xydata()).tolist() == [[0.25, averages["thesis"]["nrmse"]]]
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
-    nothing = SavedRun(Path("r.json"), limited(make_result(VALUES), 0), None, "")
-    assert comparisons.accuracy_figure([nothing], "thesis") is None
 
 
 def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:

@@ -52,16 +52,16 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
     assert runs.pixel_time_figure(tiny_store, alone) is None
 
 
-def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Dataset, tmp_path: Path) -> None:
+def test_dark_pairs_are_drawn_brighter_and_say_so(small_demo: Dataset, tmp_path: Path) -> None:
     # Exposure 0 is a sixteenth of exposure 2's light.
-    method = load_for(demo_store, "constant", {})
-    run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=3))
+    method = load_for(small_demo, "constant", {})
+    run = run_method(small_demo, method, "test", tmp_path, RunOptions(limit=3))
     dark, bright = (
         next(pair for pair in run.result.pairs if pair.coordinates["exposure"] == exposure)
         for exposure in (0, 2)
     )
     for pair, told in ((dark, "times brighter"), (bright, "")):
-        figure = runs.panel_figure(demo_store, run.result, tmp_path, (pair,), "thesis", "best")
+        figure = runs.panel_figure(small_demo, run.result, tmp_path, (pair,), "thesis", "best")
         assert figure is not None
         assert told in figure.axes[0].get_xlabel()
         shown = figure.axes[0].get_images()[0].get_array()
@@ -89,8 +89,10 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:
     pair = open_dataset(str(tiny_store.path)).captures("test")[0]
-    titles = [axis.get_title() for axis in runs.show(pair).axes]
-    assert titles[:3] == ["in-focus", "defocus", "ground truth"]
+    figure = runs.show(pair)
+    assert [axis.get_title() for axis in figure.axes[:3]] == ["in-focus", "defocus", "ground truth"]
+    # What a notebook asks for.
+    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
     figure = runs.show(pair, pair.depth.astype(np.float32) + 3)
     error = figure.axes[4].images[0].get_array()
     assert error is not None
@@ -104,8 +106,3 @@ def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
     for wrong, kind in ((None, "NoneType"), (captures, "Captures")):
         with pytest.raises(TypeError, match=f"draws a capture.*, not {kind}"):
             runs.show(wrong)  # type: ignore[arg-type]
-
-
-def test_a_notebook_shows_the_picture(tiny_store: Dataset) -> None:
-    figure = runs.show(open_dataset(str(tiny_store.path)).captures("test")[0])
-    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

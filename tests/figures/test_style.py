@@ -52,12 +52,11 @@ def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
 def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> None:
     written = []
-    for folder in ("a", "b"):
-        figure = Figure()
+    for _ in range(2):
+        figure = Figure(figsize=(1, 1))
         figure.subplots().plot([1, 2], [3, 1], label="line")
-        (tmp_path / folder).mkdir()
-        style.write_figure(figure, tmp_path / folder / f"x{suffix}")
-        written.append((tmp_path / folder / f"x{suffix}").read_bytes())
+        style.write_figure(figure, tmp_path / f"x{suffix}")
+        written.append((tmp_path / f"x{suffix}").read_bytes())
     assert written[0] == written[1]
 
 
