@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.light import Floats
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, synthesize
+from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
 
@@ -164,33 +164,3 @@ def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
 def test_a_kernel_that_leans_to_a_side_is_refused(axis: int) -> None:
     with pytest.raises(InputError, match="a kernel is not symmetric"):
         blur_by_level(IMAGE, LEVELS, np.roll(symmetric(5), 1, axis))
-
-
-@pytest.mark.parametrize("channels", [1, 3, 9])
-@pytest.mark.parametrize("shape", [(1, 1), (4, 37)])
-def test_sums_are_in_their_order_to_the_last_bit(shape: tuple[int, int], channels: int) -> None:
-    image = RANDOM.uniform(0, 255, (*shape, channels))
-    levels = np.sort(RANDOM.integers(0, 256, shape).astype(np.uint8), axis=1) // 9 * 9
-    levels[:, ::5] = 250
-    recipe = BlurRecipe(0.32, 0.01125, kernel_size=9, invert=False)
-    rows, kernels = recipe.kernels(), symmetric(256)
-    padded = np.pad(image, ((4, 4), (4, 4), (0, 0)), mode="edge")
-    folded, gathered = np.empty_like(image), np.empty_like(image)
-    for y, x in np.ndindex(shape):
-        window, row = padded[y : y + 9, x : x + 9], rows[levels[y, x]]
-        kernel = kernels[levels[y, x]][..., np.newaxis]
-        # Opposite weights are one; columns first, then rows.
-        column = row[4] * window[4]
-        for offset in range(1, 5):
-            column = column + row[4 + offset] * (window[4 - offset] + window[4 + offset])
-        folded[y, x] = row[4] * column[4]
-        for offset in range(1, 5):
-            folded[y, x] += row[4 + offset] * (column[4 - offset] + column[4 + offset])
-        # Opposite rows are one, then opposite columns; column by column from the middle one.
-        tall = [window[4], *(window[4 - j] + window[4 + j] for j in range(1, 5))]
-        wide = [[row[4], *(row[4 - i] + row[4 + i] for i in range(1, 5))] for row in tall]
-        gathered[y, x] = sum(
-            sum(kernel[4 + j, 4 + i] * wide[j][i] for j in range(5)) for i in range(5)
-        )
-    assert np.array_equal(blur_by_recipe(image, levels, recipe), folded)
-    assert np.array_equal(blur_by_level(image, levels, kernels), gathered)

@@ -23,7 +23,7 @@ def stack_at(level: float, focus: tuple[float, ...]) -> Any:
     return stack_of(images, focus)
 
 
-@pytest.mark.parametrize("count", range(3, 11))
+@pytest.mark.parametrize("count", [3, 4, 10])
 def test_finds_a_plane_in_any_number_of_images(count: int) -> None:
     focus = tuple(np.linspace(30, 210, count).tolist())
     for level in (60, 150):

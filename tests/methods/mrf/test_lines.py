@@ -1,25 +1,20 @@
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.methods.mrf import Energy
 from dfdbench.methods.mrf.moves import Mover
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
 
 @pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts"])
 @pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize("dtype", [np.uint16, np.int32])
-def test_a_line_takes_its_best_labels(
-    rng: np.random.Generator, kind: str, weighted: bool, dtype: type[Any]
-) -> None:
+def test_a_line_takes_its_best_labels(rng: np.random.Generator, kind: str, weighted: bool) -> None:
     # So few labels are all candidates: nothing that one line can do is better.
     for _ in range(10):
-        energy = random_energy(rng, 1, 5, 4, kind, weighted, dtype)
+        energy = random_energy(rng, 1, 5, 4, kind, weighted)
         labels = rng.integers(0, 4, (1, 5)).astype(np.int32)
         before = energy.evaluate(labels)
         change = Mover(energy, labels).move_lines(columns=False)
@@ -38,20 +33,6 @@ def test_a_line_heeds_what_is_beside_it(rng: np.random.Generator, columns: bool)
             tried = labels.copy()
             tried[last] = choice
             assert energy.evaluate(tried) >= energy.evaluate(labels)
-
-
-def test_rows_and_columns_are_solved_alike(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 6, 9, 30, "absolute", weighted=True)
-    right, down = energy.weights_horizontal, energy.weights_vertical
-    assert right is not None
-    assert down is not None
-    turned = Energy(energy.unary.transpose(1, 0, 2), energy.smoothness, down.T, right.T)
-    labels = rng.integers(0, 30, (6, 9)).astype(np.int32)
-    mirrored = np.ascontiguousarray(labels.T)
-    assert Mover(energy, labels).move_lines(columns=False) == Mover(turned, mirrored).move_lines(
-        columns=True
-    )
-    assert np.array_equal(labels, mirrored.T)
 
 
 @settings(max_examples=40)

@@ -1,5 +1,3 @@
-import copy
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -113,25 +111,6 @@ def test_the_margin_follows_the_filters(
 ) -> None:
     made = DfDNet(SMALL, sampling, kernels=kernels, activations=["prelu"] * 9).eval()
     assert farthest_seen(made, monkeypatch, EVERY) == made.margin
-
-
-@pytest.mark.slow
-def test_tiles_do_not_change_the_answer_of_other_filters() -> None:
-    torch.manual_seed(3)
-    made = DfDNet(
-        SMALL,
-        kernels=WIDE,
-        activations=["srelu", "elu", "tanh", "relu", "prelu", "sigmoid", "elu", "srelu", "prelu"],
-        normalized=[True, False] * 4 + [False],
-    ).eval()
-    pair = images(302, 331)
-    whole = Predictor(copy.deepcopy(made), CPU)(*pair)
-    assert len(np.unique(whole)) > 1
-    assert np.array_equal(Predictor(copy.deepcopy(made), CPU, tile=64)(*pair), whole)
-    made.margin = 16
-    assert not np.array_equal(Predictor(made, CPU, tile=64)(*pair), whole)
-    for shape in ((1, 1), (12, 12), (37, 46)):
-        assert Predictor(made, CPU)(*images(*shape)).shape == shape
 
 
 @pytest.mark.parametrize("readout", ["mode", "median"])

