@@ -1,4 +1,3 @@
-from collections.abc import Sequence
 from functools import cache
 
 import cv2
@@ -113,29 +112,9 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     assert noisy.registered
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "made",
-    [
-        [],
-        [
-            made_pair(
-                *(np.full((60, 60, 3), 90, np.uint8),) * 2,
-                np.full((60, 60), 9, np.uint8),
-                np.ones((60, 60), bool),
-            )
-        ],
-    ],
-    ids=["none", "without texture"],
-)
-def test_pairs_that_show_nothing_are_refused(made: Sequence[Capture]) -> None:
-    with pytest.raises(MethodError, match="training pair"):
-        calibrate(made)
-
-
 def test_a_bare_surface_does_not_bend_the_curve_at_its_end() -> None:
     law = BlurLaw(tuple(RISING.tolist()))
-    seen = [made_pair(p.infocus, p.defocus, p.levels, p.levels > 40) for p in pairs(law, count=3)]
+    seen = [made_pair(p.infocus, p.defocus, p.levels, p.levels > 40) for p in pairs(law, count=2)]
     # Nearly flat: of what little there is, rounding leaves a pattern that fits another width.
     noise = np.random.default_rng(0).normal(size=(160, 200, 3))
     bare = np.rint(100.3 + 0.7 * cv2.GaussianBlur(noise, (0, 0), 1)).astype(np.uint8)
@@ -163,7 +142,7 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     assert load_method(name, {}, {}).learner is None
 
 
-def test_a_law_can_be_given_by_a_file(tmp_path: object) -> None:
+def test_a_law_can_be_given_by_its_fields() -> None:
     law = BlurLaw(tuple(RISING.tolist()))
     (made,) = pairs(law, 1)
     told = load("graph-cuts", recipe=law)(made.infocus, made.defocus)
@@ -172,7 +151,7 @@ def test_a_law_can_be_given_by_a_file(tmp_path: object) -> None:
     assert np.median(np.abs(told - made.depth)) <= 1
 
 
-def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
+def test_pixels_near_a_jump_the_border_or_the_unknown_or_too_bright_do_not_count() -> None:
     depth = np.full((80, 120), 90, np.uint8)
     depth[:, 60:] = 160
     made = pair_of(texture(0, 80, 120), depth)
@@ -186,10 +165,7 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
     assert not part.counts[36:45, 26:35].any()
     assert part.counts[20:30, 20:50].all()
     assert part.counts[20:60, 70:100].all()
-
-
-def test_pixels_that_may_be_cut_off_above_do_not_count() -> None:
-    made = plane(120)
+    # Nor do pixels that may be cut off above.
     bright = np.maximum(made.defocus, 254)
     ((part,),) = parts_of([made_pair(made.infocus, bright, made.levels, made.valid)])
     assert not part.counts.any()

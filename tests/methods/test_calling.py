@@ -15,32 +15,24 @@ IMAGE = np.zeros((4, 6, 3), np.uint8)
     ("answer", "told"),
     [
         (np.zeros((4, 6, 3)), "returned shape (4, 6, 3)"),
-        (np.zeros((6, 4)), "returned shape (6, 4)"),
         (5, "returned shape ()"),
         (None, "returned None; expected depth levels: is a `return` missing?"),
         ("depth", "expected real numbers"),
         (np.full((4, 6), np.nan), "NaN, no answer, in all of 24"),
-        (np.full((4, 6), np.inf), "infinity in 24 of 24"),
         (np.where(np.eye(4, 6), np.inf, 1), "infinity in 4 of 24"),
         (np.full((4, 6), -1.0), "levels from -1"),
         (np.full((4, 6), 255.5), "expected 0 to 255"),
-        (np.zeros((4, 6), complex), "complex128"),
         (np.zeros((4, 6), bool), "bool"),
         ([[1, 2], [3]], "no array"),
         (np.ma.masked_less(np.arange(24).reshape(4, 6), 3), "3 masked pixels"),
         ((np.zeros((4, 6)), {"energy": 1.0}), "attribute `numbers`"),
         ((np.zeros((4, 6)), 3), "sigma of shape (); expected (4, 6), one number a pixel"),
         ((np.zeros((4, 6)), np.eye(4, 6)), "sigma of 0 to 1; expected finite numbers above 0"),
-        ((np.zeros((4, 6)), np.full((4, 6), -1.0)), "sigma of -1 to -1"),
-        ((np.zeros((4, 6)), np.full((4, 6), np.inf)), "sigma of inf to inf"),
         ((np.zeros((4, 6)), np.full((4, 6), np.nan)), "sigma of nan to nan"),
         ((np.zeros((4, 6)), np.full((4, 6), 1e60)), "sigma of inf to inf"),
         ((np.zeros((4, 6)), "much"), "sigma of <U4 values; expected real numbers"),
         ((np.zeros((6, 4)), np.ones((4, 6))), "returned shape (6, 4)"),
-        (
-            (np.zeros((4, 6)), np.zeros((4, 6)), 1),
-            "a tuple of 3; expected depth, or a tuple (depth, sigma)",
-        ),
+        ((np.zeros((4, 6)), np.zeros((4, 6)), 1), "a tuple of 3; expected depth, or a tuple"),
     ],
 )
 def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
@@ -95,12 +87,11 @@ def test_a_library_that_raises_is_told_by_the_line_that_called_it() -> None:
     assert call(predict, IMAGE, IMAGE).error.endswith(f"(test_calling.py:{line} in inner)")
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float64])
 def test_every_real_type_will_do(dtype: type) -> None:
-    prediction = call(lambda *_: np.full((4, 6), 200, dtype), IMAGE, IMAGE)
-    assert prediction.depth is not None
-    assert prediction.depth.dtype == np.float32
-    assert prediction.depth.tolist() == [[200.0] * 6] * 4
+    depth = call(lambda *_: np.full((4, 6), 200, dtype), IMAGE, IMAGE).depth
+    assert depth is not None
+    assert (depth.dtype, depth.tolist()) == (np.float32, [[200.0] * 6] * 4)
 
 
 def test_a_method_cannot_spoil_the_images() -> None:

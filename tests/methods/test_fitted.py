@@ -36,18 +36,20 @@ def ready(name: str) -> Predict:
 
 
 @pytest.mark.parametrize(
-    ("name", "error"), [("guided", 1.5), ("sgm", 1), ("rational-filters", 8), ("favaro-soatto", 5)]
+    ("name", "errors"),
+    [
+        ("guided", (1.5, 1.5, 1.5)),
+        ("sgm", (1, 1, 1)),
+        ("rational-filters", (8, 8, 8)),
+        ("favaro-soatto", (5, 5, 5)),
+        # The larger the blur, the less it is a matter of the Laplacian alone.
+        ("s-transform", (16, 2, 6)),
+    ],
 )
-@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
-def test_a_plane_is_found(name: str, error: float, level: int) -> None:
-    pair = plane(level, seed=50)
-    assert np.abs(inside(ready(name)(pair.infocus, pair.defocus)) - level).mean() < error
-
-
-# The larger the blur, the less it is a matter of the Laplacian alone.
-@pytest.mark.parametrize(("level", "error"), [(20, 16), (60, 8), (120, 2), (200, 2), (250, 6)])
-def test_the_s_transform_finds_a_plane(level: int, error: float) -> None:
-    test_a_plane_is_found("s-transform", error, level)
+def test_a_plane_is_found(name: str, errors: tuple[float, ...]) -> None:
+    for level, error in zip((20, 120, 240), errors, strict=True):
+        pair = plane(level, seed=50)
+        assert np.abs(inside(ready(name)(pair.infocus, pair.defocus)) - level).mean() < error
 
 
 @pytest.mark.parametrize(
@@ -70,13 +72,13 @@ def test_wrong_parameters_are_all_named(name: str, wrong: dict[str, Any]) -> Non
 
 
 @pytest.mark.parametrize("name", READY)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 2), (33, 47), (40, 7)])
-def test_any_size_gives_a_depth_map(name: str, shape: tuple[int, int]) -> None:
-    image = texture(3, *shape)
-    found = ready(name)(image, image)
-    assert (found.shape, found.dtype) == (shape, np.float32)
-    assert np.isfinite(found).all()
-    assert 0 <= found.min() <= found.max() <= 255
+@pytest.mark.parametrize("shape", [(1, 1), (3, 2), (33, 47), (40, 7)])
+def test_any_size_with_texture_or_none_gives_a_depth_map(name: str, shape: tuple[int, int]) -> None:
+    for image in (texture(3, *shape), *(np.full((*shape, 3), grey, np.uint8) for grey in (0, 255))):
+        found = ready(name)(image, image)
+        assert (found.shape, found.dtype) == (shape, np.float32)
+        assert np.isfinite(found).all()
+        assert 0 <= found.min() <= found.max() <= 255
 
 
 @pytest.mark.parametrize("name", READY)
@@ -88,15 +90,6 @@ def test_a_grey_image_counts_as_much_as_three_equal_channels(name: str) -> None:
     first, second = method(*three), method(*one)
     assert second.shape == (40, 60)
     assert np.abs(first - second).mean() < 6
-
-
-@pytest.mark.parametrize("name", READY)
-@pytest.mark.parametrize("value", [0, 128, 255])
-def test_an_image_without_texture_gives_levels(name: str, value: int) -> None:
-    flat = np.full((20, 30, 3), value, np.uint8)
-    found = ready(name)(flat, flat)
-    assert np.isfinite(found).all()
-    assert 0 <= found.min() <= found.max() <= 255
 
 
 @pytest.mark.parametrize("name", READY)
@@ -174,7 +167,7 @@ def test_a_table_follows_a_curve_that_turns_and_leaves_unknown_pixels_out() -> N
     np.testing.assert_allclose(found[far], measure[far] + 100, atol=2)
 
 
-@pytest.mark.parametrize("count", [1, 5, 64, 65, 1000])
+@pytest.mark.parametrize("count", [1, 64, 65, 1000])
 def test_indices_are_spread_over_all(count: int) -> None:
     found = evenly_spread(count, 64)
     assert len(found) == len(set(found)) == min(count, 64)
@@ -205,19 +198,6 @@ def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
         assert method.fit is None
         assert method.blur == told
         assert method.levels == told.levels
-
-
-@pytest.mark.slow
-def test_what_a_fit_returned_is_taken_back_by_another() -> None:
-    first, second = Local(None), Local(None)
-    first.restore(dict(learned_law()))
-    second.restore({name: np.asarray(value) for name, value in learned_law().items()})
-    assert first.blur == second.blur
-    assert isinstance(first.blur, BlurLaw)
-    # The made slopes are blurred as published.
-    middle = slice(40, 216)
-    found = np.asarray(first.blur.sigmas)[middle]
-    assert np.abs(found - RECIPES["published"].sigmas[::-1][middle]).max() < 0.15
 
 
 @pytest.mark.slow
