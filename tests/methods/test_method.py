@@ -115,6 +115,12 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
     # What the method does with its own does not reach what is kept.
     lesson.learned["sigmas"][0] = 7  # type: ignore[index]
     assert sigmas[0] == 0
+    # A fit that keeps its knowledge in itself is not given any.
+    itself = Learning(None)
+    assert teach(method(itself), [PAIR]).learned is None
+    assert itself.given == {}
+    with pytest.raises(StoreError, match="damaged"):
+        teach(method(Learning(StoreError("damaged"))), [PAIR])
 
 
 @pytest.mark.parametrize(
@@ -124,9 +130,7 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         ({"law": object()}, "'law'"),
         ({"name": "disk"}, "'name'"),
         ({3: 1.0}, r"no text as name: 3"),
-        ({"": 1.0}, r"no text as name: ''"),
-        ({"gain": float("nan")}, r"not finite: nan .*'gain'"),
-        ({"gain": np.inf}, r"not finite: inf"),
+        ({"gain": np.inf}, r"not finite: inf .*'gain'"),
         ({"levels": np.full(3, np.nan)}, r"not finite: nan .*'levels'"),
         ({"ragged": [[1], [1, 2]]}, "'ragged'"),
         (ValueError("too dark"), "cannot be fitted.*fit.*ValueError: too dark"),
@@ -136,18 +140,6 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
 def test_a_fit_that_raises_or_returns_nonsense_says_why(returned: Any, told: str) -> None:
     with pytest.raises(MethodError, match=told):
         teach(method(Learning(returned)), [PAIR])
-
-
-def test_what_reading_a_pair_raises_is_told_as_it_is() -> None:
-    with pytest.raises(StoreError, match="damaged"):
-        teach(method(Learning(StoreError("damaged"))), [PAIR])
-
-
-def test_a_fit_that_keeps_its_knowledge_in_itself_is_not_given_any() -> None:
-    learning = Learning(None)
-    learning.given = {"mine": 1}
-    assert teach(method(learning), [PAIR]).learned is None
-    assert learning.given == {"mine": 1}
 
 
 def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:

@@ -193,7 +193,6 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     [
         (lambda model, _: model.unlink(), "cannot read the model"),
         (lambda model, _: model.write_bytes(model.read_bytes()[:-60]), "cannot load the model"),
-        (lambda model, _: model.write_bytes(b""), "cannot load the model"),
         # An operator that nobody has.
         (
             lambda model, _: model.write_bytes(model.read_bytes().replace(b"ReduceM", b"MyOwnOp")),
@@ -204,7 +203,6 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
             "weights in another file",
         ),
         (lambda _, about: about.unlink(), "has no description"),
-        (lambda _, about: about.write_text("depth ="), "cannot read the model's description"),
         (lambda _, about: about.write_bytes(b"\xff"), "cannot read the model's description"),
     ],
 )
@@ -226,16 +224,13 @@ def test_a_model_of_one_size_says_so_of_another(tmp_path: Path) -> None:
         method(SHARP, BLURRED)
 
 
-def test_an_answer_that_is_no_depth_map_is_refused(tmp_path: Path) -> None:
+def test_an_answer_that_is_no_depth_map_and_parameters_are_refused(tmp_path: Path) -> None:
     shape = (1, 3, 8, 9)
     name = written(tmp_path / "net.onnx", lambda a, b: a + b, PAIR, shape, shape)
     with pytest.raises(MethodError, match="wrong output out"):
         load_method(name, {}, {})(SHARP, BLURRED)
-
-
-def test_a_parameter_is_refused(mean: str) -> None:
     with pytest.raises(MethodError, match="unknown parameter window"):
-        load_method(mean, {"window": 3}, {})
+        load_method(name, {"window": 3}, {})
 
 
 def test_it_computes_on_one_thread_so_that_rounding_depends_on_no_number(

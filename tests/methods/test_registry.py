@@ -35,13 +35,11 @@ def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path
 @pytest.mark.parametrize(
     ("name", "parameters", "told"),
     [
-        ("mine.py:scaled", {"facto": 1}, "unknown parameter"),
         ("mine.py:scaled", {"facto": 1}, "did you mean factor"),
         ("mine.py:scaled", {"offset": "abc"}, "parameter offset is text"),
         ("mine.py:number", {}, "an int"),
         ("mine.py:predict", {"x": 1}, "no parameters"),
         ("mine.py:Named", {}, "--param recipe=VALUE"),
-        ("mine.py:Named", {"recipe": "published", "lvl": 1}, "lvl"),
         ("mine.py:Broken", {}, "RuntimeError: no weights"),
     ],
 )

@@ -51,9 +51,8 @@ def turned(laws: Sequence[BlurLaw]) -> list[BlurLaw]:
     return [replace(law, sigmas=law.sigmas[::-1]) for law in laws]
 
 
-@pytest.mark.parametrize("grown", [-2, 2])
-def test_levels_that_grow_with_distance_are_settled_as_their_opposites(grown: int) -> None:
-    start = begin(grown)
+def test_levels_that_grow_with_distance_are_settled_as_their_opposites() -> None:
+    start = begin(2)
     settled = settle_rims(LAWS, SHARP, IMAGES, start)
     other = settle_rims(turned(LAWS), SHARP, IMAGES, 255 - start, farther_is_higher=True)
     np.testing.assert_array_equal(other, 255 - settled)

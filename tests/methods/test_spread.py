@@ -1,7 +1,5 @@
 """A spread is the moments' of the posterior, and one factor makes it honest."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -103,9 +101,7 @@ def test_who_is_sure_says_so_where_it_is_asked_and_is_right_to_be(name: str) -> 
 
 def test_a_fit_of_the_law_learns_the_factor_besides() -> None:
     method = load_method("local", {"recipe": None, "sure": True}, {})
-    pairs = [made(seed) for seed in range(2)]
-    learned = teach(method, pairs).learned
-    plain: Any = teach(load_method("local", {"recipe": None}, {}), pairs).learned
+    learned = teach(method, [made(0)]).learned
     assert learned is not None
-    assert learned.keys() - plain.keys() == {"spread"}
-    assert method(pairs[0].infocus, pairs[0].defocus)[1].min() > 0
+    assert learned.keys() >= {"spread", "sigmas"}
+    assert method(made(0).infocus, made(0).defocus)[1].min() > 0

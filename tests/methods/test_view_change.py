@@ -1,6 +1,7 @@
 """Tests of what a camera changes beside the blur, on images whose formula is known everywhere."""
 
 import re
+from functools import cache
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ def waves(number: int, down: Array, right: Array, sigma: float) -> Array:
     return light
 
 
+@cache
 def pair(number: int, similarity: tuple[float, ...] = (0, 0, 0, 0), dark: float = 0) -> Images:
     """Return a pair whose defocus image is moved and has so much less light at the corners."""
     middle = (np.array(SHAPE) - 1) / 2
@@ -45,8 +47,8 @@ def pair(number: int, similarity: tuple[float, ...] = (0, 0, 0, 0), dark: float 
 
 @pytest.mark.parametrize(
     "similarity",
-    [(0.0, 0.0, 0.0, 0.006), (0.4, -0.3, 0.0, -0.012), (0.0, 0.0, 0.004, 0.002)],
-    ids=["larger", "smaller and moved", "turned"],
+    [(0.4, -0.3, 0.0, -0.012), (0.0, 0.0, 0.004, 0.002)],
+    ids=["smaller and moved", "turned and larger"],
 )
 def test_place_turn_and_size_are_found_and_undone(similarity: tuple[float, ...]) -> None:
     pairs = [pair(number, similarity) for number in range(4)]
@@ -71,13 +73,9 @@ def test_the_fall_off_is_found_beside_a_magnification_and_undone() -> None:
     assert np.abs(left[8:-8, 8:-8]).mean() < 0.7
     said = r"0\.6\d % larger; 2[4-6] % darker at the corners than in the middle"
     assert re.fullmatch(said, found.words())
-
-
-def test_images_may_differ_in_size() -> None:
-    pairs = [pair(number, (0, 0, 0, 0.006), dark=0.25) for number in range(3)]
-    whole = pair(3, (0, 0, 0, 0.006), dark=0.25)
-    cut = Images(whole.infocus[5:-5, 8:-8], whole.defocus[5:-5, 8:-8])
-    found = find_change([*pairs, cut])
+    # Images may differ in size.
+    infocus, defocus = (image[5:-5, 8:-8] for image in (pairs[3].infocus, pairs[3].defocus))
+    found = find_change([*pairs[:3], Images(infocus, defocus)])
     assert found.falloff[0][-1] == pytest.approx(0.75, abs=0.03)
     assert found.similarity[3] == pytest.approx(0.006, abs=3e-4)
 
@@ -86,6 +84,7 @@ def test_nothing_is_undone_where_nothing_changed() -> None:
     pairs = [pair(number) for number in range(4)]
     found = find_change(pairs)
     assert not found.changes
+    assert not found.has_shadow
     assert found.undone(pairs[0].defocus) is pairs[0].defocus
 
 
@@ -99,7 +98,6 @@ def test_a_shadow_is_no_fall_off() -> None:
     assert found.falloff == ()
     assert found.has_shadow
     assert "a shadow?" in found.words()
-    assert not find_change([pair(number) for number in range(4)]).has_shadow
 
 
 def test_light_that_varies_from_capture_to_capture_is_no_shadow() -> None:
