@@ -87,12 +87,6 @@ def test_a_shift_is_as_long_as_it_says_and_blurs_nothing(severity: int) -> None:
     assert np.ptp(turns) > 0.3
 
 
-def test_moving_there_and_back_is_staying() -> None:
-    smooth = scipy.ndimage.gaussian_filter(IMAGE.astype(float), (1, 1, 0))
-    back = formation.move(formation.move(smooth, 0.3, -0.6), -0.3, 0.6)
-    assert np.abs(back - smooth)[9:-9, 9:-9].max() < 0.5
-
-
 def test_a_gain_lies_within_its_bounds_both_ways_and_leaves_the_in_focus_image() -> None:
     gains = []
     for number in range(12):
@@ -204,14 +198,6 @@ def test_noise_is_what_a_grey_patch_shows() -> None:
         said = noise_at(law.noise, np.array(90.0))
         seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
         assert float(seen.std()) == pytest.approx(float(said), rel=0.05)
-
-
-def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:
-    shift, gain = (
-        formation.given_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
-    )
-    assert (shift.registered, shift.even) == (False, True)
-    assert (gain.registered, gain.even) == (True, False)
 
 
 def spots(label: str, channel: int, places: list[tuple[int, int]]) -> Iterator[NDArray[np.float64]]:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from dfdbench.blur.formation import uniform_numbers
-from dfdbench.blur.tracks import CLEAN, STACKS, TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.tracks import CLEAN, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
@@ -51,12 +51,6 @@ def test_severity_0_is_clean_and_each_further_one_is_another() -> None:
         assert len({Formation(), *track.severities}) == len(track.steps) + 1 == 4
         for label in (f"{name}-1", f"{name}-2", f"{name}-3"):
             assert find_degradation(label).label == label
-
-
-@pytest.mark.parametrize("stack", STACKS.values(), ids=lambda stack: stack.name)
-def test_a_stack_s_severity_is_its_number_of_planes(stack: Track) -> None:
-    for number, (step, formation) in enumerate(zip(stack.steps, stack.severities, strict=True), 1):
-        assert (step, formation.planes) == (f"{number} focus planes", number)
 
 
 def test_how_light_falls_off_was_drawn_not_chosen() -> None:

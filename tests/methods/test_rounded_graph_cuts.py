@@ -18,17 +18,6 @@ from dfdbench.metrics.scores import nmae, nrmse, ssim
 Image = NDArray[np.uint8]
 
 
-def test_textured_surfaces_come_out_exact() -> None:
-    infocus = np.random.default_rng(2).integers(0, 256, (40, 60, 3)).astype(np.uint8)
-    depth = np.full((40, 60), 70, np.uint8)
-    depth[10:30, 20:45] = 160
-    depth[15, 30] = 0
-    for recipe in (RECIPES["published"], BlurRecipe(0.4, 0.02, levels=200, invert=False)):
-        found = RoundedGraphCuts(recipe)(infocus, synthesize(infocus, depth, recipe))
-        assert np.mean(found == depth) > 0.99
-        assert np.abs(found - depth).mean() < 0.05
-
-
 @pytest.mark.parametrize("noise", [0, 2])
 def test_costs_beyond_its_memory_give_the_same_map(
     noise: int, monkeypatch: pytest.MonkeyPatch
@@ -149,21 +138,11 @@ def test_where_no_label_fits_costs_grow_with_the_square_of_the_misfit() -> None:
     assert offset == pytest.approx(costs.min(axis=2).sum(), rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"infocus": noise((4, 5))}, "infocus: expected a shape"),
-        ({"infocus": noise((4, 5, 3)).astype(float)}, "infocus: expected uint8, got float64"),
-        ({"defocus": noise((4, 6, 3))}, "defocus: expected the shape"),
-    ],
-)
-def test_what_it_does_not_take_is_told(changes: dict[str, object], told: str) -> None:
-    right: dict[str, object] = {
-        "infocus": noise((4, 5, 3)),
-        "defocus": noise((4, 5, 3)),
-        "kernels": RECIPE.kernels(),
-        "unit": UNIT,
-        "limit": LIMIT,
-    }
-    with pytest.raises(InputError, match=told):
-        rounded_cost(**(right | changes))  # type: ignore[arg-type]
+def test_what_it_does_not_take_is_told() -> None:
+    image, kernels = noise((4, 5, 3)), RECIPE.kernels()
+    for infocus, defocus, told in (
+        (image.astype(float), image, "infocus: expected uint8, got float64"),
+        (image, noise((4, 6, 3)), "defocus: expected the shape"),
+    ):
+        with pytest.raises(InputError, match=told):
+            rounded_cost(infocus, defocus, kernels, UNIT, LIMIT)

@@ -5,7 +5,6 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.s_transform import STransform
-from dfdbench.metrics.scores import correlation
 from tests.methods.made_planes import PUBLISHED, inside, pair_of, plane, slope
 
 
@@ -47,13 +46,3 @@ def test_fitted_it_does_about_as_well_as_told() -> None:
         for method in (told, fitted)
     ]
     assert errors[1] < 1.1 * errors[0] < 25
-
-
-def test_a_lens_the_other_way_round_is_learned() -> None:
-    recipe = BlurRecipe(0.4, 0.01, invert=False)
-    made = [slope(seed, recipe=recipe) for seed in range(2)]
-    method = STransform()
-    assert method.fit is not None
-    method.restore(method.fit(made[:1]))
-    found = method(made[1].infocus, made[1].defocus)
-    assert correlation(inside(made[1].depth), inside(found)) > 0.9

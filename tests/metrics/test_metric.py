@@ -1,8 +1,8 @@
 """A metric is defined once, and whatever shows scores shows it."""
 
+import html
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +16,13 @@ from numpy.typing import NDArray
 from dfdbench.board.ranking import boards
 from dfdbench.board.tables import lighting_table, standings_table
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Scene
 from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
 from dfdbench.figures.runs import group_figures, panel_figure, score_figure
 from dfdbench.metrics import metric
-from dfdbench.metrics.metric import (
-    IN_METRES,
-    METRICS,
-    Metric,
-    abs_rel,
-    aligned,
-    boundary_f1,
-    rmse_metres,
-    share_within,
-)
+from dfdbench.metrics.metric import abs_rel, aligned, boundary_f1, rmse_metres, share_within
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
@@ -50,7 +40,7 @@ HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 
 @pytest.fixture
 def with_a_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
-    levels = Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
+    levels = metric.Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
     monkeypatch.setitem(metric._METRICS, levels.name, levels)
 
 
@@ -61,55 +51,58 @@ def labels_of(figure: Figure | None) -> str:
     return " ".join(" ".join(labels).split())
 
 
-def figures_of(
-    store: Dataset, folder: Path, protocol: str, scenes: list[Scene]
-) -> Iterator[Figure | None]:
-    run = open_saved_run(folder, str(store.path))
-    ranked = summarise(run.result, protocol).ranked[:1]
-    yield score_figure(run.result, protocol)
-    yield panel_figure(store, run.result, folder, ranked, protocol, "worst")
-    yield from lighting_figures([run], protocol).values()
-    yield from group_figures({"constant": run.result}, protocol, scenes).values()
-
-
 def run_constant(store: Dataset, folder: Path) -> Result:
-    return run_method(store, load_for(store, "constant", {}), "all", folder).result
+    result = run_method(store, load_for(store, "constant", {}), "all", folder).result
+    assert load_result(folder) == result
+    return result
+
+
+def check_shown(store: Dataset, result: Result, folder: Path, protocol: str) -> None:
+    """Assert that each table, figure and page of a run shows the metrics of a protocol."""
+    wanted = [each.heading for each in metrics_of(protocol).values()]
+    titles = [each.title for each in metrics_of(protocol).values()]
+    scenes = [
+        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
+        for scene in store.manifest.scenes
+    ]
+    summary = summarise(result, protocol)
+    assert len(summary.ranked) == len(result.pairs)
+    (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == protocol]
+    standings = standings_table(board, folder)
+    scores, extremes, _ = run_tables(summary)
+    by_scene = scene_tables(summary, scenes)
+    assert len(by_scene) == 2
+    for table in (scores, extremes, spread_table(summary), *by_scene, standings):
+        assert [text for text in table.columns if text.endswith(("↑", "↓"))] == wanted, table.title
+        assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
+    assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
+    assert [row[1] for row in lighting_table(board).rows] == wanted
+    changed = change_tables(result, result, protocol)[0]
+    assert [row[0] for row in changed.rows if row[0]] == wanted
+    for name in metrics_of(protocol):
+        assert standings.records[0][name] == (result.averages or {})[protocol][name]
+        assert extremes.records[0][name] == summary.ranked[0].score(protocol, name)
+
+    run = open_saved_run(folder, str(store.path))
+    for figure in (
+        score_figure(result, protocol),
+        panel_figure(store, result, folder, summary.ranked[:1], protocol, "worst"),
+        *lighting_figures([run], protocol).values(),
+        *group_figures({"constant": result}, protocol, scenes).values(),
+    ):
+        labels = labels_of(figure)
+        assert all(title in labels for title in (titles[0], titles[-1]))
+        assert ("NRMSE" in labels) == ("NRMSE" in titles)
+    page = write_html([run], protocol, folder.with_name(protocol)).read_text("utf-8")
+    assert all(f"<span>{html.escape(title)} <b>" in page for title in titles)
 
 
 @pytest.mark.usefixtures("with_a_fourth")
 def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    result = run_constant(tiny_store, folder)
+    result = run_constant(tiny_store, tmp_path / "run")
     first = result.pairs[0].scores["valid"]
     assert first["mae_levels"] == pytest.approx(255 * (first["nmae"] or math.nan))
-    assert load_result(folder) == result
-
-    scenes = [
-        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
-        for scene in tiny_store.manifest.scenes
-    ]
-    summary = summarise(result, "valid")
-    scores, extremes, _ = run_tables(summary)
-    (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == "valid"]
-    standings = standings_table(board, tmp_path)
-    by_scene = scene_tables(summary, scenes)
-    assert len(by_scene) == 2
-    for table in (scores, extremes, spread_table(summary), *by_scene, standings):
-        assert table.columns.count(HEADING) == 1
-        assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
-    assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
-    assert standings.records[0]["mae_levels"] == (result.averages or {})["valid"]["mae_levels"]
-    assert HEADING in {row[1] for row in lighting_table(board).rows}
-    assert HEADING in {row[0] for row in change_tables(result, result, "valid")[0].rows}
-    assert "mae_levels" in {row["metric"] for row in scores.records}
-    assert extremes.records[0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
-
-    figures = figures_of(tiny_store, folder, "valid", scenes)
-    assert all(TITLE in labels_of(figure) for figure in figures)
-    run = open_saved_run(folder, str(tiny_store.path))
-    page = write_html([run], "valid", tmp_path / "page").read_text("utf-8")
-    assert f">{HEADING}</th>" in page
-    assert f"<span>{TITLE} <b>" in page
+    check_shown(tiny_store, result, tmp_path / "run", "valid")
 
 
 @pytest.mark.usefixtures("with_a_fourth")
@@ -134,37 +127,15 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
 
 @pytest.mark.slow
 def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path: Path) -> None:
+    plain = run_constant(tiny_store, tmp_path / "levels")
+    assert list(plain.pairs[0].scores) == list(PROTOCOLS)
     store, _ = in_metres(tiny_store)
-    folder = tmp_path / "run"
-    result = run_constant(store, folder)
-    assert load_result(folder) == result
+    result = run_constant(store, tmp_path / "run")
     assert list(result.pairs[0].scores) == [*PROTOCOLS, "metric", "aligned"]
-    headings = [each.heading for each in IN_METRES.values()]
-    for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
-        summary = summarise(result, protocol)
-        assert len(summary.ranked) == len(result.pairs)
-        found = boards([entry_of(result, folder / RESULT)])
-        (board,) = [each for each in found if each.protocol == protocol]
-        scores, extremes, _ = run_tables(summary)
-        for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):
-            shown = [text for text in table.columns if text.endswith(("↑", "↓"))]
-            assert shown == wanted, table.title
-            assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
-        assert [row[1] for row in lighting_table(board).rows] == wanted
-        changed = change_tables(result, result, protocol)[0]
-        assert [row[0] for row in changed.rows if row[0]] == wanted
-        assert extremes.records[0].keys() >= set(metrics_of(protocol))
-        for figure in figures_of(store, folder, protocol, []):
-            assert "δ < 1.15" in labels_of(figure)
-            assert "NRMSE" not in labels_of(figure)
-        run = open_saved_run(folder, str(tiny_store.path))
-        page = write_html([run], protocol, tmp_path / protocol).read_text("utf-8")
-        assert "<span>δ &lt; 1.25 <b>" in page
-    assert [board.protocol for board in found][:1] == ["valid"], "the trio stays the headline"
-    again = run_constant(tiny_store.__class__(tiny_store.path), tmp_path / "levels")
-    assert list(again.pairs[0].scores) == list(PROTOCOLS)
-    names = [protocol["name"] for protocol in again.protocols]
-    assert names == ["thesis", "thesis-networks", "valid"]
+    for protocol in ("metric", "aligned"):
+        check_shown(store, result, tmp_path / "run", protocol)
+    found = boards([entry_of(result, tmp_path / "run" / RESULT)])
+    assert found[0].protocol == "valid", "the trio stays the headline"
 
 
 def test_a_result_from_before_a_metric_is_shown_without_it(
@@ -193,7 +164,7 @@ def test_scores_of_other_metrics_are_refused(tmp_path: Path) -> None:
 
 def test_each_function_keeps_to_its_bounds() -> None:
     depth = np.arange(400, dtype=np.uint8).reshape(20, 20)
-    for each in METRICS.values():
+    for each in metric.METRICS.values():
         for test in (depth, 255 - depth, np.full_like(depth, 255)):
             score = each.function(depth, test, data_range=each.data_range, mask=None)
             assert each.lowest <= score <= each.highest
@@ -232,7 +203,7 @@ def test_boundaries_by_hand() -> None:
     assert math.isnan(boundary_f1([[1.0, 1.05]], [[1.0, 2.0]]))
 
 
-def test_inverse_depth_at_zero_or_below_counts_as_the_farthest() -> None:
+def test_inverse_depth_at_or_below_zero_is_the_farthest_and_a_flat_map_the_mean() -> None:
     # A scale of 1 and a shift of -1 from the two known pixels: the third comes to -0.5, the
     # fourth to 0.05, beyond 10 m.
     truth = 1 / np.array([[1.0, 2.0, 1.0, 1.0]])
@@ -240,8 +211,6 @@ def test_inverse_depth_at_zero_or_below_counts_as_the_farthest() -> None:
     mask = np.array([[True, True, False, False]])
     np.testing.assert_allclose(aligned(truth, test, 10.0, mask), [[1.0, 0.5, 10.0, 10.0]])
 
-
-def test_a_flat_estimate_becomes_the_mean_of_the_inverse_truth() -> None:
     truth = 1 / np.array([[1.0, 2.0, 6.0]])
     for level in (0.3, 1 / 3, 7.0):
         np.testing.assert_allclose(aligned(truth, np.full((1, 3), level), 10.0), 1 / 3)

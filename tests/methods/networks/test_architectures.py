@@ -7,7 +7,6 @@ import torch
 
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import (
-    PUBLISHED_MEANS,
     DfDNet,
     UNet,
     fold_batch_norm,
@@ -160,10 +159,3 @@ def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
     # What is small in the images is as large in the answers as all else.
     deviations = network.first(network.pixels(pixels)).std((0, 2, 3))
     assert torch.allclose(deviations, torch.ones_like(deviations), atol=1e-3)
-
-
-def test_means_are_taken_off_and_255_is_nearly_1() -> None:
-    network = DfDNet(SMALL)
-    means = torch.tensor(PUBLISHED_MEANS).reshape(1, 6, 1, 1).expand(1, 6, 4, 4)
-    assert torch.equal(network.pixels(means), torch.zeros(1, 6, 4, 4))
-    assert torch.allclose(network.pixels(means + 64), torch.full((1, 6, 4, 4), 0.25))

@@ -20,7 +20,9 @@ def network() -> nn.Module:
     return files.build_network("dfd-net", {"filters": list(SMALL)})
 
 
-def test_weights_come_back_with_their_card(weights: Path) -> None:
+def test_weights_come_back_with_their_card_and_are_the_same_bytes_again(
+    weights: Path, tmp_path: Path
+) -> None:
     network, found = files.load_weights(weights, "dfd-net")
     assert found == card()
     assert not network.training
@@ -30,10 +32,7 @@ def test_weights_come_back_with_their_card(weights: Path) -> None:
     page = weights.with_suffix(".md").read_text()
     assert "| trained on | tiny-1, split train |" in page
     assert "NRMSE 0.2500" in page
-
-
-def test_the_same_weights_are_the_same_bytes(weights: Path, tmp_path: Path) -> None:
-    network, found = files.load_weights(weights, "dfd-net")
+    # The same weights are the same bytes.
     files.save_weights(tmp_path / "again.safetensors", network, found)
     assert (tmp_path / "again.safetensors").read_bytes() == weights.read_bytes()
 
