@@ -28,7 +28,6 @@ def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> No
     assert list(figures) == ["illumination 1", "illumination 2"]
     axes = figures["illumination 1"].axes
     assert len(axes) == 6
-    assert [axis.get_title() for axis in axes[:2]] == ["exposure 0", "exposure 1"]
     # Two methods a panel, in each two scenes from two views.
     assert [len(np.asarray(line.get_xdata())) for line in axes[0].get_lines()] == [4, 4]
 
@@ -38,8 +37,6 @@ def test_one_scene_is_one_figure_with_each_lighting_beside_the_other() -> None:
     runs = [SavedRun(Path("r.json"), make_result(one, name), None, "") for name in ("m", "n")]
     (figure,) = comparisons.lighting_figures(runs, "thesis").values()
     assert len(figure.axes) == 3
-    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
-    assert ticks == ["0, 1", "0, 2", "1, 1", "1, 2"]
     line = figure.axes[0].get_lines()[0]
     assert sorted(np.asarray(line.get_ydata())) == pytest.approx(sorted(one.values()))
 
@@ -73,11 +70,9 @@ def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
     figure = comparisons.accuracy_figure([run("one"), run("two")], "thesis")
     assert figure is not None
     (axis,) = figure.axes
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
     averages = run("one").result.averages
     assert averages is not None
     assert np.asarray(axis.lines[0].get_xydata()).tolist() == [[0.25, averages["thesis"]["nrmse"]]]
-    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
 
 
 def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
@@ -93,8 +88,6 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert np.asarray(second.get_ydata()).tolist() == [0.2] * 4
     # A severity without a score is a gap, not a zero.
     assert np.isnan(np.asarray(panels[1].lines[0].get_ydata(), float)[2])
-    assert [text.get_text() for text in panels[0].get_xticklabels()] == ["clean", "1", "2", "3"]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
 
 
 def test_a_transfer_is_coloured_by_the_score_over_that_of_the_own_fit() -> None:
@@ -106,5 +99,4 @@ def test_a_transfer_is_coloured_by_the_score_over_that_of_the_own_fit() -> None:
     colours = {text.get_text(): text.get_color() for text in axis.texts}
     assert colours == {"0.100": "black", "0.300": "black", "0.400": "white", "0.200": "black"}
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("tested on", "fitted on")
-    drawn = comparisons.transfer_figure(matrix, "A title")
-    assert [axis.images[0].get_clim() for axis in drawn.axes[:1]] == [(1, 4)]
+    assert comparisons.transfer_figure(matrix, "A title").axes[0].images[0].get_clim() == (1, 4)

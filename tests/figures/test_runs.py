@@ -23,13 +23,10 @@ def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     paths = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
+    assert all(np.ptp(np.asarray(cv2.imread(str(path)))) == 255 for path in paths)
     also = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path, also=("pdf",))
     assert {path.suffix for path in also} == {".png", ".pdf"}
     assert also[1].read_bytes().startswith(b"%PDF")
-    for path in paths:
-        image = np.asarray(cv2.imread(str(path)))
-        assert min(image.shape[:2]) > 300
-        assert np.ptp(image) == 255
 
 
 def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> None:
@@ -83,8 +80,6 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
     assert tuple(label.get_text() for label in axis.get_yticklabels()) == GEOMETRIES
     means = [container[0].get_xdata()[0] for container in axis.containers]
     assert np.allclose(means, [0.4, 0.2])
-    shown = [axis.get_xlabel().split()[0] for axis in figures["texture"].axes]
-    assert shown == ["NRMSE", "NMAE", "SSIM"]
 
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:

@@ -44,10 +44,8 @@ def test_patches_are_drawn_by_pair_and_by_pixel_of_the_least_and_the_most() -> N
     places = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 1], [2, 1, 1], [1, 0, 0], [1, 1, 0]], np.int32)
     drawn = Selections(("a", "b", "c"), ((4, 5),) * 3, 2, places)
     figure = trainings.patches_figure(drawn, "title")
-    assert "6 patches of 2 x 2" in figure.get_suptitle()
     bars, *maps = [axis for axis in figure.axes if axis.get_title()]
     assert bars.patches[0].get_data().values.tolist() == [1, 2, 3]  # type: ignore[attr-defined]
-    assert [axis.get_title().split(":")[0] for axis in maps] == ["least", "median", "most"]
     assert np.asarray(maps[2].images[0].get_array())[1, 1] == 3
     alone = Selections(("a",), ((4, 5),), 2, places[:1])
     assert len(trainings.patches_figure(alone, "title").axes) == 3
@@ -67,7 +65,6 @@ def test_an_experiment_shows_the_spread_of_values_and_the_baselines_as_a_band() 
     deviation = 2 * np.std([0.1, 0.3], ddof=1)
     low, high = band.get_extents().transformed(axis.transData.inverted()).intervaly
     assert (low, high) == pytest.approx((0.2 - deviation, 0.2 + deviation))
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["0", "3"]
     assert not trainings.experiment_figure("title", cards, "3").axes[0].patches
     # Seeds alone are drawn one by one.
     alone = [("", each) for _, each in cards]

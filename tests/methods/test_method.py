@@ -143,18 +143,14 @@ def test_a_fit_that_raises_or_returns_nonsense_says_why(returned: Any, told: str
 
 
 def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:
-    class Forgetful:
-        def fit(self, pairs: Any) -> Any:
-            return {"level": 3}
+    class Forgetful(Learning):
+        restore = None  # type: ignore[assignment]
 
-        def __call__(self, infocus: Any, defocus: Any) -> Any:
-            return infocus[..., 0]
-
-    class Odd(Forgetful):
+    class Odd(Learning):
         fit = "sigma"  # type: ignore[assignment]
 
     with pytest.raises(MethodError, match=r"nothing takes it back[\s\S]*restore\(learned\)"):
-        teach(method(Forgetful()), [PAIR])
+        teach(method(Forgetful({"level": 3})), [PAIR])
     with pytest.raises(MethodError, match="fit cannot be called"):
         teach(method(Odd()), [PAIR])
     assert method(Learning).learner is not None
