@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.blur.formation import uniform_numbers
-from dfdbench.blur.tracks import CLEAN, TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.tracks import TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
@@ -42,22 +41,6 @@ def _definition(track: Track) -> dict[str, Any]:
         for formation in said["severities"]
     ]
     return said
-
-
-def test_severity_0_is_clean_and_each_further_one_is_another() -> None:
-    for name, track in TRACKS.items():
-        assert find_degradation(f"{name}-0").label == CLEAN
-        assert find_degradation(f"{name}-0").formation == Formation()
-        assert len({Formation(), *track.severities}) == len(track.steps) + 1 == 4
-        for label in (f"{name}-1", f"{name}-2", f"{name}-3"):
-            assert find_degradation(label).label == label
-
-
-def test_how_light_falls_off_was_drawn_not_chosen() -> None:
-    for severity, share in enumerate((0.1, 0.2, 0.35), 1):
-        second, fourth = TRACKS["vignetting"].severities[severity - 1].falloff
-        assert second == round(share * uniform_numbers(1, "vignetting", 1, severity)[0], 4)
-        assert second + fourth == pytest.approx(share)
 
 
 @pytest.mark.parametrize(

@@ -60,14 +60,11 @@ def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
     assert prediction.numbers == {"energy": 12.0, "gap": 0.5}
     # A pair that failed has none, least of all those of the pair before.
     assert call(method, IMAGE + np.uint8(20), IMAGE).numbers == {}
-    method.numbers = "many"
-    assert call(lambda *_: np.zeros((4, 6)), IMAGE, IMAGE).numbers == {}
 
-
-def test_more_numbers_than_a_table_has_room_for_are_refused() -> None:
     def predict(infocus: Any, defocus: Any) -> Any:
         return np.zeros((4, 6))
 
+    # More than a table has room for are refused.
     predict.numbers = {str(index): index for index in range(100)}  # type: ignore[attr-defined]
     assert len(call(predict, IMAGE, IMAGE).numbers) == 100
     predict.numbers["101"] = 1  # type: ignore[attr-defined]

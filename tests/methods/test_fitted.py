@@ -1,6 +1,5 @@
 """What is asked of every method that is told the blur or fitted to it."""
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -14,12 +13,9 @@ from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
-from dfdbench.methods.guided import Guided
 from dfdbench.methods.method import Predict, restore, teach
-from dfdbench.methods.rational_filters import RationalFilters
 from dfdbench.methods.registry import load, load_method
-from dfdbench.methods.sgm import SemiGlobal
-from tests.methods.made_planes import inside, learned_law, plane, slope, texture
+from tests.methods.made_planes import inside, plane, slope, texture
 
 NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
 READY = [*NAMES, "graph-cuts", "graph-cuts-rounded"]
@@ -125,26 +121,16 @@ def test_what_is_learned_is_all_that_is_needed_and_the_same_each_time(name: str)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_neither_told_nor_fitted_says_what_to_do(name: str) -> None:
-    image = texture(0, 20, 20)
+def test_without_a_fit_or_fitted_to_nothing_it_says_what_to_do(name: str) -> None:
+    pair, method = slope(1, 40, 60), load_method(name, {}, {})
     with pytest.raises(MethodError, match="restore"):
-        load(name)(image, image)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_pairs_of_unknown_depth_are_refused(name: str) -> None:
-    pair = slope(1, 40, 60)
+        method.predict(pair.infocus, pair.defocus)
+    with pytest.raises(MethodError, match=r"not what this method learns|does not take back"):
+        restore(method, {"other": np.ones(3)})
     unknown = made_pair(pair.infocus, pair.defocus, pair.levels, np.zeros_like(pair.valid))
     for pairs in ([], [unknown]):
         with pytest.raises(MethodError, match=r"nothing to fit to|no pair|do not show"):
-            load(name).fit(pairs)  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_what_another_method_learned_is_refused(name: str) -> None:
-    method = load_method(name, {}, {})
-    with pytest.raises(MethodError, match=r"not what this method learns|does not take back"):
-        restore(method, {"other": np.ones(3)})
+            method.fit(pairs)
 
 
 def test_a_table_follows_a_curve_that_turns_and_leaves_unknown_pixels_out() -> None:
@@ -193,19 +179,3 @@ def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
         assert method.fit is None
         assert method.blur == told
         assert method.levels == told.levels
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("made", "levels_more"), [(Guided, 1.5), (SemiGlobal, 1.5), (RationalFilters, 3)]
-)
-def test_fitted_a_method_does_as_well_as_told(made: Callable[..., Any], levels_more: float) -> None:
-    told, fitted = made(RECIPES["published"]), made()
-    assert fitted.fit is not None
-    fitted.restore(learned_law())
-    pair = slope(9)
-    errors = [
-        np.abs(inside(method(pair.infocus, pair.defocus) - pair.levels)).mean()
-        for method in (told, fitted)
-    ]
-    assert errors[1] < errors[0] + levels_more

@@ -12,6 +12,7 @@ from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError
 from dfdbench.methods.graph_cuts import GraphCuts
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.rounded_graph_cuts import STEPS, RoundedGraphCuts, rounded_cost
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
@@ -54,19 +55,11 @@ def test_no_level_is_proposed_that_training_did_not_show() -> None:
     widths = RECIPES["published"].sigmas[::-1]
     # Beyond what was measured the curve turns back: each width has two levels.
     turned = np.where(np.arange(LEVELS) < 80, widths[160 - np.arange(LEVELS)], widths)
-    pixels = np.zeros(LEVELS, np.int64)
-    measured = {
-        **{name: np.asarray(value) for name, value in BlurLaw(tuple(turned)).as_dict().items()},
-        "measured": widths,
-        "residual": np.zeros(LEVELS),
-        "uneven": 0.0,
-    }
-    found = {}
+    law, found = BlurLaw(tuple(turned.tolist())), {}
     for first in (0, 80):
-        pixels[:] = 0
-        pixels[first:200] = 100
+        pixels = np.where((np.arange(LEVELS) >= first) & (np.arange(LEVELS) < 200), 100, 0)
         method = RoundedGraphCuts(None)
-        method.restore({**measured, "pixels": pixels.copy()})
+        method.restore(dict(Calibration(law, widths, pixels, np.zeros(LEVELS)).as_learned()))
         found[first] = method(infocus, defocus)
     assert np.abs(found[80] - depth).mean() < 1
     assert np.abs(found[0] - depth).mean() > 2

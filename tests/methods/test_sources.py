@@ -76,23 +76,17 @@ def test_modules_are_those_that_it_imports_at_once_or_late(own: Path) -> None:
     assert "dfdbench.errors" not in used
 
 
-def test_files_are_those_that_it_opens(own: Path) -> None:
-    method = load_method(f"{own / 'mine.py'}:predict", {}, {})
-    assert "coef.json" not in method.used
-    call(method)
-    used = method.used
-    assert used["coef.json"] is not None
-    assert used["absent.txt"] == ABSENT
-    # Its own work is not compared.
-    assert used["written.txt"] is None
-    assert not any("site-packages" in name or name.endswith(".pyc") for name in used)
-
-
-def test_what_changed_is_named(own: Path) -> None:
+def test_files_are_those_that_it_opens_and_what_changed_is_named(own: Path) -> None:
     name = f"{own / 'mine.py'}:predict"
     method = load_method(name, {}, {})
+    assert "coef.json" not in method.used
     call(method)
     before = method.used
+    assert before["coef.json"] is not None
+    assert before["absent.txt"] == ABSENT
+    # Its own work is not compared.
+    assert before["written.txt"] is None
+    assert not any("site-packages" in name or name.endswith(".pyc") for name in before)
     assert changes(before, method.used_again(before)) == []
     (own / "coef.json").write_text('{"level": 10}')
     (own / "absent.txt").write_text("no longer")

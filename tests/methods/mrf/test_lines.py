@@ -46,13 +46,3 @@ def test_no_line_raises_the_energy(kind: str, labels: int, seed: int) -> None:
     for columns in (False, True, False):
         value += mover.move_lines(columns)
         assert value == energy.evaluate(found) == mover.value()
-
-
-def test_moves_after_lines_know_what_labels_cost(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 8, 9, 20, "absolute")
-    labels = rng.integers(0, 20, energy.shape).astype(np.int32)
-    mover = Mover(energy, labels)
-    mover.move_lines(columns=False)
-    value = energy.evaluate(labels)
-    change = mover.move(np.full(20, 7, np.int32))
-    assert energy.evaluate(labels) == value + change

@@ -1,5 +1,4 @@
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,19 +57,3 @@ def test_offers_keep_the_order_of_labels(labels: int) -> None:
         assert offer.min() >= 0
         assert offer.max() < labels
         assert np.all(np.diff(offer) >= 0)
-
-
-@pytest.mark.parametrize("kind", ["absolute", "potts", "truncated-absolute"])
-def test_leaving_pixels_out_changes_no_expansion(rng: np.random.Generator, kind: str) -> None:
-    for spread in (1, 8, 60):
-        energy = random_energy(rng, 12, 17, 6, kind, weighted=True)
-        energy = replace(energy, unary=energy.unary * spread)
-        labels = rng.integers(0, 6, (12, 17)).astype(np.int32)
-        some, every = Mover(energy, labels.copy()), Mover(energy, labels.copy())
-        # Gains that no cost can reach: every pixel takes part.
-        every._gains = np.full_like(every._gains, 2**20)
-        for target in (*range(6), *range(6)):
-            offer = expansion_offer(6, target)
-            assert some.move(offer) == every.move(offer)
-            assert np.array_equal(some._labels, every._labels)
-        assert len(some.graph.active) < len(every.graph.active)
