@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.blur.tracks import TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.tracks import STACKS, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
@@ -41,6 +41,12 @@ def _definition(track: Track) -> dict[str, Any]:
         for formation in said["severities"]
     ]
     return said
+
+
+@pytest.mark.parametrize("stack", STACKS.values(), ids=lambda stack: stack.name)
+def test_a_stack_s_severity_is_its_number_of_planes(stack: Track) -> None:
+    for number, (step, formation) in enumerate(zip(stack.steps, stack.severities, strict=True), 1):
+        assert (step, formation.planes) == (f"{number} focus planes", number)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -16,9 +15,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.captures import Capture
 from dfdbench.evaluation.check import made_pair
-from dfdbench.methods.calibration import calibrate
 from dfdbench.methods.measured_law import Calibration
-from dfdbench.methods.method import Learned, check_learned
 
 Image = NDArray[np.uint8]
 PUBLISHED = RECIPES["published"]
@@ -79,9 +76,3 @@ def unmeasured(laws: Sequence[BlurLaw]) -> tuple[Calibration, ...]:
 def inside(depth: NDArray[Any], margin: int = 14) -> NDArray[Any]:
     """Cut off what the image's edge has blurred."""
     return depth[margin:-margin, margin:-margin]
-
-
-@cache
-def learned_law() -> Learned:
-    """Return what a calibrated method learns of slopes, measured once for all tests."""
-    return check_learned(calibrate([slope(seed) for seed in range(3)]).as_learned(), "mine")

@@ -107,10 +107,8 @@ def test_a_part_has_the_costs_it_has_in_the_whole(
     assert offset == sum(by_pixel)
 
 
-def test_memory_can_be_given() -> None:
-    random = np.random.default_rng(1)
-    images = random.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8)
-    sigmas = np.linspace(0.4, 2, 16)
+def test_memory_can_be_given(rng: np.random.Generator) -> None:
+    images, sigmas = rng.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8), SIGMAS[::16]
     fresh, offset = data_cost(images[0], images[1], sigmas)
     given = np.full((9, 11, 16), 7, np.uint16)
     again, same = data_cost(images[0], images[1], sigmas, out=given)

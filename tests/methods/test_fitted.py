@@ -12,7 +12,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.baselines import Local
-from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
+from dfdbench.methods.fitted import depth_table, learned_array
 from dfdbench.methods.method import Predict, restore, teach
 from dfdbench.methods.registry import load, load_method
 from tests.methods.made_planes import inside, plane, slope, texture
@@ -146,13 +146,6 @@ def test_a_table_follows_a_curve_that_turns_and_leaves_unknown_pixels_out() -> N
     assert measure.max() <= 155
     far = measure > 101
     np.testing.assert_allclose(found[far], measure[far] + 100, atol=2)
-
-
-@pytest.mark.parametrize("count", [1, 64, 65, 1000])
-def test_indices_are_spread_over_all(count: int) -> None:
-    found = evenly_spread(count, 64)
-    assert len(found) == len(set(found)) == min(count, 64)
-    assert min(found) + max(found) in (count - 1, count)
 
 
 @pytest.mark.parametrize("value", [[[1.0]], [np.nan], []])

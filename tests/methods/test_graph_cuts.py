@@ -1,4 +1,3 @@
-import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,9 +57,8 @@ def test_costs_beyond_its_memory_give_the_same_map(
     assert parts.numbers == whole.numbers
 
 
-@pytest.mark.parametrize(
-    ("smoothness", "solver"), list(itertools.product(SMOOTHNESS, ("split", "expansion")))
-)
+@pytest.mark.parametrize("smoothness", SMOOTHNESS)
+@pytest.mark.parametrize("solver", ["split", "expansion"])
 def test_every_smoothness_and_solver_lowers_the_error_of_local(
     pair: tuple[Image, Image, Image], smoothness: str, solver: str
 ) -> None:

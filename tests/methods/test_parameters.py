@@ -55,11 +55,8 @@ def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:
     given = {"level": float("nan"), "deep": [1, {"a": float("-inf")}], "text": "a\udcff", "b": 1.5}
     with pytest.raises(MethodError, match="no result can keep") as told:
         load_method(f"{module}:predict", given, {})
-    assert [problem.where for problem in told.value.problems] == [
-        "parameter level",
-        "parameter deep.1.a",
-        "parameter text",
-    ]
+    where = [problem.where.removeprefix("parameter ") for problem in told.value.problems]
+    assert where == ["level", "deep.1.a", "text"]
 
 
 @pytest.mark.parametrize("bound", ["_MOST_FILES", "_MOST_BYTES"])

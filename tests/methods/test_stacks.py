@@ -44,6 +44,16 @@ def test_solves_a_stack_after_a_fit(name: str, with_infocus: bool) -> None:
     assert error_of(method.from_stack(capture.stack), capture) < (3 if with_infocus else 6)
 
 
+@pytest.mark.slow
+def test_a_fit_learns_that_levels_grow_with_distance() -> None:
+    capture = made_capture(1, FOCUS)
+    capture.levels = capture.depth = 255 - capture.levels
+    capture.stack.attrs |= {"near": 0.0, "far": 255.0}
+    method: Any = load("sgm")
+    assert method.fit([capture])["farther_is_higher"]
+    assert "farther_is_higher" not in learned(with_infocus=True)
+
+
 @pytest.mark.parametrize("farther", [False, True])
 def test_levels_of_metres_tell_by_the_depth_which_way_they_go(farther: bool) -> None:
     ends: dict[str, Any] = {"near_level": 1, "far_level": 255} if farther else {}

@@ -88,25 +88,24 @@ def test_nothing_is_undone_where_nothing_changed() -> None:
     assert found.undone(pairs[0].defocus) is pairs[0].defocus
 
 
+def lit(number: int, by: Array) -> Images:
+    """Return a pair whose defocus image has so many times as much light."""
+    light = decode(pair(number).defocus.astype(float)) * by[..., np.newaxis]
+    return pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8))
+
+
 def test_a_shadow_is_no_fall_off() -> None:
-    shaded = []
-    for number in range(4):
-        light = decode(pair(number).defocus.astype(float))
-        light[:, : SHAPE[1] // 3] *= 0.7
-        shaded.append(pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8)))
-    found = find_change(shaded)
+    shadow = np.where(np.arange(SHAPE[1]) < SHAPE[1] // 3, 0.7, 1) * np.ones(SHAPE)
+    found = find_change([lit(number, shadow) for number in range(4)])
     assert found.falloff == ()
     assert found.has_shadow
     assert "a shadow?" in found.words()
 
 
 def test_light_that_varies_from_capture_to_capture_is_no_shadow() -> None:
-    random = np.random.default_rng(0)
-    varied = []
-    for number in range(4):
-        fields = cv2.resize(random.normal(1, 0.08, (12, 16)), SHAPE[::-1], interpolation=0)
-        light = decode(pair(number).defocus.astype(float)) * fields[..., None]
-        varied.append(pair(number)._replace(defocus=np.rint(encode(light)).astype(np.uint8)))
+    fields = np.random.default_rng(0).normal(1, 0.08, (4, 12, 16))
+    lights = [cv2.resize(field, SHAPE[::-1], interpolation=0) for field in fields]
+    varied = [lit(number, np.asarray(light)) for number, light in enumerate(lights)]
     assert not find_change(varied).has_shadow
 
 

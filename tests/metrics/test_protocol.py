@@ -52,7 +52,6 @@ def test_a_result_without_a_protocol_says_so() -> None:
         ((370, 463), 352, 8, 48),
         ((370, 427), 352, 8, 32),
         ((630, 630), 624, 0, 0),
-        ((240, 320), 224, 8, 48),
         # Smaller than the square along one axis or both: whole, after the cut.
         ((100, 463), 352, 0, 48),
         ((20, 31), 352, 0, 0),

@@ -33,13 +33,6 @@ def skimage_ssim(truth: NDArray[Any], test: NDArray[Any]) -> float:
     )
 
 
-@given(image=not_flat)
-def test_identity(image: Floats) -> None:
-    assert nrmse(image, image) == 0
-    assert nmae(image, image) == 0
-    assert ssim(image, image) == pytest.approx(1, abs=1e-12)
-
-
 @given(truth=not_flat, test=levels, shift=st.floats(-500, 500))
 def test_nrmse_is_never_below_nmae_and_a_shift_is_the_same_in_both(
     truth: Floats, test: Floats, shift: float

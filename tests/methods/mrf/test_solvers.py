@@ -125,6 +125,12 @@ def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generato
     assert solution.energy == large.evaluate(solution.labels)
 
 
+def test_without_smoothness_every_pixel_has_its_least_cost(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 9, 7, 33, "absolute")
+    alone = replace(energy, smoothness=np.zeros(33, np.int32))
+    assert split(alone).energy == int(alone.unary.min(axis=2).sum()) + alone.offset
+
+
 def test_split_hands_potts_to_expansion(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 8, 9, 6, "potts", weighted=True)
     assert split(energy).energy == expansion(energy).energy

@@ -42,6 +42,17 @@ def test_dfd_net_layer_by_layer() -> None:
     assert tuple(layer for layer, *_ in PUBLISHED) == LAYERS
 
 
+def test_dfd_net_has_the_published_number_of_parameters() -> None:
+    with torch.device("meta"):
+        network = DfDNet()
+    weights = sum(before * after * size**2 for _, before, after, size in PUBLISHED)
+    normalized = [52, 48, 40, 32, 24, 20, 12, 8]  # biases subsumed, Eq. 5.12
+    biases = sum(after for layer, _, after, _ in PUBLISHED if layer not in normalized)
+    scales = 2 * sum(after for layer, _, after, _ in PUBLISHED if layer in [*normalized, 5])
+    activations = len(normalized) + 1
+    assert count_parameters(network) == weights + biases + scales + activations == 10_761_353
+
+
 @pytest.mark.parametrize("size", range(1, 7))
 def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
     assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
