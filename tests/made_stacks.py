@@ -1,7 +1,7 @@
 """Focal stacks made with SciPy alone, and the photographed one among the shared data."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,6 +58,14 @@ def blurred_to(sharp: Array, places: Array, focus: float, slope: float) -> Array
         whole = gaussian_filter(sharp[part].astype(np.float64), (sigma, sigma, 0), mode="nearest")
         out[there] = whole[there[part]]
     return np.rint(out).astype(np.uint8)
+
+
+def wall(
+    place: float, focus: Iterable[float], slope: float, shape: tuple[int, int] = (64, 80)
+) -> list[Array]:
+    """Return an image for each focus of a wall at a place."""
+    sharp, places = texture(3, *shape), np.full(shape, place)
+    return [blurred_to(sharp, places, at, slope) for at in focus]
 
 
 def made_capture(

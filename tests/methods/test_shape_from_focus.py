@@ -8,7 +8,7 @@ import pytest
 
 from dfdbench.errors import MethodError, UnknownNameError
 from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, focus_cells, power_of_blur
-from tests.made_stacks import antinous, blurred_to, made_capture, stack_of
+from tests.made_stacks import antinous, made_capture, stack_of, wall
 from tests.methods.made_planes import texture
 
 FOCUS = (30.0, 90.0, 150.0, 210.0)
@@ -21,9 +21,9 @@ def error_of(depth: Any, truth: Any) -> float:
 
 @pytest.mark.parametrize("level", [60, 80, 104, 130])
 def test_finds_a_plane_between_two_focus_depths(level: int) -> None:
-    images = [blurred_to(texture(3), np.full((64, 80), level), focus, 0.03) for focus in FOCUS]
+    stack = stack_of(wall(level, FOCUS, 0.03), FOCUS)
     for measure in MEASURES:
-        assert error_of(ShapeFromFocus(measure)(stack_of(images, FOCUS)), level) < 3
+        assert error_of(ShapeFromFocus(measure)(stack), level) < 3
 
 
 def test_the_curve_of_defocus_is_nearer_than_a_gaussian() -> None:
@@ -49,17 +49,13 @@ def test_focus_depths_may_come_in_any_order_and_the_image_in_focus_is_left_out()
 
 def test_answers_in_metres_by_inverse_distance() -> None:
     metres = np.array([0.5, 0.7, 1.2, 3.0])
-    inverse, true = 1 / metres, 1 / 0.9
-    images = [
-        blurred_to(texture(3), np.full((64, 80), true), place, 2.5) for place in inverse.tolist()
-    ]
+    images = wall(1 / 0.9, (1 / metres).tolist(), 2.5)
     stack = stack_of(images, metres.tolist(), unit="metres", ends=(0.4, 5.0))
     assert error_of(ShapeFromFocus()(stack), 0.9) < 0.03
 
 
 def test_a_focus_at_infinity_is_the_farthest_depth() -> None:
-    places = (2.0, 1.0, 0.0)
-    images = [blurred_to(texture(3), np.full((64, 80), 0.0), place, 2.5) for place in places]
+    images = wall(0.0, (2.0, 1.0, 0.0), 2.5)
     stack = stack_of(images, (0.5, 1.0, np.inf), unit="metres", ends=(0.4, 50.0))
     assert ShapeFromFocus(peak="none")(stack).max() == 50
 

@@ -1,12 +1,10 @@
 """stack-net: made stacks of any length, size and order, and what it refuses."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from dfdbench.errors import MethodError
-from tests.made_stacks import blurred_to, made_capture, stack_of
+from tests.made_stacks import made_capture, stack_of, wall
 from tests.methods.made_planes import texture
 
 pytest.importorskip("torch")
@@ -17,23 +15,17 @@ FOCUS = (30.0, 75.0, 120.0, 165.0, 210.0)
 METHOD = StackNetMethod(device="cpu")
 
 
-def stack_at(level: float, focus: tuple[float, ...]) -> Any:
-    image, levels = texture(3, 96, 128), np.full((96, 128), level)
-    images = [blurred_to(image, levels, place, 0.03) for place in focus]
-    return stack_of(images, focus)
-
-
 @pytest.mark.parametrize("count", [3, 4, 10])
 def test_finds_a_plane_in_any_number_of_images(count: int) -> None:
     focus = tuple(np.linspace(30, 210, count).tolist())
     for level in (60, 150):
-        depth, sigma = METHOD(stack_at(level, focus))
+        depth, sigma = METHOD(stack_of(wall(level, focus, 0.03, (96, 128)), focus))
         assert depth.shape == sigma.shape == (96, 128)
         assert depth.dtype == sigma.dtype == np.float32
         assert np.median(np.abs(depth - level)) < 90 / (count - 1)
 
 
-def test_images_may_come_in_any_order_and_depth_of_bits_and_the_one_in_focus_is_left_out() -> None:
+def test_the_order_of_images_their_bits_and_the_one_in_focus_change_nothing() -> None:
     capture = made_capture(focus=FOCUS)
     depth, sigma = METHOD(capture.stack)
     mixed = capture.stack.isel(image=[3, 0, 5, 1, 4, 2])
@@ -48,11 +40,7 @@ def test_images_may_come_in_any_order_and_depth_of_bits_and_the_one_in_focus_is_
 
 def test_answers_in_metres_by_inverse_distance() -> None:
     metres = np.array([0.5, 0.6, 0.8, 1.2, 3.0])
-    shape = (96, 128)
-    images = [
-        blurred_to(texture(3, *shape), np.full(shape, 1 / 0.9), place, 2.5)
-        for place in (1 / metres).tolist()
-    ]
+    images = wall(1 / 0.9, (1 / metres).tolist(), 2.5, (96, 128))
     stack = stack_of(images, metres.tolist(), unit="metres", ends=(0.4, 5.0))
     depth, sigma = METHOD(stack)
     assert np.median(np.abs(depth - 0.9)) < 0.1
