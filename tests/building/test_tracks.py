@@ -21,26 +21,39 @@ from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.report.objects import Run
 from dfdbench.results.record import Result
 from dfdbench.system.parallel import Threads
+from tests.conftest import TINY_TOML
 
 
-@pytest.fixture
-def on_track(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Callable[..., Dataset]:
-    """Build the tiny set on a track, in a place by name."""
+@pytest.fixture(scope="module")
+def on_track(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Dataset]:
+    """Build the tiny set on a track, in a place of its own or in one by name."""
 
-    def build(label: str, name: str = "a", threads: int = 1) -> Dataset:
-        tracked, place = with_track(tiny_manifest, label), tmp_path / f"{name}.zarr"
-        source = open_source(tracked, tiny_folder)
+    def build(label: str, place: Path | None = None, threads: int = 1) -> Dataset:
+        tracked = with_track(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"), label)
+        place = place or tmp_path_factory.mktemp("track") / "a.zarr"
+        source = open_source(tracked, tiny_set / "site")
         report = build_store(tracked, source, place, pool=Threads(threads))
         assert report.fingerprint == Dataset(place).fingerprint
         return Dataset(place)
 
     return build
+
+
+@pytest.fixture(scope="module")
+def tracked(on_track: Callable[..., Dataset]) -> Dataset:
+    return on_track("camera-1")
+
+
+@pytest.fixture(scope="module")
+def stacks(on_track: Callable[..., Dataset]) -> Dataset:
+    return on_track("stack-5")
 
 
 @pytest.mark.slow
@@ -50,7 +63,6 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
 ) -> None:
     store = on_track(label)
     assert store.manifest == with_track(tiny_manifest, label)
-    assert store.pairs("all") == tiny_store.pairs("all")
     assert store.fingerprint != tiny_store.fingerprint
     assert (store.recipe, store.recipe_name) == (None, f"of track {label}")
     assert store.attributes["recipe"] == {"name": "", "parameters": {}}
@@ -63,47 +75,38 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
         assert np.array_equal(found.infocus, infocus)
         assert np.array_equal(found.defocus, defocus)
         assert np.array_equal(found.levels, plain.levels)
-    assert on_track(label, "b", threads=4).fingerprint == store.fingerprint
+    assert on_track(label, threads=4).fingerprint == store.fingerprint
 
 
-def test_severity_0_is_the_clean_store_in_every_byte(
-    on_track: Callable[..., Dataset], tiny_store: Dataset
+def test_one_track_s_store_is_not_replaced_by_another_s(
+    on_track: Callable[..., Dataset], tracked: Dataset
 ) -> None:
-    store = on_track("camera-0")
-    assert store.fingerprint == tiny_store.fingerprint
-    assert store.attributes == tiny_store.attributes
-
-
-def test_one_track_s_store_is_not_replaced_by_another_s(on_track: Callable[..., Dataset]) -> None:
-    store = on_track("noise-1")
-    for label in ("noise-2", "noise-0"):
+    fingerprint = tracked.fingerprint
+    for label in ("camera-2", "camera-0"):
         with pytest.raises(StoreError, match="holds another data set"):
-            on_track(label)
-    assert Dataset(store.path).fingerprint == store.fingerprint
+            on_track(label, Path(str(tracked.path)))
+    assert Dataset(tracked.path).fingerprint == fingerprint
 
 
 def test_a_recipe_and_a_track_exclude_each_other(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+    tiny_manifest: Manifest, tiny_set: Path, tmp_path: Path
 ) -> None:
-    tracked = with_track(tiny_manifest, "law-1")
+    manifest = with_track(tiny_manifest, "law-1")
+    source = open_source(manifest, tiny_set / "site")
     with pytest.raises(InputError, match="--recipe"):
-        build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "a.zarr", "published")
+        build_store(manifest, source, tmp_path / "a.zarr", "published")
     assert not (tmp_path / "a.zarr").exists()
 
 
-def test_a_track_unknown_here_is_told(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
-    on_track("gain-1")
-    attributes = zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs
+def test_a_track_unknown_here_is_told(tiny_store: Dataset) -> None:
+    attributes = zarr.open_group(str(tiny_store.path), mode="r+").attrs
     attributes["degradation"] = "haze-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
     with pytest.raises(StoreError, match=r"(?s)does not know.*haze-1"):
-        Dataset(tmp_path / "a.zarr")
+        Dataset(tiny_store.path)
 
 
-def test_who_asks_for_the_recipe_is_refused(
-    on_track: Callable[..., Dataset], tmp_path: Path
-) -> None:
-    store = on_track("psf-2")
+def test_who_asks_for_the_recipe_is_refused(tracked: Dataset, tmp_path: Path) -> None:
     (tmp_path / "solver.py").write_text(
         "class Solver:\n"
         "    def __init__(self, recipe):\n        self.recipe = recipe\n"
@@ -111,38 +114,27 @@ def test_who_asks_for_the_recipe_is_refused(
     )
     solver = f"{tmp_path / 'solver.py'}:Solver"
     with pytest.raises(MethodError, match="a track does not give it"):
-        load_for(store, solver, {})
-    assert load_for(store, solver, {"recipe": "published"}).parameters == {"recipe": "published"}
+        load_for(tracked, solver, {})
+    assert load_for(tracked, solver, {"recipe": "published"}).parameters == {"recipe": "published"}
     # One that can measure the blur is not refused, and not said.
-    assert load_for(store, "local", {}).uses == ()
+    assert load_for(tracked, "local", {}).uses == ()
 
 
-def test_a_result_names_track_not_recipe(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
-    store = on_track("gain-3")
-    done = run_method(store, load_for(store, "constant", {}), "test", tmp_path / "run")
+def test_results_trainings_and_exports_name_the_track(tracked: Dataset, tmp_path: Path) -> None:
+    done = run_method(tracked, load_for(tracked, "constant", {}), "test", tmp_path / "run")
     dataset = done.result.dataset
-    assert (dataset.name, dataset.short) == ("tiny-1@gain-3", "tiny@gain-3")
-    assert (dataset.degradation, dataset.recipe["name"]) == ("gain-3", "")
-    assert done.result.method.trained_on == "tiny-1@gain-3, split train"
+    assert (dataset.name, dataset.short) == ("tiny-1@camera-1", "tiny@camera-1")
+    assert (dataset.degradation, dataset.recipe["name"]) == ("camera-1", "")
+    assert done.result.method.trained_on == "tiny-1@camera-1, split train"
     assert done.result.complete
-
-
-@pytest.mark.parametrize("name", ["tiny-1@noise-2", "tiny@noise-2", "tiny-1", "tiny"])
-def test_depths_trained_on_are_of_any_track(on_track: Callable[..., Dataset], name: str) -> None:
-    side = training_side(f"{name}, split train", on_track("camera-1"))
-    assert side is not None
-    assert list(side.scenes) == ["One"]
-
-
-def test_an_export_names_images_by_track(on_track: Callable[..., Dataset], tmp_path: Path) -> None:
-    export_png(on_track("camera-1"), tmp_path / "png", "One")
+    # Depths are the same on any track.
+    for name in ("tiny-1@noise-2", "tiny@noise-2", "tiny"):
+        side = training_side(f"{name}, split train", tracked)
+        assert side is not None
+        assert list(side.scenes) == ["One"]
+    export_png(tracked, tmp_path / "png", "One")
     assert (tmp_path / "png/One/Illum1/Exp0/view1_camera-1.png").exists()
     assert not list((tmp_path / "png").rglob("*_lin_*"))
-
-
-@pytest.fixture
-def stacks(on_track: Callable[..., Dataset]) -> Dataset:
-    return on_track("stack-5")
 
 
 def result_of(done: Run) -> Result:
@@ -167,7 +159,6 @@ def test_a_built_stack_says_where_it_is_focused(stacks: Dataset, tiny_store: Dat
     assert np.isnan(capture.stack["focus_depth"].values[0])
     assert np.array_equal(capture.infocus, plain.infocus)
     assert np.array_equal(capture.depth, plain.depth, equal_nan=True)
-    assert not stacks.recipe
 
 
 def test_without_an_infocus_image(on_track: Callable[..., Dataset]) -> None:
