@@ -45,21 +45,6 @@ def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
     assert patterns(paths) == ["depth/{scene}.png", "f2/{scene}.*", "f8/{scene}.*"]
 
 
-def test_splits_are_told_from_scenes() -> None:
-    kinds = ("depth/{split}/{scene}.png", "f2/{split}/{scene}.png", "f8/{split}/{scene}.png")
-    paths = [
-        kind.replace("{split}", split).replace("{scene}", str(number))
-        for kind in kinds
-        for split in ("train", "test")
-        for number in (1, 2)
-    ]
-    layout = find_layout(tuple(sorted(paths)))
-    assert layout is not None
-    assert [group.pattern for group in layout.groups] == list(kinds)
-    assert layout.scenes == (("test", "1"), ("test", "2"), ("train", "1"), ("train", "2"))
-    assert layout.groups[1].files["train", "2"] == "f2/train/2.png"
-
-
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
     others = ("a/notes.txt", ".cache/d.png", "a/._b.png", "a/K.npy")
     for name in ("a/b.PNG", "a/c.tif", "a/gt.npy", *others):
@@ -68,8 +53,13 @@ def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
     assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")
 
 
-def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
-    written, store = built(make_stacks(tmp_path / "mine"))
+def test_a_folder_of_stacks_is_told_and_builds_without_scenes_of_one_image(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for image in sorted((folder / SCENES[0]).glob("f_*.png"))[1:]:
+        image.unlink()
+    written, store = built(folder)
+    assert any(f"{SCENES[0]}/f_001.png" in text for text in written.open)
+    assert store.scenes == tuple(sorted(SCENES[1:]))
     files = store.manifest.files
     assert files is not None
     assert files.patterns == {
@@ -82,16 +72,6 @@ def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
     stack = store.captures("test")[0].stack
     assert stack.attrs["unit"] == "metres"
     np.testing.assert_array_equal(stack.focus_distance, [np.nan, *sorted(FOCUS.values())[::-1]])
-
-
-def test_a_scene_with_one_image_is_left_out_and_named(tmp_path: Path) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for image in sorted((folder / SCENES[0]).glob("f_*.png"))[1:]:
-        image.unlink()
-    written = new_manifest(folder)
-    assert any(f"{SCENES[0]}/f_001.png" in text for text in written.open)
-    manifest = parse_manifest(written.toml.encode(), written.name)
-    assert manifest.scene_names == tuple(sorted(SCENES[1:]))
 
 
 def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Path) -> None:
@@ -113,23 +93,13 @@ def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Pat
     np.testing.assert_allclose(capture.stack.focus_depth[1:], expected, atol=0.01)
 
 
-def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for scene in SCENES:
-        (folder / scene / "focus.csv").unlink()
-    (folder / "metadata.txt").write_text("# run, motor, metres\n1\t20dd\t1\n2\t2371\t2\n3\t2a\t4\n")
-    written, store = built(folder)
-    assert 'columns = ["column_1", "column_2", "column_3"]' in written.toml
-    assert "whether column_3 is the focus in metres" in written.open
-    assert store.captures()[0].stack.focus_distance[1:].values.tolist() == [4, 2, 1]
-
-
 def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
-    # As in ZEDD, where run and motor go together.
+    # As in ZEDD, where run and motor go together, and the table has no heading.
     written, store = built(make_zedd(tmp_path / "mine"))
     assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
     assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
     assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
+    assert any(text.endswith("is the focus in metres") for text in written.open)
     stack = store.captures()[0].stack
     np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
 

@@ -15,17 +15,6 @@ from dfdbench.errors import InputError, SourceError, StoreError
 from tests.made_folder import SCENES, built, make_folder, rearranged
 
 
-def test_what_it_writes_builds(tmp_path: Path) -> None:
-    manifest = built(make_folder(tmp_path / "My desk"))[1].manifest
-    assert manifest.stem == "My-desk-1"
-    assert manifest.scene_names == SCENES
-    assert manifest.scenes_of("train") == SCENES[:3]
-    assert manifest.scenes_of("test") == SCENES[3:]
-    assert manifest.files is not None
-    assert manifest.files.align != "none"
-    assert manifest.depth.scale is not None
-
-
 def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
     def name(number: int, kind: str) -> str:
         split = "train" if number < 3 else "test"
@@ -37,9 +26,10 @@ def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
     assert len(manifest.scenes_of("train")) == 3
 
 
-def make_idfd(folder: Path, places: tuple[str, ...]) -> Path:
+def make_idfd(folder: Path) -> Path:
     """Write views in iDFD's layout, three a place but for the last, and return the folder."""
     made = make_folder(folder / "made")
+    places = ("Apartment1", "Bedroom_room2", "Bedroom_room3", "Lab 4", "Museum")
     names = [f"{place}_{view}" for place in places for view in range(3)]
     kinds = {"sharp": "All_In_Focus", "blurred": "Out_Of_Focus", "depth": "Depth"}
     for number, name in enumerate(names[:-2]):
@@ -54,11 +44,8 @@ def make_idfd(folder: Path, places: tuple[str, ...]) -> Path:
     return folder / "iDFD"
 
 
-PLACES = ("Apartment1", "Bedroom_room2", "Bedroom_room3", "Lab 4", "Museum")
-
-
 def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
-    folder = make_idfd(tmp_path, PLACES)
+    folder = make_idfd(tmp_path)
     manifest = with_found_scenes(find_manifest("idfd"), folder)
     report = build_store(manifest, open_source(manifest, folder), tmp_path / "one.zarr")
     assert (report.problems, report.missing) == ((), ())
@@ -69,10 +56,7 @@ def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     assert np.nanmax(store.captures("test")[0].depth) == pytest.approx(4)
     assert datasheet_of(store.manifest) is not None
     assert store.manifest == manifest
-
-
-def test_found_scenes_do_not_hide_another_manifest(tmp_path: Path) -> None:
-    folder = make_idfd(tmp_path, PLACES)
+    # With other bounds it is not idfd, whatever scenes are found.
     text = find_manifest("idfd").toml.replace("far = 10.0", "far = 9.0")
     edited = with_found_scenes(parse_manifest(text.encode(), "idfd-1.toml"), folder)
     with pytest.raises(StoreError, match="built from another manifest than idfd-1"):
@@ -91,9 +75,11 @@ def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
         depth = np.asarray(cv2.imread(str(made / scene / "depth.png"), cv2.IMREAD_UNCHANGED))
         np.save(made / scene / "depth.npy", (depth / 1000).astype(np.float32))
         (made / scene / "depth.png").unlink()
-        (tmp_path / "set/val").mkdir(parents=True, exist_ok=True)
-        (made / scene).rename(tmp_path / "set/val" / scene)
-    manifest = built(tmp_path / "set")[1].manifest
+        (tmp_path / "My set/val").mkdir(parents=True, exist_ok=True)
+        (made / scene).rename(tmp_path / "My set/val" / scene)
+    manifest = built(tmp_path / "My set")[1].manifest
+    assert manifest.stem == "My-set-1"
+    assert manifest.scenes_of("train") == SCENES[:3]
     assert manifest.scenes_of("test") == SCENES[3:]
     assert manifest.scenes[0].names == {"split": "val"}
 

@@ -29,6 +29,7 @@ def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
     np.testing.assert_array_equal(image_files.read_photograph(encoded(RGB, kind), "a"), RGB)
     deep = RGB.astype(np.uint16) * 257
     np.testing.assert_array_equal(image_files.read_photograph(encoded(deep, kind), "a"), RGB)
+    assert (image_files.read_photograph(encoded(RGB[..., 0], kind), "a") == RGB[..., :1]).all()
 
 
 def array_file(values: NDArray[Any]) -> bytes:
@@ -43,8 +44,7 @@ def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
     np.testing.assert_array_equal(image_files.read_depth_file(content, "a.npy"), depth)
     with pytest.raises(SourceError, match="the npy file is damaged"):
         image_files.read_depth_file(content[:-3], "a.npy")
-    others = [np.ones(shape) for shape in ((4,), (0, 2), (1, 20, 30), (3, 20, 30), (2, 3, 4, 5))]
-    for values in (*others, np.ones((2, 2), bool), np.ones((2, 2), complex)):
+    for values in (np.ones((0, 2)), np.ones((3, 20, 30)), np.ones((2, 2), complex)):
         with pytest.raises(SourceError, match="is not a depth map: numbers of shape") as raised:
             image_files.read_depth_file(array_file(values), "a.npy")
         assert f"{values.dtype} of shape {values.shape}" in str(raised.value)
@@ -52,11 +52,6 @@ def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
         image_files.read_depth_file(array_file(np.array([[None]])), "a.npy")
     with pytest.raises(SourceError, match="not an image file"):
         image_files.read_photograph(array_file(RGB), "a.npy")
-
-
-def test_a_grey_jpeg_has_three_channels() -> None:
-    grey = np.full((16, 16), 77, np.uint8)
-    assert (image_files.read_photograph(encoded(grey, ".jpg"), "a.jpg") == 77).all()
 
 
 def test_sixteen_bits_that_are_twelve_are_told() -> None:
@@ -78,9 +73,8 @@ def test_exif_rotation_is_applied_ignored_or_refused(orientation: int) -> None:
     content = file.getvalue()
     np.testing.assert_array_equal(image_files.read_photograph(content, "a", rotation="ignore"), RGB)
     upright = np.asarray(ImageOps.exif_transpose(Pillow.open(io.BytesIO(content))))
-    np.testing.assert_array_equal(
-        image_files.read_photograph(content, "a", rotation="apply"), upright
-    )
+    turned = image_files.read_photograph(content, "a", rotation="apply")
+    np.testing.assert_array_equal(turned, upright)
     if orientation > 1:
         with pytest.raises(SourceError, match="is to be turned"):
             image_files.read_photograph(content, "a")
@@ -106,9 +100,8 @@ def test_transparency_is_refused_unless_there_is_none() -> None:
 
 def test_depth_is_read_as_it_stands() -> None:
     metres = np.array([[0.5, np.nan], [2.25, 3.5]], np.float32)
-    np.testing.assert_array_equal(
-        image_files.read_depth_file(encoded(metres, ".tiff"), "d.tiff"), metres
-    )
+    read = image_files.read_depth_file(encoded(metres, ".tiff"), "d.tiff")
+    np.testing.assert_array_equal(read, metres)
     millimetres = np.array([[500, 65535]], np.uint16)
     assert image_files.read_depth_file(encoded(millimetres), "d.png").tolist() == [[500, 65535]]
     with pytest.raises(SourceError, match="in colour"):
@@ -120,8 +113,6 @@ def test_depth_is_read_as_it_stands() -> None:
     [
         (b"", "an empty file"),
         (b"<html>404</html>" * 9, "not a PNG file"),
-        (encoded(RGB)[:20], "damaged"),
-        (encoded(RGB)[:-30], "damaged"),
         (encoded(RGB.astype(np.uint16)), "uint16, 3 channels"),
         (encoded(np.ones((5, 7, 4), np.uint8)), "uint8, 4 channels"),
         (encoded(np.zeros((5, 7, 3), np.uint8)), "black all over"),
@@ -153,13 +144,6 @@ def test_no_damage_changes_an_image(data: st.DataObject) -> None:
         del content[place:]
     with contextlib.suppress(SourceError):
         assert np.array_equal(image_files.decode_image(bytes(content), "x"), RGB)
-
-
-def test_frames_are_averaged_half_up() -> None:
-    frames = [np.full((2, 2, 3), value, np.uint8) for value in (10, 10, 11, 11)]
-    assert (image_files.average_frames(frames) == 11).all()
-    frames[3][:] = 10
-    assert (image_files.average_frames(frames) == 10).all()
 
 
 def test_all_problems_of_all_files_are_reported(tmp_path: Path) -> None:

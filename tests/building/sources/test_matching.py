@@ -24,41 +24,20 @@ def moved(
     )
 
 
-def test_a_turned_and_moved_image_is_brought_back() -> None:
-    fixed = photograph(0, (160, 200))
-    defocused = cv2.GaussianBlur(moved(fixed, 5.3, -3.6, 0.8), (0, 0), 1.5)
-    darker = (0.7 * defocused + 20).astype(np.uint8)
-    found = matching.find_placement(fixed, darker, "euclidean")
-    assert found.degrees == pytest.approx(-0.8, abs=0.05)
-    assert found.right == pytest.approx(-5.3, abs=0.1)
-    assert found.down == pytest.approx(3.6, abs=0.1)
-    back, covered = matching.place(defocused.astype(float), found)
-    aim = cv2.GaussianBlur(fixed, (0, 0), 1.5).astype(float)
-    inner = ndimage.binary_erosion(covered, iterations=8)
-    assert np.abs(back - aim)[inner].mean() < 2
-    assert np.abs(defocused - aim)[inner].mean() > 10
-
-
-@pytest.mark.parametrize(("scale", "degrees"), [(1.0, 0.0), (1.006, 0.0), (0.99, 0.4)])
-def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -> None:
+@pytest.mark.parametrize(("scale", "degrees"), [(1.0, 0.0), (1.012, 0.0), (0.99, 0.4)])
+def test_magnification_and_rotation_are_measured_and_undone(scale: float, degrees: float) -> None:
     fixed = photograph(0, (370, 427))
     blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
-    found = matching.find_placement(fixed, moved(blurred, degrees=degrees, scale=scale))
+    image = moved(blurred, degrees=degrees, scale=scale)
+    found = matching.find_placement(fixed, image, "similarity")
+    back, covered = matching.place(image.astype(float), found)
+    assert covered.mean() > 0.97
+    inner = ndimage.binary_erosion(covered, iterations=8)
+    assert np.abs(back - blurred)[inner].mean() < 1
     aim = matching.Placement(0, 0, -degrees, 1, scale)
     assert found.magnification == pytest.approx(scale, abs=3e-4)
     assert found.degrees == pytest.approx(-degrees, abs=0.02)
     assert found.at_corners(fixed.shape) == pytest.approx(aim.at_corners(fixed.shape), abs=0.1)
-
-
-def test_a_similarity_undoes_magnification() -> None:
-    fixed = photograph(0, (370, 427))
-    blurred = cv2.GaussianBlur(fixed, (0, 0), 1.5)
-    found = matching.find_placement(fixed, moved(blurred, scale=1.012), "similarity")
-    assert found.magnification == pytest.approx(1.012, abs=3e-4)
-    back, covered = matching.place(moved(blurred, scale=1.012).astype(float), found)
-    assert 0.97 < covered.mean() < 1
-    inner = ndimage.binary_erosion(covered, iterations=8)
-    assert np.abs(back - blurred)[inner].mean() < 1
 
 
 def test_fall_off_of_light_is_no_movement() -> None:
@@ -103,7 +82,7 @@ def test_the_gain_leaves_out_what_is_white() -> None:
         matching.find_gain(image, np.full_like(image, 255), everywhere)
 
 
-SHAPE = (300, 400)
+SHAPE = (200, 270)
 
 
 def matched(gain: float = 1, **how: float) -> Matching:
@@ -130,7 +109,7 @@ def test_what_is_proposed_is_what_was_measured() -> None:
 def test_a_fall_off_that_several_pairs_share_becomes_a_flat_field() -> None:
     pairs = []
     for seed in range(3):
-        sharp = photograph(seed, SHAPE)
+        sharp = photograph(seed, (300, 400))
         middle = (np.array(sharp.shape[:2]) - 1) / 2
         y, x = np.indices(sharp.shape[:2]) - middle[:, np.newaxis, np.newaxis]
         radius = (y**2 + x**2) / (middle**2).sum()
@@ -150,7 +129,7 @@ def test_magnification_is_measured_at_the_corners_and_a_similarity_proposed() ->
         for before in ("up to ", "magnified by ")
     )
     assert percent == pytest.approx(0.6, abs=0.03)
-    assert corners == pytest.approx(0.006 * np.hypot(315, 415) / 2, abs=0.1)
+    assert corners == pytest.approx(0.006 * np.hypot(215, 285) / 2, abs=0.1)
     assert found.open == ()
 
 

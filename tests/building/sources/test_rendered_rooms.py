@@ -23,7 +23,6 @@ def test_a_seed_builds_the_same_rooms_with_one_thread_and_two(tmp_path: Path) ->
     assert one.fingerprint == two.fingerprint
     store = Dataset(tmp_path / "one.zarr")
     capture = store.read(store.pairs("all")[0])
-    assert capture.is_pair
     assert capture.infocus.shape == (480, 640, 3)
     assert 0.6 <= np.nanmin(capture.depth) < np.nanmax(capture.depth) <= 6.0
     stack = capture.stack
