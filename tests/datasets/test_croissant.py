@@ -36,8 +36,7 @@ def test_what_conferences_ask_for_is_read_back() -> None:
         *("dataUseCases", "dataSocialImpact", "hasSyntheticData"),
     ):
         assert metadata[f"rai:{field}"]
-    assert "prov:wasDerivedFrom" in metadata
-    assert "prov:wasGeneratedBy" in metadata
+    assert {"prov:wasDerivedFrom", "prov:wasGeneratedBy"} <= set(metadata)
 
 
 def test_a_track_says_what_it_does_and_a_set_of_ones_own_promises_no_more_than_it_has() -> None:

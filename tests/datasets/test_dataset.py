@@ -9,17 +9,7 @@ import zarr
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, StoreError
-
-
-def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -> None:
-    attributes = tiny_store.attributes
-    assert attributes["manifest_sha256"] == tiny_manifest.sha256
-    published = {"name": "published", "parameters": RECIPES["published"].as_dict()}
-    assert attributes["recipe"] == published
-    assert tiny_store.manifest == tiny_manifest
-    assert tiny_store.recipe == RECIPES["published"]
 
 
 def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
@@ -29,10 +19,7 @@ def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
     assert scene["images"].dims == (*axes, "image", "y", "x", "channel")
     assert scene["images"].dtype == np.uint8
     assert scene["depth"].dtype == np.float32
-    assert np.array_equal(scene["role"], [0, 1])
-    assert scene["f_number"].dims == (*axes, "image")
     assert scene["depth"].dims == ("view", "y", "x")
-    assert scene["available"].dims == ("view", "illumination", "exposure")
     assert not bool(tree["Three"]["available"].sel(view=5, illumination=1, exposure=1))
     assert zarr.open_array(str(tiny_store.path / "Two/images")).chunks == (1, 1, 1, 1, 24, 31, 3)
 
@@ -48,8 +35,6 @@ def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
 
 
 def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="no such store"):
-        Dataset(tmp_path / "none.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="w")
     with pytest.raises(StoreError, match="not a data set built by dfdbench"):
         Dataset(tmp_path / "other.zarr")
@@ -63,35 +48,18 @@ def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
         Dataset(tmp_path / "file.zarr")
 
 
-def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
-    with pytest.raises(StoreError) as caught:
-        open_dataset("middlebury")
-    assert "dfdbench build middlebury" in str(caught.value)
-    assert "dfdbench build demo" in str(caught.value)
-
-
-def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Dataset) -> None:
-    (Path(str(tiny_store.path)) / "Two/zarr.json").write_text("{")
-    with pytest.raises(StoreError, match="cannot read the store"):
-        Dataset(tiny_store.path)
-
-
 def test_pairs_are_read_when_they_are_asked_for(tiny_store: Dataset) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("test")
     assert len(data) == 7
     assert [images.pair for images in data] == list(tiny_store.pairs("test"))
     assert np.array_equal(data[-1].defocus, tiny_store.read(tiny_store.pairs("test")[-1]).defocus)
-    assert data[0].infocus.shape == (24, 31, 3)
-    part = data[2:5]
-    assert len(part) == 3
-    assert part[0].pair == data[2].pair
+    assert [part.pair for part in data[2:5]] == [data[at].pair for at in (2, 3, 4)]
     for read in (data.__getitem__, data.crop):
         with pytest.raises(IndexError, match=r"no pair 7: <7 pairs of .*> has 0 to 6"):
             read(7)
     wrong: Any = "One/1"
     with pytest.raises(TypeError, match=r"found by its place, as data\[0\]; got 'One/1'"):
         data[wrong]
-    assert "7 pairs of" in repr(data)
 
 
 def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
@@ -115,21 +83,13 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
     [
         ((slice(20, 28), slice(0, 8)), "20 to 28.*rows"),
         ((slice(0, 8), slice(0, 31)), "0 to 31.*columns"),
-        ((slice(-4, 4), slice(0, 8)), "-4 to 4.*rows"),
         ((slice(8, 8), slice(-99, None)), "8 to 8.*rows.*-99"),
+        ((0, 0), "two slices"),
+        ((slice(0, 3),), "two slices"),
     ],
 )
-def test_a_crop_beyond_the_image_is_refused(
-    tiny_store: Dataset, region: tuple[slice, slice], said: str
-) -> None:
+def test_a_crop_beyond_the_image_is_refused(tiny_store: Dataset, region: Any, said: str) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
     with pytest.raises(InputError, match=f"(?s){said}"):
         data.crop(0, region)
     assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
-
-
-@pytest.mark.parametrize("region", [(0, 0), (slice(0, 3),), slice(0, 3)])
-def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
-    data = open_dataset("tiny", tiny_store.path).captures("One")
-    with pytest.raises(InputError, match="two slices"):
-        data.crop(0, region)  # type: ignore[arg-type]

@@ -7,21 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray
 import zarr
 
+from dfdbench.datasets import fingerprint
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import (
-    StoreDifference,
-    array_digest,
-    attributes_digest,
-    combine,
-    require_sound,
-    scene_digests,
-    scene_record,
-    verify_store,
-)
 from dfdbench.errors import StoreError
 from tests.conftest import rewrite_array
 
@@ -35,16 +25,12 @@ VALUES = np.arange(6, dtype="<i4").reshape(2, 3)
         ("b", ("y", "x"), VALUES),
         ("a", ("x", "y"), VALUES),
         ("a", ("y", "x"), VALUES.astype("<i8")),
-        ("a", ("y", "x"), VALUES.reshape(3, 2)),
     ],
 )
 def test_what_it_holds_does_enter(name: str, dimensions: tuple[str, str], values: Any) -> None:
-    assert array_digest(name, dimensions, values) != array_digest("a", ("y", "x"), VALUES)
-
-
-def test_coordinates_enter_a_scene() -> None:
-    scene = xarray.Dataset({"depth": (("view",), [1, 2])}, coords={"view": [1, 5]})
-    assert combine(scene_digests(scene)) != combine(scene_digests(scene.assign_coords(view=[1, 6])))
+    assert fingerprint.array_digest(name, dimensions, values) != fingerprint.array_digest(
+        "a", ("y", "x"), VALUES
+    )
 
 
 def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
@@ -53,11 +39,6 @@ def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], objec
     change(content)
     path.write_text(json.dumps(content))
     return Path(store.path.path)
-
-
-def _read_one(path: Path) -> None:
-    store = Dataset(path)
-    store.read(store.pairs("Two")[0])
 
 
 def _double_the_blur(attributes: dict[str, Any]) -> None:
@@ -76,11 +57,8 @@ def _shrink_the_crop(attributes: dict[str, Any]) -> None:
     [
         _double_the_blur,
         _shrink_the_crop,
-        lambda attributes: attributes.update(degradation="noise-1"),
-        lambda attributes: attributes.update(options={"pair": [141, 129]}),
         lambda attributes: attributes.update(missing_pairs=["One"]),
         lambda attributes: attributes.update(fingerprint="0" * 64),
-        lambda attributes: attributes.update(manifest=1.5),
         lambda attributes: attributes.pop("recipe"),
         lambda attributes: attributes.pop("attributes_sha256"),
     ],
@@ -97,7 +75,7 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) 
     def forge(attributes: dict[str, Any]) -> None:
         demo = find_manifest("demo").toml
         attributes["manifest"] = demo.replace("network_crop = 224", "network_crop = 16")
-        attributes["attributes_sha256"] = attributes_digest(attributes)
+        attributes["attributes_sha256"] = fingerprint.attributes_digest(attributes)
 
     path = damaged(tiny_store, "", lambda content: forge(content["attributes"]))
     with pytest.raises(StoreError, match="another manifest than demo-1"):
@@ -118,29 +96,25 @@ def test_arrays_not_as_built_are_told(
 ) -> None:
     path = damaged(tiny_store, place, lambda content: content.update(change))
     with pytest.raises(StoreError, match="cannot be read"):
-        _read_one(path)
-    with_one_gone = Path(shutil.copytree(path, path.with_name("copy.zarr")))
-    shutil.rmtree(with_one_gone / "Two")
-    assert not verify_store(Dataset(with_one_gone)).sound
+        Dataset(path).read(tiny_store.pairs("Two")[0])
 
 
 def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) -> None:
     damaged(tiny_store, "Two/depth", lambda content: content.update(codecs=3))
-    found = verify_store(tiny_store)
+    found = fingerprint.verify_store(tiny_store)
     assert [item.scene for item in found.differences] == ["Two"]
     assert found.recomputed == ""
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
+    ("name", "value"), [("array_digests", "\u202e"), ("source_sha256", None), ("found", [])]
 )
 def test_another_scene_record_is_told_by_name(
     tiny_store: Dataset, name: str, value: object
 ) -> None:
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
     with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
-        scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")
+        fingerprint.scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")
 
 
 @pytest.mark.parametrize("name", ["available", "depth", "images", "f_number"])
@@ -156,70 +130,52 @@ def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name:
     if name != "available":
         with pytest.raises(FileNotFoundError, match="is missing"):
             _ = tiny_store.to_xarray("Two")[name].values
-    (found,) = verify_store(Dataset(tiny_store.path)).differences
+    (found,) = fingerprint.verify_store(Dataset(tiny_store.path)).differences
     assert (found.scene, found.array) == ("Two", name)
     assert "cannot be decoded" in found.what
 
 
-def test_a_sound_store(tiny_store: Dataset) -> None:
-    steps: list[tuple[int, int]] = []
-    found = verify_store(tiny_store, on_scene=lambda *step: steps.append(step))
-    assert found.differences == ()
-    assert found.sound
-    assert found.recomputed == tiny_store.fingerprint
-    assert (found.scenes, found.arrays) == (3, 36)
-    assert steps == [(1, 3), (2, 3), (3, 3)]
-
-
 def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
     rewrite_array(tiny_store, "Two/depth", lambda depth: depth + 1)
+    scene = zarr.open_group(Path(tiny_store.path.path), path="Two", mode="r+")
+    scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
     chunk = next(
         path for path in (Path(tiny_store.path.path) / "One/images/c").rglob("0") if path.is_file()
     )
     chunk.write_bytes(b"rot")
     shutil.rmtree(Path(tiny_store.path.path) / "Three/depth")
-    found = verify_store(Dataset(tiny_store.path))
+    found = fingerprint.verify_store(Dataset(tiny_store.path))
     assert not found.sound
     assert found.recomputed == ""
-    places = [(item.scene, item.array) for item in found.differences]
-    assert places == [("One", "images"), ("Two", "depth"), ("Three", "depth")]
-    assert "cannot be decoded" in found.differences[0].what
-    assert found.differences[1:] == (
-        StoreDifference("Two", "depth", "holds other values"),
-        StoreDifference("Three", "depth", "is missing"),
-    )
-
-
-def test_a_scene_that_is_gone_is_named(tiny_store: Dataset) -> None:
+    first, *others = found.differences
+    assert (first.scene, first.array) == ("One", "images")
+    assert "cannot be decoded" in first.what
+    assert others == [
+        fingerprint.StoreDifference("Two", "depth", "holds other values"),
+        fingerprint.StoreDifference("Two", "more", "was not there when it was built"),
+        fingerprint.StoreDifference("Three", "depth", "is missing"),
+    ]
     shutil.rmtree(Path(tiny_store.path.path) / "Two")
-    found = verify_store(Dataset(tiny_store.path))
-    assert found.differences == (StoreDifference("Two", "", "the scene is missing"),)
-    assert found.recomputed not in ("", found.recorded)
-
-
-def test_what_was_added_is_named(tiny_store: Dataset) -> None:
-    scene = zarr.open_group(Path(tiny_store.path.path), path="One", mode="r+")
-    scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
-    (difference,) = verify_store(Dataset(tiny_store.path)).differences
-    assert (difference.array, difference.what) == ("more", "was not there when it was built")
+    found = fingerprint.verify_store(Dataset(tiny_store.path))
+    assert fingerprint.StoreDifference("Two", "", "the scene is missing") in found.differences
 
 
 def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Dataset) -> None:
     rewrite_array(tiny_store, "Two/depth", np.fliplr)
     scene = zarr.open_group(Path(tiny_store.path.path), path="Two", mode="r+")
     dataset = Dataset(tiny_store.path).stored("Two")
-    digests = scene_digests(dataset)
-    scene.attrs.update({"array_digests": digests, "digest": combine(digests)})
-    found = verify_store(Dataset(tiny_store.path))
+    digests = fingerprint.scene_digests(dataset)
+    scene.attrs.update({"array_digests": digests, "digest": fingerprint.combine(digests)})
+    found = fingerprint.verify_store(Dataset(tiny_store.path))
     assert not found.differences
     assert not found.sound
 
 
 def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_store: Dataset) -> None:
-    require_sound(tiny_store)
+    fingerprint.require_sound(tiny_store)
     for name in ("depth", "images"):
         rewrite_array(tiny_store, f"Two/{name}", lambda values: values[..., ::-1, :])
     with pytest.raises(StoreError, match="does not hold what was built") as caught:
-        require_sound(Dataset(tiny_store.path))
+        fingerprint.require_sound(Dataset(tiny_store.path))
     places = [problem.where.rpartition(", ")[2] for problem in caught.value.problems]
     assert places == ["Two/depth", "Two/images"]

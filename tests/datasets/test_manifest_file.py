@@ -21,7 +21,6 @@ SCALE = "[depth.scale]\nnear = 0.5\nfar = 5.0\n"
 
 
 FILES = slice(FOLDER_TOML.index("[files]"), FOLDER_TOML.index("[table]"))
-COLOURS = "3 lists of the light, for red, green and blue"
 
 
 def flat_field(row: str, count: int) -> str:
@@ -39,13 +38,10 @@ def problems_of(text: str) -> str:
     [
         (TINY_TOML, "pairs = 7", "pairs = 6", ["7 pairs, not 6", "splits[1].pairs"]),
         (TINY_TOML, 'scenes = ["One"]', 'scenes = ["Two"]', ["Two is in two splits"]),
-        (TINY_TOML, 'scenes = ["Three"]', 'scenes = ["Tree"]', ["Tree/view5", "does not exist"]),
         (TINY_TOML, "exposure = [1] }", "exposure = [2] }", ["exposure2 does not exist"]),
         (TINY_TOML, "pair_count = 11", "pair_count = 12", ["pair_count", "11 pairs", "not 12"]),
         (TINY_TOML, "scene_count = 3", "scene_count = 4", ["scene_count", "3 scenes", "not 4"]),
         (TINY_TOML, 'test_scenes = ["Three"]', 'test_scenes = ["One"]', ["One is not", "in 2"]),
-        (TINY_TOML, "unknown = 0", "unknown = 300", ["depth.unknown", "255 or less", "300"]),
-        (TINY_TOML, 'reader = "middlebury"', "", ["field is missing", "reader"]),
         (TINY_TOML, 'title = "Tiny set"', 'titel = "Tiny set"', ["titel", "unknown field"]),
         (TINY_TOML, 'blocks = "exposure"', 'blocks = "exposition"', ["blocks", "mean exposure"]),
         (TINY_TOML, "schema_version = 1", "schema_version = 2", ["schema_version"]),
@@ -55,22 +51,16 @@ def problems_of(text: str) -> str:
         (TINY_TOML, "exposure = 1 }", "exposure = 7 }", ["default_lighting.exposure", "7"]),
         (TINY_TOML, "view = [1, 5]", "view = [1, 1]", ["listed twice: [1, 1]", "axes.view"]),
         (TINY_TOML, "[axes]", '[axes]\n"f_number" = [1]', ["'f_number' is no name for an axis"]),
-        (TINY_TOML, "[axes]", '[axes]\n"a/b" = [1]', ["'a/b' is no name for an axis"]),
-        (TINY_TOML, "[axes]", '[axes]\n"" = [1]', ["'' is no name for an axis"]),
         (TINY_TOML, 'axes = ["view"]', 'axes = ["veiw"]', ["depth.axes", "did you mean view"]),
-        (TINY_TOML, "illumination = 1, exposure", "illum = 1, exposure", ["default_lighting"]),
         (TINY_TOML, EXCLUSION, EXCLUSION * 2, ["excluded twice: Three/view5", "exclusions[1]"]),
         (TINY_TOML, "{ view = [5], ", "{ veiw = [5], ", ["exclusions[0].coordinates", "view"]),
         (TINY_TOML, 'name = "test"', 'name = "train"', ["name is taken", "splits[1].name"]),
         (TINY_TOML, 'name = "test"', 'name = "all"', ["split name is taken: all"]),
-        (TINY_TOML, 'name = "test"', 'name = "Two"', ["split name is taken: Two"]),
         (TINY_TOML, 'scenes = ["One"]', 'scenes = ["One", "One"]', ["twice", "splits[0].scenes"]),
         (TINY_TOML, 'scenes = ["One"]', 'scenes = ["Onu"]', ["splits[0].scenes", "mean One"]),
-        (TINY_TOML, 'name = "K2"', 'name = "K1"', ["name is taken: K1", "folds[1].name"]),
         (TINY_TOML, 'name = "K2"', 'name = "One"', ["name is taken: One", "folds[1].name"]),
         (TINY_TOML, "[axes]", f'[checksums]\n"Onne/a" = "{"0" * 64}"\n\n[axes]', ["mean One"]),
         (SCALED, "far = 5.0", "far = 0.5", ["near is not before far", "near 0.5, far 0.5"]),
-        (SCALED, "far = 5.0", "far = inf", ["depth.scale.far", "finite"]),
         (SCALED, "far = 5.0", "far = 5.0\nnear_level = 0\nfar_level = 254", ["another way"]),
         (SCALED, "far = 5.0", "far = 5.0\nfar_level = 0", ["0, stands for a distance as well"]),
         (SCALED, "[table]", "[rig]\nnear = 3.0\nfar = 2.0\n\n[table]", ["rig", "near 3, far 2"]),
@@ -90,23 +80,15 @@ def problems_of(text: str) -> str:
             ["capture stands for something else", "scenes[0].names"],
         ),
         (FOLDER_TOML, FOLDER_TOML[FILES], "", ["mine-1.toml: files"]),
-        *(
-            (FOLDER_TOML, "[table]", flat_field(f"[{row}]", 3), ["flat_field"])
-            for row in ("", "1.0", "1.0, 0.0", "1.0, nan", "1.0, -0.5")
-        ),
-        *(
-            (FOLDER_TOML, "[table]", flat_field("[1.0, 0.9]", count), [f"{COLOURS}; got {count}"])
-            for count in (0, 2, 4)
-        ),
+        (FOLDER_TOML, "[table]", flat_field("[1.0]", 3), ["flat_field"]),
+        (FOLDER_TOML, "[table]", flat_field("[1.0, 0.0]", 3), ["flat_field"]),
+        (FOLDER_TOML, "[table]", flat_field("[1.0, 0.9]", 2), ["for red, green and blue; got 2"]),
         (STACK_TOML, IMAGES, f"{IMAGES}\nflat_field = [[1.0, 0.5]]", ["it is for pairs"]),
         (STACK_TOML, IMAGES, "", ["neither a pair", "got depth, infocus, metadata"]),
-        (STACK_TOML, IMAGES, f'{IMAGES}\ndefocus = "a"', ["neither a pair"]),
         (STACK_TOML, IMAGES, f'{IMAGES}\nmoved = "infocus"', ["laid on the first", "moved"]),
         (STACK_TOML, IMAGES, f"{IMAGES}\ndepth_ends = [2.0, 1.0]", ["values of two levels"]),
         (STACK_TOML, IMAGES, f"{IMAGES}\nimage = [{{ number = 3 }}]", ["two tables"]),
         (STACK_TOML, "f_{image}", "f", ["the pattern names one file"]),
-        (STACK_TOML, "near = 0.5\nfar = 5.0\n", "", ["depth.scale.near"]),
-        (STACK_TOML, SCALE, "", ["how metres become levels"]),
         (STACK_TOML, IMAGES, f"{IMAGES}\naxis_names = {{ a = {{}} }}", ["no such axis: a"]),
         (STACK_TOML, "{scene}/focus.csv", "../focus.csv", ["outside the folder", "metadata"]),
         (STACK_TOML, "{scene}/focus.csv", "{place}.csv", ["known by the name {place}"]),
@@ -120,9 +102,9 @@ def test_a_broken_manifest_says_where(toml: str, old: str, new: str, parts: list
 
 
 def test_every_problem_is_in_one_message() -> None:
-    wrong = TINY_TOML.replace('reader = "middlebury"', "reader = 5").replace("[axes]", "[axis]")
+    wrong = TINY_TOML.replace('reader = "middlebury"', "reader = 5")
     found = problems_of(wrong.replace('title = "Tiny set"', ""))
-    assert all(part in found for part in ("reader", "title", "axes", "axis"))
+    assert all(part in found for part in ("reader", "field is missing", "title"))
     # What fields contradict one another in is told once they are sound.
     wrong = TINY_TOML.replace("pairs = 7", "pairs = 6")
     found = problems_of(wrong.replace('test_scenes = ["Three"]', 'test_scenes = ["Four"]'))

@@ -26,11 +26,8 @@ def test_a_set_of_ones_own_may_have_fewer_rooms() -> None:
 
 
 @pytest.mark.parametrize("seed", ["-1", "1.5", "x", "", "007", "9" * 19])
-def test_what_is_no_seed_is_refused(seed: str) -> None:
+def test_what_is_no_seed_or_given_to_a_set_without_is_refused(seed: str) -> None:
     with pytest.raises(InputError, match="not a seed"):
         of_seed("unseen-stack", seed)
-
-
-def test_a_set_without_a_seed_takes_none() -> None:
     with pytest.raises(InputError, match="not drawn from a seed"):
         of_seed("demo", 3)
