@@ -7,15 +7,9 @@ from numpy.typing import NDArray
 
 from dfdbench.audit import leaks as likeness
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from tests.conftest import store_of
-
-
-def photograph(seed: int) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(seed).normal(size=(120, 160, 3))
-    smooth = cv2.GaussianBlur(noise, (0, 0), 6)
-    return np.asarray(255 * (smooth - smooth.min()) / np.ptp(smooth), np.uint8)
+from tests.made_folder import photograph
 
 
 def distance(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
@@ -59,17 +53,6 @@ def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
     ]
     other = whole.model_copy(update={"sources": elsewhere})
     assert not likeness.manifest_leaks(other, ("Art",), default, ("Art",))
-
-
-def test_the_demo_set_leaks_nothing(demo_store: Dataset) -> None:
-    manifest = demo_store.manifest
-    train, test = (
-        likeness.scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test")
-    )
-    assert list(train["Attic"]) == ["Attic/view1", "Attic/view5"]
-    assert likeness.find_leaks(manifest, train, manifest, test) == []
-    both = likeness.find_leaks(manifest, train, manifest, {**test, "Barn": train["Barn"]})
-    assert [(leak.kind, leak.test) for leak in both] == [(likeness.LeakKind.scene, "Barn")]
 
 
 @pytest.mark.slow

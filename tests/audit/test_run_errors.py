@@ -1,4 +1,3 @@
-import json
 import math
 from pathlib import Path
 
@@ -8,14 +7,13 @@ import pytest
 from dfdbench.audit import run_errors
 from dfdbench.audit.coverage import CoverageRecord, Verdict, compare_depths
 from dfdbench.audit.leaks import Leak, LeakKind
-from dfdbench.audit.sides import scene_histograms, side_of, sides_of
+from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import RunDone, run_method
-from tests.made_results import make_result
 
 DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
 ERRORS = run_errors.level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
@@ -28,9 +26,6 @@ def test_errors_go_by_true_level_and_leave_unknown_pixels_out() -> None:
     assert ERRORS.root_mean_square(NINE) == pytest.approx(math.sqrt((16 + 36) / 2))
     assert ERRORS.share(NINE) == pytest.approx(2 / 3)
     assert math.isnan(ERRORS.mean(np.arange(256) == 7))
-
-
-def test_excess_is_what_would_be_gone() -> None:
     # The mean is 10.5 / 3 = 3.5; if level 9 did as level 80 it would be 0.5.
     assert ERRORS.excess(NINE) == pytest.approx(1 - 0.5 / 3.5)
     assert ERRORS.excess(~NINE) < 0
@@ -68,7 +63,6 @@ def record(tiny_set: Path) -> CoverageRecord:
         (join_of(22.0), Training.known, "fall by 50.0 %: the errors gather where training lacks"),
         (join_of(22.0), Training.none, "fall by 50.0 %; the method names no training"),
         (join_of(22.0), Training.unknown, "is not known: its trained_on names no scenes"),
-        (join_of(3.0), Training.known, "another cause than coverage"),
         (join_of(1.0), Training.known, "fall by 0 %: most of the error has another cause"),
         (join_of(9.0, share=0), Training.known, "what is wrong is not coverage"),
         (join_of(9.0, share=0), Training.unknown, "what the method was trained on is not known"),
@@ -84,9 +78,7 @@ def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
     leak = Leak(kind=LeakKind.scene, train="a", test="a", detail="all")
     leaky = record.model_copy(update={"leaks": [leak, leak]})
     told = run_errors.conclusion(join_of(22.0), leaky, Training.known)
-    assert told == (
-        "training holds 2 scenes of the test: these errors say nothing of scenes that are new"
-    )
+    assert told.startswith("training holds 2 scenes of the test: these errors say nothing")
 
 
 def test_tables_have_means_by_verdict_and_by_scene() -> None:
@@ -102,15 +94,6 @@ def test_tables_have_means_by_verdict_and_by_scene() -> None:
         ("a", "20.0 %", "2.00", "22.00", "–", "66.7 %"),
         ("b", "0 %", "2.00", "–", "–", "–"),
     )
-
-
-def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
-    result = make_result({("a", 1, 1, 0): 0.1})
-    content = json.loads(run_errors.errors_as_json(join_of(22.0), result, record, Training.none))
-    assert content["verdicts"]["scarce"]["mean_absolute_error"] == 22
-    assert content["verdicts"]["missing"]["mean_absolute_error"] is None
-    assert content["levels"]["mean_absolute_error"][100] == 2
-    assert (content["training"], content["excess"]) == ("none", 0.5)
 
 
 def test_only_a_runs_own_predictions_are_joined(
@@ -138,10 +121,11 @@ def with_metres(store: Dataset) -> Dataset:
     return store
 
 
-@pytest.fixture
-def run(tiny_store: Dataset, tmp_path: Path) -> RunDone:
-    method = load_for(tiny_store, "constant", {"training_mean": 60.0})
-    return run_method(tiny_store, method, "test", tmp_path / "run")
+@pytest.fixture(scope="module")
+def run(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDone:
+    store = Dataset(tiny_set / "tiny.zarr")
+    method = load_for(store, "constant", {"training_mean": 60.0})
+    return run_method(store, method, "test", tmp_path_factory.mktemp("runs") / "run")
 
 
 def test_errors_are_those_of_known_pixels_by_depth(tiny_store: Dataset, run: RunDone) -> None:
@@ -176,31 +160,7 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
     assert levels.rows[-1][3] == f"{found[0].levels.mean():.2f}"
     untold = run_errors.depth_error_tables(tiny_store, "test", found)
     assert [table.columns for table in untold] == [("levels", "of all", "a", "b")]
-
-
-def test_runs_of_different_pairs_are_refused(
-    tiny_store: Dataset, run: RunDone, tmp_path: Path
-) -> None:
-    method = load_for(tiny_store, "constant", {"training_mean": 60.0})
-    other = run_method(tiny_store, method, "train", tmp_path / "other")
-    found = [
-        run_errors.depth_errors(tiny_store, one.result, one.folder, "x") for one in (run, other)
-    ]
+    fewer = run.result.model_copy(update={"pairs": run.result.pairs[1:]})
+    found[1] = run_errors.depth_errors(store, fewer, run.folder, "b")
     with pytest.raises(ResultError, match="different pairs"):
         run_errors.depth_error_tables(tiny_store, "test", found)
-
-
-def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Dataset) -> None:
-    histograms = scene_histograms(tiny_store)
-    del histograms["Two"]
-    side = side_of(tiny_store, histograms, "all", ("One", "Two", "Three"))
-    counts = side.histogram.counts
-    bands = counts.reshape(16, 16).sum(axis=1)
-    table = run_errors.level_count_table(side)
-    assert table.title == "depths of tiny-1, all (7 pairs of 2 scenes)"
-    assert [row[0] for row in table.rows][::15] == ["0-15", "240-255"]
-    assert [int(row[1].replace(",", "")) for row in table.rows] == bands.tolist()
-    assert [row[3] == "all" for row in table.rows] == (bands == 0).tolist()
-    assert [record["pixels"] for record in table.records] == counts.tolist()
-    assert np.isclose(sum(float(str(record["share"])) for record in table.records), 1)
-    assert table.notes[-1] == "not in the store, so not counted: Two"

@@ -1,7 +1,4 @@
 import itertools
-import json
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.audit import sides
+from dfdbench.audit.run_errors import level_count_table
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from tests.conftest import TINY_TOML, store_of
-
-
-def test_inverting_turns_every_level_round() -> None:
-    depth = np.array([[4, 8, 250]], np.uint8)
-    turned = sides.depth_histogram(255 - depth, depth > 0)
-    inverted = sides.depth_histogram(depth, depth > 0).inverted()
-    assert (inverted.counts == turned.counts).all()
-    assert inverted.expanded == pytest.approx(turned.expanded)
 
 
 def test_expected_uses_are_those_of_all_crops() -> None:
@@ -91,30 +81,12 @@ def test_an_absent_depth_map_is_not_unknown_pixels(tiny_folder: Path, tmp_path: 
     assert found.known + found.unknown == 2 * 24 * 31
 
 
-def lose_chunks(path: Path) -> None:
-    shutil.rmtree(path / "Two/depth/c")
-
-
-def garble(path: Path) -> None:
-    for chunk in (path / "Two/depth/c").rglob("*"):
+def test_a_damaged_depth_map_is_told(tiny_store: Dataset) -> None:
+    for chunk in Path(str(tiny_store.path), "Two/depth/c").rglob("*"):
         if chunk.is_file():
             chunk.write_bytes(b"no zstd frame")
-
-
-def lose_record(path: Path) -> None:
-    about = path / "Two/zarr.json"
-    content = json.loads(about.read_text())
-    content["attributes"]["array_digests"] = "lost"
-    about.write_text(json.dumps(content))
-
-
-@pytest.mark.parametrize("damage", [lose_chunks, garble, lose_record])
-def test_a_damaged_depth_map_is_told(tiny_store: Dataset, damage: Callable[[Path], None]) -> None:
-    damage(Path(str(tiny_store.path)))
-    with pytest.raises(StoreError) as caught:
+    with pytest.raises(StoreError, match=r"Two(.|\n)*dfdbench verify"):
         sides.scene_histograms(Dataset(tiny_store.path))
-    assert "Two" in str(caught.value)
-    assert "dfdbench verify" in str(caught.value) or "dfdbench build" in str(caught.value)
 
 
 def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
@@ -127,8 +99,6 @@ def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
     assert (list(train.scenes), list(test.scenes)) == (["One", "Three"], ["Two"])
     with pytest.raises(InputError, match="a fold says both"):
         sides.sides_of(tiny_store, test="all", fold="K1")
-    with pytest.raises(UnknownNameError):
-        sides.sides_of(tiny_store, fold="K9")
     with pytest.raises(UnknownNameError, match="fold or scene"):
         sides.sides_of(tiny_store, fold="all")
 
@@ -137,7 +107,9 @@ def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) 
     for file in (tiny_folder / "Two").rglob("*.png"):
         file.unlink()
     store = store_of(TINY_TOML, tiny_folder, tmp_path / "s.zarr")
-    assert sides.sides_of(store)[1].absent == ("Two",)
+    side = sides.sides_of(store)[1]
+    assert side.absent == ("Two",)
+    assert level_count_table(side).notes[-1] == "not in the store, so not counted: Two"
     with pytest.raises(StoreError, match="no depth of Two"):
         sides.sides_of(store, test="Two")
 
@@ -151,8 +123,9 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
     _, test = sides.sides_of(tiny_store, other=far)
     assert test.inverted
     assert test.name == "all"
-    stored = sum(h.counts for h in sides.scene_histograms(far).values())
-    assert (test.histogram.counts == np.asarray(stored)[::-1]).all()
+    stored = sides.DepthHistogram.total(list(sides.scene_histograms(far).values()))
+    assert (test.histogram.counts == stored.counts[::-1]).all()
+    assert (test.histogram.expanded == stored.expanded[::-1]).all()
     # Within one data set nothing is turned, whichever way it grows.
     assert not any(side.inverted for side in sides.sides_of(far))
     assert not sides.sides_of(far, other=far)[1].inverted

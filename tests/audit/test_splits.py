@@ -41,6 +41,7 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
     worst = ranking.candidates[-1].test
     assert ranking.rank(worst[::-1]) == 56
     assert ranking.rank(("A",)) is None
+    assert splits.rank_tests(make(allowed=1.0), 3, 0).covered == 56 > ranking.covered
 
 
 def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
@@ -66,14 +67,6 @@ def test_of_too_many_choices_some_are_drawn_by_seed(monkeypatch: pytest.MonkeyPa
     assert first == again
     assert first != other
     assert len(first.candidates) <= 30
-
-
-def test_an_allowed_share_counts_as_covered() -> None:
-    assert (
-        splits.rank_tests(make(), 3, 0).covered
-        < splits.rank_tests(make(allowed=1.0), 3, 0).covered
-        == 56
-    )
 
 
 def test_folds_part_the_scenes_and_repeat_for_a_seed() -> None:
@@ -131,35 +124,16 @@ def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) ->
         tiny_manifest, splits.rank_tests(scenes(), 1), ("Two", "Three"), "either"
     )
     assert "has 2 scenes, not 1" in other.notes[-1]
-    none = splits.ranked_splits_table(tiny_manifest, ranking, (), "either")
-    assert "no published split" in none.notes[-1]
-
-
-def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Manifest) -> None:
-    proposals = splits.propose_folds(scenes(), 3)
-    hopeless = splits.hopeless_scenes(scenes(), {1})
-    published = splits.Folds(tuple(scenes().judge([("One", "Two"), ("Three",)])))
-    notes = "\n".join(splits.folds_table(tiny_manifest, proposals, hopeless, published).notes)
-    assert "published folds: 2 of 2 not covered" in notes
-    assert "at least 1 of 3 folds" in notes
-    assert "Three: rare in all other scenes: 36" in notes
 
 
 def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
     counts = scenes().counts[:2]
     bound = DensityBound(4.0, 0.01)
     chosen = splits.Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
-    assert splits.settings_of(tiny_manifest, "f" * 64, chosen, 7) == {
-        "dataset": "tiny-1",
-        "fingerprint": "f" * 64,
-        "criterion": "density",
-        "allowed_share": 0.1,
-        "density_factor": 4.0,
-        "density_floor": 0.01,
-        "seed": 7,
-        "absent_scenes": ["Three"],
-        "kept_together": [["One", "Two"]],
-    }
+    kept = splits.settings_of(tiny_manifest, "f" * 64, chosen, 7)
+    assert (kept["fingerprint"], kept["criterion"], kept["seed"]) == ("f" * 64, "density", 7)
+    assert (kept["density_factor"], kept["density_floor"], kept["allowed_share"]) == (4, 0.01, 0.1)
+    assert (kept["absent_scenes"], kept["kept_together"]) == (["Three"], [["One", "Two"]])
 
 
 def test_folds_complete_a_manifest() -> None:
