@@ -7,17 +7,10 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.optics.sharpness import spectrum_sum
 from dfdbench.rig.geometry import Pose
 from dfdbench.rig.lidar import read_beams
 from dfdbench.rig.registration import read_registration
-from dfdbench.simulation.board_scene import (
-    CaptureSettings,
-    SimulatedScene,
-    defocus,
-    write_captures,
-    write_lens_test,
-)
+from dfdbench.simulation.board_scene import CaptureSettings, SimulatedScene, defocus, write_captures
 from dfdbench.simulation.raycast import View
 
 MID_GREY = np.full((200, 200, 3), 0.5)
@@ -28,36 +21,21 @@ def levels(scene: SimulatedScene, exposure: int, seed: tuple[int, ...]) -> np.nd
     return scene.frame(MID_GREY, exposure, seed).astype(float)
 
 
-def test_the_noise_at_mid_grey_is_that_of_the_camera() -> None:
-    frame = levels(SimulatedScene(0), 55, (1,))
+def test_a_frame_has_the_cameras_noise_and_its_own_is_linear_and_saturates() -> None:
+    scene = SimulatedScene(0)
+    frame = levels(scene, 55, (1,))
     assert frame.mean() == pytest.approx(127.5, abs=1)
     assert frame.std() == pytest.approx(3.1, abs=0.1)
-
-
-def test_exposure_is_linear_and_saturates() -> None:
-    scene = SimulatedScene(0)
+    assert (frame != levels(scene, 55, (2,))).any()
     assert levels(scene, 10, (1,)).mean() == pytest.approx(127.5 * 10 / 55, abs=1)
     assert (scene.frame(np.full((9, 9, 3), 2.0), 70, (1,)) == 255).all()
 
 
-def test_each_frame_and_each_scan_has_its_own_noise() -> None:
-    scene, beams = SimulatedScene(5), read_beams()
-    assert (levels(scene, 30, (141, 30, 0)) != levels(scene, 30, (141, 30, 1))).any()
-    assert (scene.scan(beams, 0) != scene.scan(beams, 1)).any()
-
-
-@pytest.mark.parametrize(
-    ("number", "left", "right"), [(0, 2.5, 2.5), (1, 1.5, 2.2), (2, 2.2, 1.5), (3, 1.5, 1.5)]
-)
-def test_the_four_geometries(number: int, left: float, right: float) -> None:
-    board = SimulatedScene(number).board
-    ends = [board.centre[2] + board.slant * side * board.size[0] / 2 for side in (-1, 1)]
-    assert ends == pytest.approx([left, right])
-
-
 def test_a_scan_sees_the_board_at_its_distance_and_loses_returns() -> None:
     beams = read_beams()
-    ranges = SimulatedScene(3, pose=Pose()).scan(beams, 0)
+    scene = SimulatedScene(3, pose=Pose())
+    ranges = scene.scan(beams, 0)
+    assert (ranges != scene.scan(beams, 1)).any()
     ahead = ranges[28:36, 1000:1040]
     assert np.median(ahead[ahead > 0]) == pytest.approx(1500, abs=10)
     assert np.abs(ahead[ahead > 0] - 1505).max() < 100
@@ -84,22 +62,12 @@ def test_the_blur_follows_the_lens_table() -> None:
 FEW = CaptureSettings(steps=(135,), exposures=(30,), frames=1, scans=2)
 
 
-def test_the_sharpest_step_is_the_one_with_the_smallest_radius() -> None:
-    random = np.random.default_rng(0)
-    view = View(np.full((64, 64), 1.5), np.zeros((64, 64, 3)), random.random((64, 64, 3)))
-    sums = {
-        step: spectrum_sum((255 * defocus(view, read_lens_table(), step)).astype(np.uint8))
-        for step in (129, 135, 141)
-    }
-    assert max(sums, key=lambda step: sums[step]) == 135
-
-
 @pytest.fixture(scope="module")
 def capture() -> Recording:
     found = find_manifest("realworld").capture
     assert found is not None
-    # A quarter of the pixels: what is tested does not depend on them.
-    return found.model_copy(update={"frame_size": (364, 368), "crop_size": 315})
+    # A sixteenth of the pixels: what is tested does not depend on them.
+    return found.model_copy(update={"frame_size": (182, 184), "crop_size": 157})
 
 
 def test_captures_are_the_same_again_and_a_stopped_one_goes_on(
@@ -110,12 +78,7 @@ def test_captures_are_the_same_again_and_a_stopped_one_goes_on(
     assert write_captures(second, ("k05",), capture, FEW) == ("k05",)
     assert write_captures(second, ("k03", "k05"), capture, FEW) == ("k03",)
     files = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file())
-    assert [str(path) for path in files if path.parts[0] == "k05"] == [
-        "k05/frames/exp_30/image_135_30.00_0.png",
-        "k05/lidar/lidar_rng_00000.bin",
-        "k05/lidar/lidar_rng_00001.bin",
-        "k05/simulated.json",
-    ]
+    assert Path("k05/frames/exp_30/image_135_30.00_0.png") in files
     for path in files:
         assert (first / path).read_bytes() == (second / path).read_bytes(), path
     assert read_registration(first / "truth/k03/registration.toml").shape == (3, 3)
@@ -130,10 +93,3 @@ def test_what_is_not_ours_is_left_alone(capture: Recording, tmp_path: Path) -> N
     (tmp_path / "k03/simulated.json").write_text("{}")
     with pytest.raises(InputError, match="other settings"):
         write_captures(tmp_path, ("k03",), capture, FEW)
-
-
-def test_a_lens_test_is_made_alike_every_time(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        assert write_lens_test(tmp_path / name) == 46
-    for path in (tmp_path / "a/up").iterdir():
-        assert (tmp_path / "b/up" / path.name).read_bytes() == path.read_bytes()

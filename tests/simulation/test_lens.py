@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from dfdbench.blur.light import encode
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module
-from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import Camera, depth, develop, render
 from dfdbench.simulation.raycast import Board, Texture, look
 from dfdbench.simulation.rooms import draw_room
@@ -53,13 +52,13 @@ def diameter(light: Floats) -> float:
 
 @pytest.mark.parametrize(
     ("distance", "focus", "f_number"),
-    [(3.0, 1.0, 2.0), (0.7, 1.2, 2.0), (6.0, 0.8, 1.8), (1.0, 3.0, 1.4), (2.5, 0.6, 4.0)],
+    [(3.0, 1.0, 2.0), (0.7, 1.2, 2.0), (1.0, 3.0, 1.4), (2.5, 0.6, 4.0)],
 )
 def test_a_dot_is_as_wide_as_thin_lenses_say(
     distance: float, focus: float, f_number: float
 ) -> None:
     taken = camera(focus, f_number)
-    light = render(dot(distance), taken, 2048, (1,))[..., 1]
+    light = render(dot(distance), taken, 1024, (1,))[..., 1]
     gap = focus - FOCAL
     exact = abs(distance - focus) / distance * FOCAL**2 / (f_number * gap) / PITCH
     assert exact > 4
@@ -80,21 +79,17 @@ def test_a_straight_edge_has_the_closed_form(distance: float, focus: float) -> N
     assert np.abs(seen - exact).max() < 0.004
 
 
-def test_the_lens_breathes_as_geometry_says() -> None:
-    places = []
-    for focus in (0.4, 4.0):
-        light = render(dot(1.0, x=0.02, pixels=3), camera(focus, 8.0), 512, (3,))[..., 1]
-        places.append(moments(light)[0])
+def test_the_lens_breathes_as_geometry_says_unless_images_are_in_register() -> None:
+    def place(focus: float, **options: float) -> float:
+        taken = camera(focus, 8.0, **options)
+        return moments(render(dot(1.0, x=0.02, pixels=3), taken, 512, (3,))[..., 1])[0]
+
+    places = [place(focus) for focus in (0.4, 4.0)]
+    still = [place(focus, view_focus=1.0) for focus in (0.4, 4.0)]
+    assert still[0] == pytest.approx(still[1], abs=0.02)
     sensor = [1 / (1 / FOCAL - 1 / focus) for focus in (0.4, 4.0)]
     assert places[0] == pytest.approx(0.02 * sensor[0] / PITCH, abs=0.02)
     assert places[0] / places[1] == pytest.approx(sensor[0] / sensor[1], abs=0.002)
-
-
-def test_images_in_register_show_the_same_view() -> None:
-    scene = dot(1.0, x=0.02, pixels=3)
-    still = [camera(focus, 8.0, view_focus=1.0) for focus in (0.4, 4.0)]
-    places = [moments(render(scene, taken, 512, (3,))[..., 1])[0] for taken in still]
-    assert places[0] == pytest.approx(places[1], abs=0.02)
 
 
 def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole() -> None:
@@ -116,31 +111,26 @@ def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     assert np.allclose(depth(pack(surfaces, photographs), taken), view.distance, rtol=1e-6)
 
 
+@pytest.mark.usefixtures("unlit")
 def test_rays_are_many_enough() -> None:
     wide, room = draw_camera(3), draw_room(3, 1)
     for f_number in (2.0, 8.0):
         lens = replace(wide.lens, f_number=f_number, pixel_size=2 * wide.lens.pixel_size)
-        taken = replace(wide, lens=lens, shape=(48, 64))
+        taken = replace(wide, lens=lens, shape=(36, 48))
         few, many = (encode(render(room, taken, rays, (6,))) for rays in (128, 2048))
         assert np.abs(few - many).mean() < 0.5
 
 
-def test_another_key_sends_other_rays() -> None:
-    scene = dot(1.0)
-    one, other = (render(scene, camera(2.0), 16, key) for key in ((7,), (8,)))
-    assert not np.array_equal(one, other)
-
-
+@pytest.mark.usefixtures("unlit")
 def test_no_tile_leaves_out_what_its_rays_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     taken = replace(draw_camera(5), shape=(48, 64))
     taken = replace(taken, lens=replace(taken.lens, pixel_size=10 * taken.lens.pixel_size))
-    monkeypatch.setattr(rooms, "lit", lambda scene, *_: scene)
-    drawn = [draw_room(5, number) for number in range(3)]
-    picked = [(render(room, taken, 16, (9,)), depth(room, taken)) for room in drawn]
+    drawn = [draw_room(5, number) for number in range(2)]
+    picked = [(render(room, taken, 8, (9,)), depth(room, taken)) for room in drawn]
     monkeypatch.setattr(lens_module, "_TILE", 10_000)
     monkeypatch.setattr(lens_module, "_tiles", _everything)
     for room, (light, metres) in zip(drawn, picked, strict=True):
-        assert render(room, taken, 16, (9,)).tobytes() == light.tobytes()
+        assert render(room, taken, 8, (9,)).tobytes() == light.tobytes()
         assert depth(room, taken).tobytes() == metres.tobytes()
 
 
@@ -151,7 +141,7 @@ def _everything(scene: Scene, *_: object) -> tuple[NDArray[np.int64], NDArray[np
 
 def test_a_polygon_has_the_area_of_the_round_aperture_and_its_own_corners() -> None:
     taken = camera(0.6, 1.4, 96, blades=5)
-    five = render(dot(6.0, pixels=2.5), taken, 2048, (10,))[..., 1]
+    five = render(dot(6.0, pixels=2.5), taken, 1024, (10,))[..., 1]
     x = np.arange(96) - 47.5
     # Where light falls, from the equation: a pentagon in a circle, of the area of the lens's.
     blur = float(taken.lens.blur_radius(6.0)) / PITCH / 2
@@ -196,7 +186,7 @@ def _overlap(a: float, b: float, apart: float) -> float:
 def test_colour_errors_move_and_widen_channels_as_stated() -> None:
     scene = dot(2.0, x=0.03, pixels=3)
     taken = camera(1.0, 4.0, lateral=(0.05, 0.0, -0.05))
-    light = render(scene, taken, 512, (13,))
+    light = render(scene, taken, 256, (13,))
     places = [moments(light[..., channel])[0] for channel in range(3)]
     assert places[0] / places[1] == pytest.approx(1.05, abs=0.003)
     assert places[2] / places[1] == pytest.approx(0.95, abs=0.003)

@@ -11,10 +11,6 @@ def distances(*surfaces: Surface, offset: float = 0.0) -> np.ndarray:
     return look(surfaces, PHOTOGRAPHS, offset, (41, 61), 60.0).distance
 
 
-def test_a_facing_board_is_as_far_as_it_stands() -> None:
-    assert np.allclose(distances(Board((0, 0, 3), (99, 99), PLAIN)), 3)
-
-
 def test_a_slanted_board_follows_its_equation() -> None:
     found = distances(Board((0.2, 0.1, 3), (99, 99), PLAIN, slant=0.5, tilt=-0.2))
     x = (np.arange(61) - 30) / 60 * found
