@@ -85,20 +85,6 @@ def test_under_a_known_pose_the_lines_that_agree_are_taken() -> None:
     assert (unseen.agreement, unseen.outline.shape) == (0, (0, 3))
 
 
-def test_several_boards_turn_it_together() -> None:
-    boards = [sights.Fitted(sighting(), np.array(SIDES), Pose(), 0.0)] * 2
-    pose = sights.turn_into_place(boards, np.zeros(3), 200, RIG)
-    assert off(pose) < 2
-
-
-def test_rays_are_within_the_outline_where_they_hit() -> None:
-    seen = rays()
-    within, near = sights.near_outline(seen, np.array(SIDES), TRUE, RIG)
-    assert ((within > 0) == seen.hit).all()
-    assert near.any()
-    assert not near.all()
-
-
 def test_rays_are_parted_where_the_board_ends() -> None:
     scene = SimulatedScene(3, pose=Pose())
     rays = sights.board_rays(scene.scan(read_beams(), 0).astype(float), read_beams())
