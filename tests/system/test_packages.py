@@ -15,11 +15,8 @@ def test_the_version_is_that_of_the_project_and_of_the_face() -> None:
     assert dfdbench.__version__ == PACKAGE_VERSION == project["version"]
 
 
-def test_an_absent_library_of_an_extra_names_it() -> None:
+def test_an_absent_library_of_an_extra_names_it_and_other_modules_are_not_hidden() -> None:
     with pytest.raises(InputError, match=r"dfdbench\[nets\]"), needed():
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
-
-
-def test_other_absent_modules_are_not_hidden() -> None:
     with pytest.raises(ModuleNotFoundError), needed():
         raise ModuleNotFoundError("No module named 'numpyy'", name="numpyy")

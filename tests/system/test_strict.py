@@ -17,30 +17,18 @@ class Shelf(Record):
         return self
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ({"names": ["a"]}, [("field is missing", "f.json: books", "", "")]),
-        (
-            {"books": "x", "names": ["a", 7]},
-            [
-                ("off", "f.json: books", "a whole number", "'x'"),
-                ("off", "f.json: names[1]", "text", "7"),
-            ],
-        ),
-        ({"books": 3, "names": []}, [("off", "f.json: names", "have at least 1 item", "[]")]),
-        ({"books": 0, "names": ["a"]}, [("off", "f.json", "fewer books than names", "")]),
-        ({"books": 1, "names": ["a"], "boks": 2}, [("unknown field", "f.json: boks", "", "2")]),
-    ],
-)
-def test_every_refused_field_is_a_problem(
-    content: dict[str, object], said: list[tuple[str, str, str, str]]
-) -> None:
+def told(content: dict[str, object]) -> list[tuple[str, str, str, str]]:
     with pytest.raises(ValidationError) as caught:
         Shelf.model_validate(content)
     problems = problems_of(caught.value, "off", file="f.json", fix="mend it")
-    assert len(problems) == len(said)
-    for problem, (what, where, expected, got) in zip(problems, said, strict=True):
-        assert (problem.what, problem.where, problem.got) == (what, where, got)
-        assert problem.expected.startswith(expected)
-        assert problem.fix == "mend it"
+    assert {problem.fix for problem in problems} == {"mend it"}
+    return [(each.what, each.where, each.expected, each.got) for each in problems]
+
+
+def test_every_refused_field_is_a_problem() -> None:
+    assert told({"names": ["a", 7], "boks": 2}) == [
+        ("field is missing", "f.json: books", "", ""),
+        ("off", "f.json: names[1]", "text", "7"),
+        ("unknown field", "f.json: boks", "", "2"),
+    ]
+    assert told({"books": 0, "names": ["a"]}) == [("off", "f.json", "fewer books than names", "")]

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from dfdbench.tables.render import as_rich
-from dfdbench.tables.table import Table, as_html, least_width, without
+from dfdbench.tables.table import Table, least_width, without
 
 WORDS = st.text("abc ", max_size=12)
 
@@ -20,14 +20,6 @@ def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> No
     assert inside >= numbers + sum(words)
     whole = [max(len(row[at]) for row in [*rows, table.columns]) for at in range(3)]
     assert inside <= sum(whole)
-
-
-def test_cells_stand_under_their_headings_on_their_side_with_notes_below() -> None:
-    text = as_html(Table("T & U", ("a", "n"), (("x", "1"), ("y", "2")), "lr", ("a note",)))
-    assert "<b>T &amp; U</b>" in text
-    assert text.count("<tr>") == 3
-    assert '<td style="text-align:right">2</td>' in text
-    assert text.index("</table>") < text.index("a note")
 
 
 def test_without_a_column_all_else_stays_in_its_place() -> None:
