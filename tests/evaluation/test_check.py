@@ -17,12 +17,6 @@ def problems(predict: Any) -> dict[str, str]:
     return {name: text for name, text in told.items() if text}
 
 
-@pytest.mark.slow
-def test_a_baseline_passes() -> None:
-    method = load_method("local", {"window": 3}, {})
-    assert problems(method.predict) == {}
-
-
 def test_a_method_for_even_sizes_only_is_found_out() -> None:
     def halving(infocus: Any, defocus: Any) -> Any:
         small = infocus[::2, ::2, 0]
@@ -87,22 +81,26 @@ MANY = """
 import os
 import numpy as np
 
-calls = 0
-
-def counting(infocus, defocus):
-    global calls
-    calls += 1
-    return np.full(infocus.shape[:2], calls)
-
 def process(infocus, defocus):
     return np.random.default_rng(os.getpid()).uniform(0, 255, infocus.shape[:2])
 
 def seeded(infocus, defocus):
     return np.random.uniform(0, 255, infocus.shape[:2])
-
 """
-# Importing it takes a second, also in the other process.
-MANY_OF_TORCH = """
+
+
+def test_another_process_answers_the_same(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MANY)
+    trial = "the same pair in another process"
+    for name, failed in (("process", [trial]), ("seeded", [])):
+        load = partial(load_method, f"{tmp_path / 'mine.py'}:{name}", {}, {})
+        trials = check_method(load(), load=load)
+        assert trial in [each.name for each in trials]
+        assert [each.name for each in trials if each.error] == failed
+
+
+#: In a file, as a user has it: the source of a method is read.
+OF_TORCH = """
 import torch
 
 def with_gradient(infocus, defocus):
@@ -114,28 +112,21 @@ class Net(torch.nn.Module):
 """
 
 
-@pytest.mark.parametrize(
-    ("name", "trial", "failed", "told"),
-    [
-        ("counting", "the same pair again", True, "differs in"),
-        ("process", "the same pair in another process", True, "differs in"),
-        ("seeded", "the same pair in another process", False, ""),
-        ("with_gradient", "leaves its input alone", False, "no_grad() would save memory"),
-        ("Net", "a torch module: run with eval() and no_grad()", False, ""),
-    ],
-)
-def test_differing_answers(tmp_path: Path, name: str, trial: str, failed: bool, told: str) -> None:
-    text = MANY if f"def {name}(" in MANY else MANY_OF_TORCH
-    (tmp_path / "mine.py").write_text(text)
-    load = partial(load_method, f"{tmp_path / 'mine.py'}:{name}", {}, {})
-    trials = {each.name: each for each in check_method(load(), load=load)}
-    assert told in trials[trial].error + trials[trial].warning
-    assert [each.name for each in trials.values() if each.error] == [trial] * failed
+def test_what_torch_could_do_without_is_told(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OF_TORCH)
+    told = []
+    for name in ("with_gradient", "Net"):
+        method = load_method(f"{tmp_path / 'mine.py'}:{name}", {}, {})
+        trials = check_method(method)
+        assert not any(trial.error for trial in trials)
+        told.append({trial.name: trial.warning for trial in trials})
+    assert "no_grad() would save memory" in told[0]["leaves its input alone"]
+    assert "a torch module: run with eval() and no_grad()" in told[1]
 
 
-@pytest.mark.parametrize("answer", [None, 3])
-def test_nonsense_is_found_out_everywhere(answer: Any) -> None:
-    assert len(problems(lambda *_: answer)) >= 9
+def test_nonsense_is_found_out_everywhere() -> None:
+    for answer in (None, 3):
+        assert len(problems(lambda *_, answer=answer: answer)) >= 9
 
 
 @pytest.mark.slow

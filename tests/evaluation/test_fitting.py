@@ -101,7 +101,6 @@ def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
     for one, other in zip(before, after, strict=True):
         for name in ("images", "levels", "valid"):
             assert np.array_equal(getattr(one, name), getattr(other, name))
-    assert result.complete
     assert result.method.fitted_on == "tiny-1, split train"
     assert result.method.fit_seconds is not None
     assert load_result(tmp_path / "out") == result
@@ -162,11 +161,11 @@ def test_damaged_learning_is_not_trusted(run: Run, tmp_path: Path) -> None:
     run(fresh=True)
 
 
-@pytest.mark.parametrize("split", ["all", "train"])
-def test_nothing_is_tested_on_what_it_was_fitted_on(run: Run, tmp_path: Path, split: str) -> None:
-    with pytest.raises(MethodError, match=r"fitted on[\s\S]*One[\s\S]*test, K1, K2"):
-        run(split=split)
-    assert not (tmp_path / "out").exists()
+def test_nothing_is_tested_on_what_it_was_fitted_on(run: Run, tmp_path: Path) -> None:
+    for split in ("all", "train"):
+        with pytest.raises(MethodError, match=r"fitted on[\s\S]*One[\s\S]*test, K1, K2"):
+            run(split=split)
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_set_without_training_says_so(tiny_folder: Path, tmp_path: Path, mean: str) -> None:
@@ -225,10 +224,9 @@ def test_another_camera_in_the_test_is_told() -> None:
     def pair(noise: float) -> Capture:
         image = random.integers(0, 256, (90, 120, 3)).astype(np.uint8)
         depth = np.full((90, 120), random.integers(40, 220), np.uint8)
-        blurred = synthesize(image, depth, recipe) + noise * random.normal(size=image.shape)
-        return made_pair(
-            image, np.clip(np.rint(blurred), 0, 255).astype(np.uint8), depth, depth > 0
-        )
+        noisy = synthesize(image, depth, recipe) + noise * random.normal(size=image.shape)
+        blurred = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return made_pair(image, blurred, depth, depth > 0)
 
     law = BlurLaw(tuple(recipe.sigmas.tolist()), noise=(2.0,) * GREYS)
     quiet, loud = [pair(2) for _ in range(4)], [pair(6) for _ in range(4)]
@@ -236,12 +234,7 @@ def test_another_camera_in_the_test_is_told() -> None:
     # Three times the noise, of which black and white cut off a little.
     assert "2.8 times worse" in str(camera_note(law, quiet, loud))
     assert "2.8 times better" in str(camera_note(law, loud, quiet))
-
-
-def test_of_stacks_no_camera_is_told() -> None:
+    # Of stacks nothing is told.
     grey = np.full((40, 50, 3), 90, np.uint8)
-    stack = made_pair(
-        grey, grey, np.full((40, 50), 90, np.uint8), np.ones((40, 50), bool), planes=3
-    )
-    law = BlurLaw(tuple(RECIPES["published"].sigmas.tolist()), noise=(2.0,) * GREYS)
+    stack = made_pair(grey, grey, grey[..., 0], np.ones((40, 50), bool), planes=3)
     assert camera_note(law, [stack], [stack]) is None

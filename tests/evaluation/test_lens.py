@@ -39,15 +39,10 @@ def test_the_law_is_the_thin_lens_equation_by_hand() -> None:
     focus = int(SCALE.to_levels(np.array(1.05)))
     assert min(law.sigmas) == law.sigmas[focus] == 0.1
     assert law.kernel_size == 2 * math.ceil(3 * 13.75 / 4) + 1
-
-
-def test_blur_that_the_infocus_image_has_is_taken_off() -> None:
-    # Of twice the f-number: half the width, so three quarters of the variance are left.
+    # Blur of the in-focus image is taken off: of twice the f-number, half the width, three
+    # quarters of the variance are left.
     law = lens_law({**LENS, "infocus_f_number": 4.0})
     assert law.sigmas[255] == pytest.approx(13.75 / 4 * math.sqrt(0.75))
-
-
-def test_the_rest_of_a_law_may_be_told_beside() -> None:
     law = lens_law({**LENS, "noise": [2.0], "registered": False, "exponent": 4, "kernel_size": 9})
     assert (law.noise, law.registered, law.exponent, law.kernel_size) == ((2.0,), False, 4, 9)
 
@@ -74,8 +69,7 @@ def test_a_lens_that_is_none_is_told(changes: dict[str, Any], parts: list[str]) 
 def test_a_manifests_rig_is_told_a_file_fills_up(tiny_manifest: Manifest, tmp_path: Path) -> None:
     whole = of_manifest(tiny_manifest, Rig(**FACTS), SCALE)
     taken, recorded = given_by_lens(whole, {"recipe": "rig", "window": 9})
-    assert taken == {"recipe": lens_law(LENS), "window": 9}
-    assert recorded == {"recipe": "rig"}
+    assert (taken, recorded) == ({"recipe": lens_law(LENS), "window": 9}, {"recipe": "rig"})
     part = of_manifest(tiny_manifest, Rig(focus_distance=9.0, defocus_f_number=2.0), SCALE)
     file = tmp_path / "mine.toml"
     file.write_text("focal_length = 0.05\npixel_pitch = 1e-4\nfocus_distance = 1.05\n")
@@ -124,9 +118,8 @@ def test_told_a_lens_a_method_finds_both_sides_of_the_focus(
 
 def test_a_run_says_that_a_lens_was_told(tiny_store: Dataset, tmp_path: Path) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
-    for number, recipe in enumerate(("rig", LENS)):
+    for recipe in ("rig", LENS):
         loaded = load_for(tiny_store, "local", {"recipe": recipe})
-        options = RunOptions(limit=1)
-        result = run_method(tiny_store, loaded, "Two", tmp_path / str(number), options).result
+        result = run_method(tiny_store, loaded, "Two", tmp_path / "o", RunOptions(limit=1)).result
         assert result.method.parameters == {"recipe": recipe}
         assert given_to(result) == "the lens"

@@ -6,35 +6,18 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.metrics.protocol import PROTOCOLS, score
-from tests.evaluation.made_methods import Counting, method
+from tests.evaluation.made_methods import method
 
 
 def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
     result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
     assert result.pairs[0].numbers["energy"] > 0
-
-
-def test_a_method_is_warmed_up_once_and_scored_under_protocols_asked(tiny_store: Dataset) -> None:
-    predict = Counting()
-    evaluate = PairEvaluator(tiny_store, method(predict), 0, [PROTOCOLS["valid"]])
-    records = [evaluate(pair) for pair in tiny_store.pairs("One")]
-    assert (predict.warmed, predict.calls) == (1, 4)
-    for pair, (record, answer) in zip(tiny_store.pairs("One"), records, strict=True):
-        images, depth = tiny_store.read(pair), answer.depth
-        assert depth is not None
-        assert np.array_equal(depth, images.infocus[..., 0].astype(np.float32) / 2)
-        expected = score(PROTOCOLS["valid"], images.levels, images.valid, depth, 16)
-        assert record.scores == {"valid": expected}
-        assert (record.id, record.status, record.timed_alone) == (pair.id, "ok", True)
-        assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
 def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
@@ -49,7 +32,9 @@ def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset)
     assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
 
 
-def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: Path) -> None:
+def test_another_process_gives_the_same_but_time_and_refuses_another_method(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})
@@ -65,14 +50,8 @@ def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: 
     assert (here.timed_alone, there.timed_alone) == (True, False)
     blank = {"seconds": None, "timed_alone": True}
     assert there.model_copy(update=blank) == here.model_copy(update=blank)
-
-
-def test_another_process_of_another_method_is_refused(tiny_store: Dataset, tmp_path: Path) -> None:
-    file = tmp_path / "mine.py"
-    file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
-    loaded = load_for(tiny_store, f"{file}:half", {})
-    remote = RemoteEvaluator.of(tiny_store, loaded, 0)
+    remote = RemoteEvaluator.of(tiny_store, loaded, seed=1)
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 3\n")
     with pytest.raises(MethodError, match="another version of the method") as told:
-        remote(tiny_store.pairs("One")[0])
+        remote(pair)
     assert "mine.py has changed" in str(told.value)

@@ -106,8 +106,6 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
     ("method", "camera", "says"),
     [
         ("graph-cuts", None, "nothing says what it is"),
-        (None, None, "no method is named"),
-        (lambda infocus, defocus: 1 / 0, None, "ZeroDivisionError"),
         ("local", {"focal_length": 0.025}, "not known well enough"),
         ("shape-from-focus", None, "needs a focal stack, and this is a pair"),
     ],
@@ -117,16 +115,6 @@ def test_what_is_lacking_is_said(
 ) -> None:
     with pytest.raises(MethodError, match=says):
         predict(method, pair[:2], camera)
-
-
-def test_a_lens_is_offered_only_to_what_takes_one(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(
-        "class Mine:\n    fit = restore = __call__ = lambda self, *images: None\n"
-    )
-    for method, offered in (("graph-cuts", True), (f"{tmp_path / 'mine.py'}:Mine", False)):
-        with pytest.raises(MethodError, match=r"\(--fitted RUN\)") as refused:
-            DepthPredictor(method)
-        assert ("--lens" in str(refused.value)) == offered
 
 
 def test_photographs_of_two_sizes_are_refused(pair: tuple[Image, Image, Image]) -> None:

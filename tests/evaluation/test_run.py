@@ -11,7 +11,6 @@ import xarray
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
@@ -21,7 +20,7 @@ from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS, store_of
-from tests.evaluation.made_methods import Counting, grey, method
+from tests.evaluation.made_methods import Counting, method
 
 
 def test_a_run_predicts_once_for_every_protocol(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -45,6 +44,12 @@ def test_a_run_predicts_once_for_every_protocol(tiny_store: Dataset, tmp_path: P
     recorded = run.result.dataset
     assert (recorded.fingerprint, recorded.split) == (tiny_store.fingerprint, "test")
     assert (recorded.expected, recorded.evaluated) == (7, 7)
+    # Others find the depth maps by their coordinates.
+    maps = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Three", consolidated=False)
+    assert pair.at == {"view": 5, "illumination": 1, "exposure": 0}
+    assert np.array_equal(maps["depth"].sel(pair.at).values, kept)
+    with pytest.raises(KeyError):
+        maps["depth"].sel(view=2)
 
 
 def test_a_stopped_run_goes_on(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -75,24 +80,6 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path
     assert second.result.complete
 
 
-def test_a_changed_method_starts_over_beside_the_old(tiny_store: Dataset, tmp_path: Path) -> None:
-    run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-    old = (tmp_path / "out" / RESULT).read_text()
-    predict = Counting()
-    run = run_method(tiny_store, method(predict, "1" * 64), "test", tmp_path / "out")
-    assert predict.calls == 8
-    assert run.because == ("tests:Counting has changed",)
-    assert run.set_aside == tmp_path / "out.previous"
-    assert (tmp_path / "out.previous" / RESULT).read_text() == old
-    fresh = Counting()
-    run = run_method(
-        tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", RunOptions(fresh=True)
-    )
-    assert fresh.calls == 8
-    assert run.set_aside == tmp_path / "out.previous-2"
-    assert (tmp_path / "out.previous" / RESULT).read_text() == old
-
-
 MIXED = """
 import json
 from pathlib import Path
@@ -105,8 +92,7 @@ def predict(infocus, defocus):
 """
 
 
-@pytest.mark.parametrize("limit", [3, None])
-@pytest.mark.parametrize("edited", ["mixed_helper.py", "coef.json"])
+@pytest.mark.parametrize(("limit", "edited"), [(3, "mixed_helper.py"), (None, "coef.json")])
 def test_a_run_takes_nothing_over_from_another_method(
     tiny_store: Dataset,
     tmp_path: Path,
@@ -118,20 +104,24 @@ def test_a_run_takes_nothing_over_from_another_method(
     (tmp_path / "mixed_helper.py").write_text("")
     (tmp_path / "coef.json").write_text("10")
 
-    def run(limit: int | None) -> RunDone:
+    def run(**options: Any) -> RunDone:
         # As another process would.
         monkeypatch.delitem(sys.modules, "mixed_helper", raising=False)
         loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
-        return run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=limit))
+        return run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(**options))
 
-    first = run(limit)
-    again = run(limit)
+    first = run(limit=limit)
+    old = (tmp_path / "out" / RESULT).read_text()
+    again = run(limit=limit)
     assert (again.reused, again.because) == (first.result.dataset.evaluated, ())
     (tmp_path / edited).write_text("20")
-    other = run(None)
+    other = run()
     assert (other.reused, other.because) == (0, (f"{edited} has changed",))
     assert other.set_aside == tmp_path / "out.previous"
-    assert run(None).reused == 7
+    assert run().reused == 7
+    fresh = run(fresh=True)
+    assert (fresh.reused, fresh.set_aside) == (0, tmp_path / "out.previous-2")
+    assert (tmp_path / "out.previous" / RESULT).read_text() == old
 
 
 def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -146,20 +136,27 @@ def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path)
     assert run.result.warnings[-1].startswith("coef.json has changed while it was run")
 
 
-def test_each_pair_keeps_the_machine_that_it_was_run_on(
+def test_a_limited_run_is_completed_and_each_pair_keeps_the_machine_that_it_was_run_on(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = describe_environment()
-    run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
+    assert run.result.averages is None
     there = here.model_copy(update={"cpu": "another"})
     monkeypatch.setattr("dfdbench.evaluation.run.describe_environment", lambda: there)
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=4))
     monkeypatch.undo()
-    result = run_method(tiny_store, method(Counting()), "test", tmp_path / "out").result
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    result = run.result
+    assert run.reused == 4
+    assert result.averages is not None
     assert [pair.machine for pair in result.pairs] == [0, 0, 1, 1, 0, 0, 0]
     assert [each.cpu for each in result.environments] == [here.cpu, "another"]
     assert "run on 2 machines: times are not comparable" in str(result.warnings)
     assert load_result(tmp_path / "out") == result
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    assert (run.reused, run.result.complete) == (7, True)
 
 
 def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -175,17 +172,6 @@ def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Pat
     # It is still known when the run has gone on.
     result = run_method(tiny_store, method(drawing), "test", tmp_path / "out").result
     assert result.pairs[0].id in str(result.warnings)
-
-
-def test_a_limited_run_can_be_completed(tiny_store: Dataset, tmp_path: Path) -> None:
-    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
-    assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
-    assert run.result.averages is None
-    whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-    assert whole.reused == 2
-    assert whole.result.averages is not None
-    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
-    assert (run.reused, run.result.complete) == (7, True)
 
 
 def test_depth_maps_that_were_removed_are_made_again(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -204,24 +190,6 @@ def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_
     assert run.result.averages is None
     lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
     assert any("lacks 1 of 7" in text and lacking in text for text in run.result.warnings)
-
-
-def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(ResultError, match="something other"):
-        run_method(tiny_store, method(Counting()), "test", tmp_path)
-    assert (tmp_path / "thesis.txt").read_text() == "years of work"
-
-
-def test_kept_depth_maps_are_found_by_coordinates(tiny_store: Dataset, tmp_path: Path) -> None:
-    run_method(tiny_store, method(grey), "Two", tmp_path / "out")
-    kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
-    images = tiny_store.read(tiny_store.pairs("Two")[1])
-    assert images.pair.at == {"view": 1, "illumination": 1, "exposure": 1}
-    found = kept["depth"].sel(images.pair.at).values
-    assert np.array_equal(found, images.infocus[..., 0])
-    with pytest.raises(KeyError):
-        kept["depth"].sel(view=2)
 
 
 @pytest.mark.slow
@@ -248,13 +216,12 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert not any(pair.timed_alone for pair in together.pairs)
     assert any("not comparable" in warning for warning in together.warnings)
     assert not alone.warnings
+    hashes = [[pair.prediction_sha256 for pair in run.pairs] for run in (alone, together)]
+    assert hashes[0] == hashes[1]
     pair = tiny_store.pairs("test")[1]
-    shape = tiny_store.shape_of(pair.scene)
-    first = read_prediction(tmp_path / "alone", pair, shape)
-    second = read_prediction(tmp_path / "together", pair, shape)
-    assert first is not None
-    assert second is not None
-    assert np.array_equal(first, second)
+    kept = read_prediction(tmp_path / "together", pair, tiny_store.shape_of(pair.scene))
+    assert kept is not None
+    assert array_digest("depth", ("y", "x"), kept) == together.pairs[1].prediction_sha256
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
