@@ -33,12 +33,9 @@ def test_errors_by_depth_stand_beside_a_constants(dfdbench: Command, uneven: str
     for level in ("90", "40"):
         run = f"run --dataset {uneven} --split all --method constant --out runs/{level}"
         dfdbench.fine(run, "--param", f"training_mean={level}")
-    one = dfdbench.fine("audit depths", uneven, "--result", "runs/90", "--figure", "errors.png")
-    assert "mean absolute error by depth" in one.out
-    assert "constant (training_mean=90)" in one.out
-    assert Path("errors.png").stat().st_size > 10_000
-    runs = "--result runs/90 --result runs/40/result.json"
+    runs = "--result runs/90 --result runs/40/result.json --figure errors.png"
     both = dfdbench(f"audit depths {uneven} {runs} --format csv")
+    assert Path("errors.png").stat().st_size > 10_000
     heading, *rows = both.out.splitlines()
     assert heading.startswith("levels,of all,constant (training_mean=90),")
     # 11 columns of 36, 11 of 37 and 10 of 38 are answered with 90, and with 40.
@@ -60,12 +57,13 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
     assert Path("results/uneven-difficulty/all/difficulty.png").exists()
 
 
-def test_runs_are_compared_with_the_bound_alone(dfdbench: Command, uneven: str) -> None:
+def test_a_run_of_another_split_is_not_compared_with_the_bound(
+    dfdbench: Command, uneven: str
+) -> None:
     run = f"run --split Two --method constant --dataset {uneven} --out runs/constant"
     dfdbench.fine(run, "--no-figures", "--no-predictions")
-    verb = ("audit difficulty", uneven, "--result", "runs/constant")
-    dfdbench.refused("add --bound", *verb)
-    dfdbench.refused("no run of split One", *verb, "--split", "One", "--bound")
+    bound = f"audit difficulty {uneven} --result runs/constant --split One --bound"
+    dfdbench.refused("no run of split One", bound)
 
 
 @pytest.mark.slow
@@ -171,24 +169,16 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     assert other.status == 0
 
 
-@pytest.mark.parametrize(
-    "verb",
-    [
-        "coverage STORE",
-        "coverage STORE --each scene",
-        "split STORE --folds 2",
-        "difficulty STORE --split all",
-    ],
-)
-def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str, verb: str) -> None:
+def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str) -> None:
     shutil.rmtree(Path(uneven) / "Two/depth/c")
-    dfdbench.refused("Two/depth", "audit " + verb.replace("STORE", uneven))
+    for verb in ("coverage", "coverage --each scene", "split --folds 2", "difficulty --split all"):
+        dfdbench.refused("Two/depth", f"audit {verb}", uneven)
     assert not Path("results").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
+def test_a_mistake_is_told(dfdbench: Command, uneven: str) -> None:
+    dfdbench.refused("no place is named", "audit coverage", uneven, "--out", "")
+    for words, told in (
         ("coverage", "no data set is named"),
         ("coverage STORE --fold K1 --train Two", "a fold says both"),
         ("coverage STORE --fold K7", "did you mean K"),
@@ -202,14 +192,9 @@ def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str, verb: st
         ("split STORE --test-scenes 3", "--test-scenes 1 or 2"),
         ("split STORE --folds 9", "choose 2 to"),
         ("difficulty STORE --split tset", "did you mean test"),
-    ],
-)
-def test_a_mistake_is_told(dfdbench: Command, uneven: str, words: str, told: str) -> None:
-    dfdbench.refused(told, "audit " + words.replace("STORE", uneven))
-
-
-def test_an_empty_place_is_told(dfdbench: Command, uneven: str) -> None:
-    dfdbench.refused("no place is named", "audit coverage", uneven, "--out", "")
+        ("difficulty STORE --result none", "add --bound"),
+    ):
+        dfdbench.refused(told, "audit " + words.replace("STORE", uneven))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cli.command import Command
-from tests.conftest import BELOW, TINY_TOML, store_of
+from tests.conftest import TINY_TOML, store_of
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
 from tests.made_zedd import MOTORS, floor, make_zedd
@@ -64,10 +64,9 @@ def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_
     store = tmp_path / "tiny.zarr"
     arguments = ["build", tiny_toml, "--store", str(store), "--source", str(tiny_folder)]
     stopped = python("-c", STOPPED, *arguments, "--workers", "1")
-    errors = stopped.stderr
     assert stopped.returncode == 130
-    assert "goes on from here" in errors
-    assert "Traceback" not in errors
+    assert "goes on from here" in stopped.stderr
+    assert "Traceback" not in stopped.stderr
     assert not store.exists()
     again = python("-m", "dfdbench", *arguments)
     assert again.returncode == 0
@@ -103,24 +102,14 @@ def test_from_the_site_to_a_store_and_to_files(
     assert dfdbench("verify", store).status == 0
 
 
-def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> None:
-    place = site.folder / BELOW
-    (place / "One/Illum1/Exp0/view1.png").unlink()
-    (place / "Two/Illum1/Exp0/view1.png").write_bytes(b"<html>")
-    both = dfdbench.refused("not a PNG file", "build tiny-1.toml")
-    assert "no address has these 1 files" in both.err
-    assert "set aside in" in both.err
-
-
 @pytest.mark.slow
 def test_a_cluster_does_both(dfdbench: Command, site: Site, cluster: str, tmp_path: Path) -> None:
     store, other = str(tmp_path / "tiny.zarr"), str(tmp_path / "other.zarr")
     built = dfdbench.fine("build tiny-1.toml --store", store, "--scheduler", cluster)
     here = dfdbench("build tiny-1.toml --store", other, "--workers", "2")
     assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
-    ran = dfdbench.fine(
-        f"run --method constant --dataset {store} --scheduler {cluster} --out out --tables"
-    )
+    run = f"run --method constant --dataset {store} --scheduler {cluster} --out out --tables"
+    ran = dfdbench.fine(run)
     assert "several at once: not comparable" in " ".join(ran.out.split())
 
 
@@ -137,18 +126,9 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     ran = dfdbench.fine("run --method mymodule:predict --dataset mine-1.toml")
     assert "protocol valid" in ran.out
     assert "train (own): 3 pairs" in dfdbench("info mine-1.toml").out
-    assert dfdbench("export mine-1.toml --png png").status == 0
+    dfdbench.fine("export mine-1.toml --png png")
     assert Path("png/desk/capture1_defocus.png").is_file()
-    defocus = np.asarray(cv2.imread("png/desk/capture1_defocus.png"))
-    for name in dfdbench("info mine-1.toml --pairs test").out.split():
-        Path("elsewhere", name).parent.mkdir(parents=True, exist_ok=True)
-        np.save(f"elsewhere/{name}.npy", np.full(defocus.shape[:2], 100, np.uint8))
-    scored = dfdbench.fine("score --predictions elsewhere --dataset mine-1.toml")
-    assert "protocol valid" in scored.out
     assert dfdbench("audit coverage mine-1.toml").status in (0, 1)
-    results = "results/mine-1-test/mymodule-predict"
-    dfdbench.fine("report", results, "--out", "page", "--format", "markdown")
-    assert "valid" in Path("page/report.md").read_text("utf-8")
 
 
 def test_the_next_command_can_be_pasted(dfdbench: Command, tmp_path: Path) -> None:
@@ -185,10 +165,8 @@ def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Pat
     assert "built zedd-1: 5 pairs of 1 scene" in built.out
     assert "1. a file is missing" in built.err
     for method in ("mymodule:peak", "mymodule:predict"):
-        ran = dfdbench.fine(
-            "run --method", method, "--dataset", "zedd", "--split", "val_0001", "--no-figures"
-        )
-        assert "protocol valid" in ran.out
+        run = f"run --method {method} --dataset zedd --split val_0001 --no-figures"
+        assert "protocol valid" in dfdbench.fine(run).out
 
 
 def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_path: Path) -> None:
@@ -215,11 +193,10 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     folder = make_stacks(tmp_path / "mine")
     for depth in folder.rglob("depth.npy"):
         depth.unlink()
-    assert dfdbench("new-dataset", str(folder)).status == 0
-    assert dfdbench("build mine-1.toml --source", str(folder)).status == 0
-    outcome = dfdbench.refused(
-        "mine has no depth to score against", "run --method mymodule:predict --dataset mine"
-    )
+    dfdbench.fine("new-dataset", str(folder))
+    dfdbench.fine("build mine-1.toml --source", str(folder))
+    run = "run --method mymodule:predict --dataset mine"
+    outcome = dfdbench.refused("mine has no depth to score against", run)
     commands = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
     dfdbench.fine(commands[0])
     assert commands[1].startswith("predict IMAGES --method NAME --out MAPS")
