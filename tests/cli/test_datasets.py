@@ -13,6 +13,11 @@ def test_list_and_version(dfdbench: Command) -> None:
     listed = dfdbench("list")
     for name in ("demo", "middlebury", "realworld", "noise-1", "camera-3", "constant", "local"):
         assert name in listed.out
+    (line,) = [line for line in listed.out.splitlines() if "realworld-sim " in line]
+    assert "SIMULATED" in line
+    shown = dfdbench("info realworld-sim").out
+    assert shown.startswith("SIMULATED captures")
+    assert "both images are SIMULATED captures" in shown
     assert dfdbench("--version").out.startswith("dfdbench ")
 
 
@@ -35,26 +40,12 @@ def test_a_set_of_ones_own_goes_by_its_name(dfdbench: Command, site: Site, tmp_p
     assert "not a data set built by dfdbench" in line
 
 
-def test_simulated_captures_are_shown_as_such(dfdbench: Command) -> None:
-    (line,) = [line for line in dfdbench("list").out.splitlines() if "realworld-sim " in line]
-    assert "SIMULATED" in line
-    shown = dfdbench("info realworld-sim").out
-    assert shown.startswith("SIMULATED captures")
-    assert "both images are SIMULATED captures" in shown
-
-
-def test_the_cache_clears_a_track_by_its_name(
-    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
-    for name in ("demo-1.zarr", "demo-1@noise-1.zarr"):
-        (tmp_path / "stores" / name).mkdir(parents=True)
-    assert "removed 1 entries" in dfdbench("cache clear demo@noise-1 --yes").out
-    assert [path.name for path in (tmp_path / "stores").iterdir()] == ["demo-1.zarr"]
-
-
 def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     dfdbench("build tiny-1.toml")
+    track = own_stores()["tiny"].with_name("demo-1@noise-1.zarr")
+    track.mkdir()
+    assert "removed 1 entries" in dfdbench("cache clear demo@noise-1 --yes").out
+    assert not track.exists()
     listed = dfdbench("cache").out
     assert "tiny-1.zarr" in listed
     assert "downloads" in listed
@@ -93,6 +84,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
     (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
     (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
     (table,) = dfdbench.facts("doctor --cache", str(tmp_path))["tables"]
@@ -104,8 +96,4 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     assert told["trains on cpu in"].split(":")[0] in ("float32", "bf16")
     assert told["NUMBA_NUM_THREADS"] == "1"
     assert Path(told["compiled code"]).is_dir()
-
-
-def test_an_absent_extra_says_how_to(dfdbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
-    assert "absent: pip install 'dfdbench[none]'" in dfdbench("doctor").out
+    assert told["extra none"] == "absent: pip install 'dfdbench[none]'"

@@ -28,21 +28,11 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
     assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)
     assert np.asarray(cv2.imread("picture.png")).ndim == 3
-
-
-def test_a_map_at_one_end_of_the_levels_is_said_to_be_odd(
-    dfdbench: Command, tmp_path: Path
-) -> None:
-    images = photographs(tmp_path)
     told = dfdbench.fine("predict", *images, "--method", "mymodule:near", "--out", "depth.npy")
     assert "odd          100 % of the pixels are at one end of the levels" in told.err
-
-
-def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: Path) -> None:
-    (tmp_path / "in/scene").mkdir(parents=True)
-    photographs(tmp_path / "in/scene")
-    told = dfdbench("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--out", "out")
-    assert (told.status, np.load("out/scene.npy").max()) == (0, 90), told.err
+    for image in images:
+        Path(image).write_bytes(b"")
+    assert images[1] in dfdbench.refused(images[0], *predict).err
 
 
 def test_every_pair_is_tried_and_what_fails_is_named_together(
@@ -75,14 +65,6 @@ def test_every_pair_is_tried_and_what_fails_is_named_together(
     assert not Path("out.zip").exists()
 
 
-def test_all_is_said_of_two_damaged_photographs(dfdbench: Command, tmp_path: Path) -> None:
-    images = photographs(tmp_path)
-    for image in images:
-        Path(image).write_bytes(b"")
-    words = ("predict", *images, "--method", "mymodule:predict", "--out", "depth.npy")
-    assert images[1] in dfdbench.refused(images[0], *words).err
-
-
 def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:
     images = photographs(tmp_path)
     (tmp_path / "empty").mkdir()
@@ -108,13 +90,21 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
 
 
 def test_check_method_passes_and_fails(dfdbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = ("--param", "window=3", "--param", "recipe=published")
-    assert "fit for a run" in dfdbench.fine("check-method local", *told).out
+    # It prints, on each of the nine pairs.
+    assert "fit for a run, 9 warnings" in dfdbench.fine("check-method mymodule:predict").out
     bad = dfdbench("check-method mymodule:nan")
     assert (bad.status, "NaN" in bad.out) == (1, True)
-    # It prints, on each of the nine pairs. Another process it was tried in above.
+    # Another process was tried above.
     monkeypatch.setattr("dfdbench.evaluation.check.Processes", Threads)
-    assert "fit for a run, 9 warnings" in dfdbench("check-method mymodule:predict").out
+    told = "--param window=3 --param recipe=published"
+    assert "fit for a run" in dfdbench.fine(f"check-method local {told}").out
+
+
+@pytest.mark.slow
+def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Command) -> None:
+    good = dfdbench.fine("check-method local --param window=3")
+    assert "fit for a run" in good.out
+    assert "fit, on two made pairs" in good.out
 
 
 def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_path: Path) -> None:
@@ -130,10 +120,3 @@ def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_pat
     dfdbench.refused("reads a volume of costs", "export-onnx volume-net --out net.onnx")
     Path("net.toml").unlink()
     dfdbench.refused("has no description", "check-method net.onnx")
-
-
-@pytest.mark.slow
-def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Command) -> None:
-    good = dfdbench.fine("check-method local --param window=3")
-    assert "fit for a run" in good.out
-    assert "fit, on two made pairs" in good.out

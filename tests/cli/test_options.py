@@ -15,24 +15,17 @@ def test_a_value_is_json_or_text() -> None:
     assert read == as_json | {"f": "published", "g": "a=b"}
 
 
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
+def test_broken_json_and_what_is_no_name_and_value_are_told() -> None:
+    for text, why in (
         ("{sigma_min: 0.2}", "double quotes at character 2 of {sigma_min: 0.2}"),
-        ('{"sigma_min": 0.2', "Expecting ',' delimiter at character 18"),
         (" [1, 2", "at character 7"),
-    ],
-)
-def test_broken_json_says_what_is_wrong_with_it(text: str, why: str) -> None:
-    with pytest.raises(InputError, match="broken JSON") as caught:
-        values_of([f"recipe={text}"], "--param")
-    assert caught.value.problems[0].where == "--param recipe"
-    assert why in caught.value.problems[0].what
+    ):
+        with pytest.raises(InputError, match="broken JSON") as caught:
+            values_of([f"recipe={text}"], "--param")
+        assert caught.value.problems[0].where == "--param recipe"
+        assert why in caught.value.problems[0].what
     with pytest.raises(InputError, match="--values"):
-        value_of(text, "--values")
-
-
-def test_every_text_that_is_no_name_and_value_is_told() -> None:
+        value_of("[1", "--values")
     with pytest.raises(InputError, match="2 problems") as caught:
         values_of(["window", "a=1", "=2"], "--set")
     assert [problem.got for problem in caught.value.problems] == ["window", "=2"]
@@ -74,15 +67,10 @@ def test_the_shell_is_offered_what_begins_so(typed: str, offered: list[str]) -> 
     assert done.stdout.split() == offered, done.stderr
 
 
-@pytest.mark.parametrize(
-    ("text", "metres"),
-    [("9.6mm", 9.6e-3), ("0.5m", 0.5), ("4.8um", 4.8e-6), ("4.8µm", 4.8e-6), (" 3 cm ", 0.03)],
-)
-def test_a_length_is_read_in_metres(text: str, metres: float) -> None:
-    assert parse_length(text, "--pixel") == pytest.approx(metres, rel=1e-15)
-
-
-@pytest.mark.parametrize("text", ["9.6", "mm", "-1m", "0m", "1 inch", "nanm", "1e999m", ""])
-def test_what_is_no_length_is_refused_by_name(text: str) -> None:
-    with pytest.raises(InputError, match="--pixel"):
-        parse_length(text, "--pixel")
+def test_a_length_is_read_in_metres() -> None:
+    lengths = {"9.6mm": 9.6e-3, "0.5m": 0.5, "4.8um": 4.8e-6, "4.8µm": 4.8e-6, " 3 cm ": 0.03}
+    for text, metres in lengths.items():
+        assert parse_length(text, "--pixel") == pytest.approx(metres, rel=1e-15)
+    for text in ("9.6", "mm", "-1m", "0m", "1 inch", "nanm", "1e999m", ""):
+        with pytest.raises(InputError, match="--pixel"):
+            parse_length(text, "--pixel")

@@ -1,6 +1,7 @@
 """No command writes into a data set, a run, or one of its own inputs."""
 
 import hashlib
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,9 +49,9 @@ COMMANDS = {
 
 @pytest.fixture
 def work(dfdbench: Command, tiny_store: Dataset) -> Iterator[None]:
-    for folder in ("run", "other"):
-        run = f"run --method constant --dataset {tiny_store.path} --out {folder}"
-        dfdbench.fine(run, "--no-figures", "--no-predictions")
+    run = f"run --method constant --dataset {tiny_store.path} --out run"
+    dfdbench.fine(run, "--no-figures", "--no-predictions")
+    shutil.copytree("run", "other")
     make_folder(Path("photos"))
     Path("maps").mkdir()
     before = content(Path("run")), content(Path(str(tiny_store.path)))

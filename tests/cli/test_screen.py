@@ -47,16 +47,10 @@ def test_without_a_terminal_long_work_says_every_minute_how_far_it_is(
     assert len(lines) == 8
     assert lines[0] == "training dfd-net: 5,600 of 10,000, 1 min so far, about 7 min left"
     assert lines[-1] == "training dfd-net: 9,800 of 10,000, 8 min so far, about 0 min left"
-
-
-def test_a_download_says_its_bytes_and_work_of_unknown_length_what_is_done(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    clock = _Clock()
-    monkeypatch.setattr(screen, "time", clock)
+    # A download says its bytes, too, and work of unknown length what is done.
     with screen.progress("fetching demo") as fetched:
         fetched(0, 4, 0)
-        clock.seconds = 61.0
+        clock.seconds += 61.0
         fetched(1, 4, 2_000_000)
     with screen.progress("training u-net") as step:
         step(0, None)
@@ -76,31 +70,24 @@ def test_a_table_of_others_text_steers_no_terminal(capsys: pytest.CaptureFixture
 
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
-CONTENT = '{"a": 1}\n'
 
 
-@pytest.mark.parametrize(
-    ("format", "told"),
-    [(Format.json, '{"a": 1}\n'), (Format.markdown, "| value |"), (Format.table, "─")],
-)
 def test_an_answer_is_printed_in_one_form_and_kept_in_all(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], format: Format, told: str
-) -> None:
-    give([TABLE], format, tmp_path / "new", {"a.json": CONTENT, "a.png": Figure()}, "the verdict")
-    out, err = capsys.readouterr()
-    assert told in out
-    assert ("the verdict" in out) == (format is not Format.json)
-    assert (tmp_path / "new/a.json").read_text() == CONTENT
-    assert (tmp_path / "new/a.png").exists()
-    assert err == f"written to   {tmp_path / 'new'}\n"
-
-
-def test_an_earlier_answer_is_said_to_be_replaced_where_it_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for content, told in (("one", False), ("one", False), ("two", True)):
-        give([TABLE], Format.json, tmp_path, {"a.json": content})
-        assert ("in place of an earlier answer" in capsys.readouterr().err) == told
+    place, content = tmp_path / "new", '{"a": 1}\n'
+    for format, told in (
+        (Format.json, content), (Format.markdown, "| value |"), (Format.table, "─")
+    ):  # fmt: skip
+        give([TABLE], format, place, {"a.json": content, "a.png": Figure()}, "the verdict")
+        out, err = capsys.readouterr()
+        assert told in out
+        assert ("the verdict" in out) == (format is not Format.json)
+        assert (place / "a.json").read_text() == content
+        assert (place / "a.png").exists()
+        assert err == f"written to   {place}\n"
+    give([TABLE], Format.json, place, {"a.json": "another"})
+    assert "in place of an earlier answer" in capsys.readouterr().err
 
 
 def test_a_place_that_cannot_be_written_is_told_before_anything_is_printed(

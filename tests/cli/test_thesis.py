@@ -27,7 +27,7 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
-        sizes = ["thesis experiment patch-size", *store, QUICK[0], "--values", values]
+        sizes = ("thesis experiment patch-size", *store, QUICK[0], "--values", values)
         dfdbench.refused(message, *sizes)
     assert not Path("training").exists()
     dfdbench.refused("did you mean noise", "thesis experiment nose", *store)
