@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
 from tests.conftest import write_png
 from tests.evaluation.test_predict import LENS
@@ -89,15 +88,11 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
         assert not Path("depth.npy").exists()
 
 
-def test_check_method_passes_and_fails(dfdbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_check_method_passes_and_fails(dfdbench: Command) -> None:
     # It prints, on each of the nine pairs.
     assert "fit for a run, 9 warnings" in dfdbench.fine("check-method mymodule:predict").out
     bad = dfdbench("check-method mymodule:nan")
     assert (bad.status, "NaN" in bad.out) == (1, True)
-    # Another process was tried above.
-    monkeypatch.setattr("dfdbench.evaluation.check.Processes", Threads)
-    told = "--param window=3 --param recipe=published"
-    assert "fit for a run" in dfdbench.fine(f"check-method local {told}").out
 
 
 @pytest.mark.slow

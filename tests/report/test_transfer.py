@@ -41,10 +41,9 @@ def test_a_fit_costs_on_other_sets(
 
 def test_refusals_say_why(tiny_store: Dataset, dark_store: Dataset, tmp_path: Path) -> None:
     mean = write_mean(tmp_path)
-    with pytest.raises(InputError, match="each named once; got 2"):
-        dfdbench.run_transfer("local", [tiny_store, tiny_store])
-    with pytest.raises(InputError, match="got 1"):
-        dfdbench.run_transfer("local", [tiny_store])
+    for stores in ([tiny_store, tiny_store], [tiny_store]):
+        with pytest.raises(InputError, match=f"each named once; got {len(stores)}"):
+            dfdbench.run_transfer("local", stores)
     for method, protocol, split, said in (
         ("constant", "valid", "test", "has no fit on tiny"),
         (mean, "nope", "test", "unknown protocol"),
