@@ -136,9 +136,7 @@ def at_commit(monkeypatch: pytest.MonkeyPatch, commit: str | None) -> None:
     monkeypatch.setattr("dfdbench.results.environment.describe_environment", lambda: environment)
 
 
-def test_a_seed_is_drawn_and_stays_drawn_at_its_commit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_seed_stays_drawn_at_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     at_commit(monkeypatch, "abc")
     first, second = draw_seed(tmp_path), draw_seed(tmp_path)
     assert first.seed != second.seed

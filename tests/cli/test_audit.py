@@ -57,9 +57,7 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
     assert Path("results/uneven-difficulty/all/difficulty.png").exists()
 
 
-def test_a_run_of_another_split_is_not_compared_with_the_bound(
-    dfdbench: Command, uneven: str
-) -> None:
+def test_a_run_of_another_split_has_no_bound(dfdbench: Command, uneven: str) -> None:
     run = f"run --split Two --method constant --dataset {uneven} --out runs/constant"
     dfdbench.fine(run, "--no-figures", "--no-predictions")
     bound = f"audit difficulty {uneven} --result runs/constant --split One --bound"
@@ -198,9 +196,7 @@ def test_a_mistake_is_told(dfdbench: Command, uneven: str) -> None:
 
 
 @pytest.mark.slow
-def test_middlebury_shows_what_the_thesis_found(
-    dfdbench: Command, shared_data: Path, tmp_path: Path
-) -> None:
+def test_the_thesis_found_the_same(dfdbench: Command, shared_data: Path, tmp_path: Path) -> None:
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
     manifest, middlebury = find_manifest("middlebury-default"), str(tmp_path / "middlebury.zarr")
     store_of(manifest, shared_data / "middlebury", tmp_path / "middlebury.zarr")

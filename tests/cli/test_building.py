@@ -74,9 +74,7 @@ def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_
     assert "kept from before" in again.stdout
 
 
-def test_from_the_site_to_a_store_and_to_files(
-    dfdbench: Command, site: Site, tmp_path: Path
-) -> None:
+def test_from_the_site_to_files(dfdbench: Command, site: Site, tmp_path: Path) -> None:
     cache = ("--cache", str(tmp_path / "mine"))
     built = dfdbench.fine("build tiny-1.toml", *cache)
     assert "11 pairs of 3 scenes" in built.out

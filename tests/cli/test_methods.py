@@ -34,9 +34,7 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     assert images[1] in dfdbench.refused(images[0], *predict).err
 
 
-def test_every_pair_is_tried_and_what_fails_is_named_together(
-    dfdbench: Command, tmp_path: Path
-) -> None:
+def test_every_pair_is_tried_and_all_that_fails_named(dfdbench: Command, tmp_path: Path) -> None:
     folders = {name: tmp_path / "in" / name for name in ("a", "b", "cut", "dark_1", "lone", "text")}
     for folder in folders.values():
         folder.mkdir(parents=True)

@@ -60,9 +60,7 @@ def test_the_whole_way(
     assert "1 pair failed; the same command tries it again\n" in one.err
 
 
-def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
+def test_a_protocol_not_scored_there_is_told_before(dfdbench: Command, tiny_store: Dataset) -> None:
     asked = f"run --method mymodule:predict --dataset {tiny_store.path} --protocol metric"
     dfdbench.refused("metric needs depth in metres", f"{asked} --out run")
     assert not Path("run").exists()

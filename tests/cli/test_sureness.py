@@ -19,9 +19,7 @@ from tests.cli.command import Command
 BARE = "--no-figures"
 
 
-def test_a_sigma_is_scored_kept_drawn_and_scored_again(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
+def test_a_sigma_is_scored_kept_and_drawn(dfdbench: Command, tiny_store: Dataset) -> None:
     store = str(tiny_store.path)
     ran = dfdbench.fine("run --method mymodule:sure --out run --dataset", store)
     assert sum(line.startswith("score") for line in ran.err.splitlines()) == 1
@@ -70,9 +68,7 @@ def test_other_processes_say_the_same_sigma(dfdbench: Command, tiny_store: Datas
     assert one == two
 
 
-def test_what_leaves_pixels_out_has_no_mean_and_no_rank_but_in_sureness(
-    dfdbench: Command, tiny_store: Dataset
-) -> None:
+def test_what_leaves_pixels_out_has_no_rank(dfdbench: Command, tiny_store: Dataset) -> None:
     store = str(tiny_store.path)
     entries = []
     for name, lacking in (("gaps", 7), ("sometimes", 4)):
@@ -128,9 +124,7 @@ def test_a_sigma_of_nought_fails_the_pair_and_who_says_nothing_has_no_such_score
     assert "sure" not in json.dumps(content["protocols"])
 
 
-def test_predict_keeps_sigma_where_there_is_room_and_says_so(
-    dfdbench: Command, tmp_path: Path
-) -> None:
+def test_predict_keeps_sigma_where_there_is_room(dfdbench: Command, tmp_path: Path) -> None:
     (tmp_path / "in/a").mkdir(parents=True)
     noise = np.random.default_rng(0).integers(0, 256, (40, 50, 3)).astype(np.uint8)
     images = [str(tmp_path / "in/a" / f"{name}.png") for name in ("infocus", "defocus")]

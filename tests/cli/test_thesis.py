@@ -10,20 +10,6 @@ from tests.methods.made_weights import save_small
 pytest.importorskip("torch", reason="needs the extra nets")
 
 
-@pytest.mark.slow
-def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Dataset) -> None:
-    command = ["thesis experiment cross-validation --dataset", str(tiny_store.path), *QUICK]
-    dfdbench.fine(*command)
-    folder = Path("training/tiny-experiments/cross-validation-dfd-net")
-    table = (folder / "scores.md").read_text()
-    assert "K1" in table
-    assert "K2" in table
-    before = (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns
-    assert dfdbench(*command, "--format", "csv").out == (folder / "scores.csv").read_text()
-    assert (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns == before
-    assert (folder / "scores.png").stat().st_size > 5000
-
-
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):

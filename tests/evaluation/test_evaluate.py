@@ -52,9 +52,7 @@ class Measured(Level):
         self.calibrations = (Calibration(law, *nothing),) * laws
 
 
-def test_each_law_that_was_measured_lies_beside_the_run(
-    tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_each_measured_law_lies_beside_the_run(tiny_store: Dataset, tmp_path: Path) -> None:
     for laws, files in enumerate(([], ["law.toml"], ["law-1.toml", "law-2.toml"])):
         run = evaluate(Measured, tiny_store, limit=1, parameters={"laws": laws})
         assert sorted(path.name for path in run.folder.glob("law*")) == files

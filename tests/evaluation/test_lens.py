@@ -47,23 +47,19 @@ def test_the_law_is_the_thin_lens_equation_by_hand() -> None:
     assert (law.noise, law.registered, law.exponent, law.kernel_size) == ((2.0,), False, 4, 9)
 
 
-@pytest.mark.parametrize(
-    ("changes", "parts"),
-    [
+def test_a_lens_that_is_none_is_told() -> None:
+    cases: list[tuple[dict[str, Any], list[str]]] = [
         ({"focal_length": None, "scale": None}, ["no focal_length, scale", "recipe=FILE.toml"]),
         ({"colour": 1, "sigma_min": 2.0}, ["unknown field", "colour", "sigma_min"]),
         ({"focal_length": "5cm", "pixel_pitch": True}, ["focal_length", "pixel_pitch"]),
         ({"focus_distance": 0.01}, ["no real image", "lens: focus_distance"]),
         ({"scale": {"near": 4.0, "far": 0.5, "law": "linear"}}, ["near is not before far"]),
         ({"noise": "much"}, ["wrong blur law", "noise"]),
-    ],
-)
-def test_a_lens_that_is_none_is_told(changes: dict[str, Any], parts: list[str]) -> None:
-    given = {name: v for name, v in {**LENS, **changes}.items() if v is not None}
-    with pytest.raises(MethodError) as raised:
-        lens_law(given)
-    for part in parts:
-        assert part in str(raised.value)
+    ]
+    for changes, parts in cases:
+        with pytest.raises(MethodError) as raised:
+            lens_law({name: v for name, v in {**LENS, **changes}.items() if v is not None})
+        assert all(part in str(raised.value) for part in parts), raised.value
 
 
 def test_a_manifests_rig_is_told_a_file_fills_up(tiny_manifest: Manifest, tmp_path: Path) -> None:
@@ -84,26 +80,24 @@ def test_a_manifests_rig_is_told_a_file_fills_up(tiny_manifest: Manifest, tmp_pa
         given_by_lens(tiny_manifest, {"recipe": "rig"})
 
 
-def test_a_constructor_gets_the_facts_that_are_known(tiny_store: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(
-        "class Mine:\n"
-        "    def __init__(self, rig): self.rig = rig\n"
-        "    def __call__(self, infocus, defocus): return infocus[..., 0]\n"
-    )
-    entry = f"{tmp_path / 'mine.py'}:Mine"
-    nothing = load_for(tiny_store, entry, {})
-    assert nothing.predict.rig == Rig()  # type: ignore[attr-defined]
+class Told:
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any: ...
+
+
+def test_a_constructor_gets_the_facts_that_are_known(tiny_store: Dataset) -> None:
+    assert load_for(tiny_store, Told, {}).predict.rig == Rig()  # type: ignore[attr-defined]
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(focal_length=0.05, far=3.0), SCALE)
-    rig = load_for(tiny_store, entry, {}).predict.rig  # type: ignore[attr-defined]
+    rig = load_for(tiny_store, Told, {}).predict.rig  # type: ignore[attr-defined]
     assert (rig.focal_length, rig.pixel_pitch) == (0.05, None)
     assert (rig.near, rig.far) == (0.5, 3.0), "the levels' ends where the rig does not say"
     assert rig == rig_of(tiny_store.manifest)
 
 
 @pytest.mark.parametrize("method", ["local", "graph-cuts"])
-def test_told_a_lens_a_method_finds_both_sides_of_the_focus(
-    tiny_store: Dataset, method: str
-) -> None:
+def test_a_method_finds_both_sides_of_the_focus(tiny_store: Dataset, method: str) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
     loaded = load_for(tiny_store, method, {"recipe": "rig"})
     law = lens_law(LENS)

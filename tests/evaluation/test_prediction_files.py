@@ -38,18 +38,16 @@ def save_npz(stem: Path, levels: NDArray[Any]) -> None:
     ("write", "step"),
     [
         (lambda stem, levels: np.save(f"{stem}.npy", levels), 0),
-        (lambda stem, levels: np.save(f"{stem}.npy", levels.astype(np.float16)), 0.125),
         (lambda stem, levels: np.savez(f"{stem}.npz", levels), 0),
         (save_npz, 0),
         (image(1, "uint8", ".png"), 1),
         (image(256, "uint16", ".png"), 1 / 256),
         (image(256, "uint16", ".TIF"), 1 / 256),
-        (image(1, "uint8", ".tiff"), 1),
         (lambda stem, levels: cv2.imwrite(f"{stem}.tif", levels), 0),
     ],
-    ids=["npy", "npy16", "npz", "named", "png8", "png16", "tiff16", "tiff8", "tiff"],
+    ids=["npy", "npz", "named", "png8", "png16", "tiff16", "tiff"],
 )
-def test_every_format_holds_the_same_levels(
+def test_every_format_holds_them(
     tiny_store: Dataset, folder: Path, write: Write, step: float
 ) -> None:
     # Some of the formats in folders, and some of them all in one.
@@ -86,9 +84,7 @@ def test_metres_become_levels_by_the_scale(tiny_store: Dataset, folder: Path, wr
         np.testing.assert_allclose(found.read(pair, levels.shape)[0], levels, rtol=0, atol=0.4)
 
 
-def test_what_lies_beyond_the_scale_is_its_end_and_counted(
-    tiny_store: Dataset, folder: Path
-) -> None:
+def test_what_lies_beyond_the_scale_is_its_end(tiny_store: Dataset, folder: Path) -> None:
     store, _ = in_metres(tiny_store)
     write_all(store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", np.full(d.shape, 9)))
     found = find_predictions(folder, store, "test", "metres")
@@ -136,9 +132,8 @@ def test_all_that_is_wrong_and_only_it_is_told(tiny_store: Dataset, folder: Path
 LONG = np.full((24, 31), 255, np.int32)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "told"),
-    [
+def test_what_is_no_depth_map_is_told(tiny_store: Dataset, folder: Path) -> None:
+    cases: list[tuple[Callable[[Path], Any], str]] = [
         (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "cannot be read"),
         (lambda path: cv2.imwrite(str(path), np.zeros((24, 31, 3), np.uint8)), "kind RGB"),
         (lambda path: cv2.imwrite(f"{path.with_suffix('.tif')}", LONG), "kind I"),
@@ -146,18 +141,16 @@ LONG = np.full((24, 31), 255, np.int32)
         (lambda path: np.savez(path.with_suffix(".npz"), a=[1], b=[2]), "none of them called"),
         (lambda path: np.savez(path.with_suffix(".npz"), np.array([{}])), "cannot be read"),
         (lambda path: np.save(path.with_suffix(".npy"), np.full((24, 31), "a")), "<U1 values"),
-    ],
-)
-def test_what_is_no_depth_map_is_told(
-    tiny_store: Dataset, folder: Path, spoil: Callable[[Path], Any], told: str
-) -> None:
+    ]
     write_all(tiny_store, "Two", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     path = min(folder.rglob("*.npy"))
-    path.unlink()
-    spoil(path.with_suffix(".png"))
-    with pytest.raises(ResultError, match=told) as raised:
-        find_predictions(folder, tiny_store, "Two", "levels")
-    assert len(raised.value.problems) == 1
+    for spoil, told in cases:
+        for made in path.parent.glob(f"{path.stem}.*"):
+            made.unlink()
+        spoil(path.with_suffix(".png"))
+        with pytest.raises(ResultError, match=told) as raised:
+            find_predictions(folder, tiny_store, "Two", "levels")
+        assert len(raised.value.problems) == 1
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,9 @@ def test_the_filters_filter(page: webdriver.Chrome) -> None:
     assert not page.find_element(By.ID, "more").is_displayed()
 
 
-def test_pairs_stand_worst_first(page: webdriver.Chrome) -> None:
+def test_pairs_stand_worst_first_and_a_name_runs_no_script(page: webdriver.Chrome) -> None:
+    assert ask(page, "document.querySelectorAll('img[onerror], img[src=x]').length") == 0
+    assert HOSTILE in page.find_element(By.TAG_NAME, "table").text
     choose(page, "method", "")
     scores = [float(p.find_element(By.CSS_SELECTOR, ".scores b").text) for p in shown(page)]
     assert len(scores) == 24
@@ -140,11 +142,6 @@ def test_the_error_map_is_switched_by_keyboard(page: webdriver.Chrome) -> None:
     assert not error.is_displayed()
     Select(page.find_element(By.ID, "view")).select_by_value("error")
     assert all(p.find_element(By.CSS_SELECTOR, ".error").is_displayed() for p in shown(page))
-
-
-def test_a_name_runs_no_script(page: webdriver.Chrome) -> None:
-    assert ask(page, "document.querySelectorAll('img[onerror], img[src=x]').length") == 0
-    assert HOSTILE in page.find_element(By.TAG_NAME, "table").text
 
 
 def test_a_phone_scrolls_no_page_sideways(page: webdriver.Chrome) -> None:

@@ -19,9 +19,7 @@ def inverted(infocus: np.ndarray, defocus: np.ndarray) -> np.ndarray:
     return np.asarray(255 - infocus.mean(2))
 
 
-def test_a_constant_is_what_a_run_of_it_scores_where_no_row_says_so(
-    tiny_store: dfd.Dataset,
-) -> None:
+def test_a_constant_is_run_where_no_row_says_it(tiny_store: dfd.Dataset) -> None:
     found = lines(dfd.run(inverted, tiny_store))
     assert found["score"].endswith("(protocol valid, split test, 7 pairs)")
     constant = dfd.run("constant", tiny_store)
@@ -31,9 +29,7 @@ def test_a_constant_is_what_a_run_of_it_scores_where_no_row_says_so(
     assert lines(constant).keys() == {"score", "worst"}
 
 
-def test_a_part_of_the_pairs_is_held_against_the_same_pairs_of_the_rows(
-    demo_store: dfd.Dataset,
-) -> None:
+def test_a_part_is_held_against_the_same_pairs_of_rows(demo_store: dfd.Dataset) -> None:
     done = dfd.run("local", demo_store, limit=2)
     text = done.verdict()
     found = dict(zip(("score", "constant", "best"), text.splitlines(), strict=False))
