@@ -2,13 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
-from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
-from dfdbench.board.ranking import ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.board.ranking import ScoreBoard, boards
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
@@ -133,18 +130,6 @@ def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:
     # A rank counts only rows whose whole interval is lower.
     assert ranks(found) == [(1, "a"), (1, "b"), (3, "c")]
     assert [s.above and s.above.verdict for s in found.standings] == [None, "real", "real"]
-
-
-def test_a_suite_needs_every_severity_of_every_track() -> None:
-    places = [(label.split("-")[0], int(label.split("-")[1])) for label in SUITES["tracks-1"]]
-    index = pd.MultiIndex.from_tuples([(0, *place) for place in places])
-    means = pd.Series(range(21), index.set_names(["row", "track", "severity"]), float)
-    by_track = over_tracks(means, "tracks-1").to_numpy()[0]
-    assert list(by_track) == [1, 4, 7, 10, 13, 16, 19]
-    assert mean_of_all(by_track) == 10
-    lacking = over_tracks(means.drop(index=(0, "camera", 3)), "tracks-1").to_numpy()[0]
-    assert np.isnan(lacking).tolist() == [False] * 6 + [True]
-    assert np.isnan(mean_of_all(lacking))
 
 
 def test_a_suite_of_one_track_is_of_its_runs_alone(tmp_path: Path) -> None:

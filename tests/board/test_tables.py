@@ -132,21 +132,22 @@ def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path
     weights: dict[str, Any] = {"weights_sha256": "3" * 64}
     board = tracked(
         tmp_path,
+        ("solver", {"uses": ["recipe"]}),
+        ("part", {"labels": ALL[:-1]}),
         ("fitted", {"fitted_on": "demo-1@{label}, split train"}),
         ("clean", {"trained_on": "demo-1, split train", **weights}),
         ("other", {"trained_on": "middlebury-default-1, split train", **weights}),
         ("robust", {"trained_on": "demo-1, split train, random tracks", **weights}),
     )
-    assert {row[1]: row[13:] for row in tables.tracks_table(board, tmp_path).rows} == {
+    table = tables.tracks_table(board, tmp_path)
+    assert {row[1]: row[13:] for row in table.rows} == {
+        "solver-given": ("–", "–"),
+        "part": ("–", "–"),
         "fitted": ("this track", "–"),
         "clean": ("–", "clean"),
         "other": ("–", "clean middlebury-default-1"),
         "robust": ("–", "demo-1, split train, random tracks"),
     }
-
-
-def test_why_a_row_on_tracks_has_no_rank_is_said(tmp_path: Path) -> None:
-    board = tracked(tmp_path, ("solver", {"uses": ["recipe"]}), ("part", {"labels": ALL[:-1]}))
-    notes = "\n".join(tables.tracks_table(board, tmp_path).notes)
+    notes = "\n".join(table.notes)
     assert "solver-given: no rank." in notes
     assert "part: no rank without all of camera" in notes

@@ -4,11 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from dfdbench.api import run as evaluate
 from dfdbench.blur.law import BlurLaw
-from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, ResultError, UnknownNameError
@@ -57,22 +55,6 @@ def test_each_measured_law_lies_beside_the_run(tiny_store: Dataset, tmp_path: Pa
         run = evaluate(Measured, tiny_store, limit=1, parameters={"laws": laws})
         assert sorted(path.name for path in run.folder.glob("law*")) == files
         assert all("sigmas" in (run.folder / name).read_text() for name in files)
-
-
-def test_it_gives_the_numbers_of_the_command(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ran = CliRunner().invoke(
-        app, ["run", "--method", "constant", "--dataset", str(tiny_store.path), "--no-predictions"]
-    )
-    assert ran.exit_code == 0, ran.output
-    commanded = load_result(tmp_path / "results/tiny-test/constant")
-    result = evaluate("constant", tiny_store).result
-    assert result.averages == commanded.averages
-    assert result.warnings == commanded.warnings
-    for one, other in zip(result.pairs, commanded.pairs, strict=True):
-        assert one == other.model_copy(update={"seconds": one.seconds})
 
 
 def test_what_has_no_name_is_run_with_its_facts_and_parameters(tiny_store: Dataset) -> None:

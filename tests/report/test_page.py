@@ -1,7 +1,6 @@
 import base64
 import json
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -105,14 +104,6 @@ def test_each_pair_has_its_pictures_each_once(html_page: Path, tags: Found) -> N
     pictures = json.loads(content.group(1))
     assert len(set(pictures.values())) == len(pictures)
     assert {a["data-picture"] for t, a in tags if "data-picture" in a} == pictures.keys()
-
-
-@pytest.mark.slow
-def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
-    bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
-    text = page.write_html([bare], "thesis", tmp_path).read_text("utf-8")
-    assert "No pictures of constant: no depth maps lie beside the result." in text
-    assert "<article" not in text
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
