@@ -42,14 +42,11 @@ def test_a_mistake_ends_with_a_message_and_status_2(dfdbench: Command) -> None:
 
 def test_every_verb_prints_json() -> None:
     groups = {"audit", "rig", "rig optics", "rig simulate", "thesis", "thesis search"}
-    without = {
-        name
-        for name, verb in verbs().items()
-        if not any(
-            p.name == "format" and "json" in of_type(p.type_descriptor.annotation)
-            for p in verb.params
-        )
-    }
+    without = set(verbs())
+    for name, verb in verbs().items():
+        for option in verb.params:
+            if option.name == "format" and "json" in of_type(option.type_descriptor.annotation):
+                without.discard(name)
     assert without == groups
 
 

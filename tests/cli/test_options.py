@@ -46,25 +46,17 @@ def test_where_work_is_done() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("typed", "offered"),
-    [
+def test_the_shell_is_offered_what_begins_so() -> None:
+    program = "import sys; sys.argv = ['dfdbench']; from dfdbench.cli import app; app()"
+    for typed, offered in (
         ("lead", ["leaderboard"]),
         ("run --dataset middle", ["middlebury", "middlebury-default"]),
         ("tracks --method graph-cuts-", ["graph-cuts-rounded"]),
         ("build nothing-begins-so", []),
-    ],
-)
-def test_the_shell_is_offered_what_begins_so(typed: str, offered: list[str]) -> None:
-    words = f"dfdbench {typed}"
-    asked = {
-        "_DFDBENCH_COMPLETE": "complete_bash",
-        "COMP_WORDS": words,
-        "COMP_CWORD": str(len(words.split()) - 1),
-    }
-    program = "import sys; sys.argv = ['dfdbench']; from dfdbench.cli import app; app()"
-    done = python("-c", program, cwd=None, **asked)
-    assert done.stdout.split() == offered, done.stderr
+    ):
+        asked = {"COMP_WORDS": f"dfdbench {typed}", "COMP_CWORD": str(len(typed.split()))}
+        done = python("-c", program, cwd=None, _DFDBENCH_COMPLETE="complete_bash", **asked)
+        assert done.stdout.split() == offered, done.stderr
 
 
 def test_a_length_is_read_in_metres() -> None:

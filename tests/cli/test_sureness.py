@@ -98,10 +98,9 @@ def test_what_leaves_pixels_out_has_no_rank(dfdbench: Command, tiny_store: Datas
     assert "predict" not in ranks["sure"]
     # A pair that is answered in full has its own error at any density, and no order of its pixels.
     full = [pair for pair in load_result("sometimes").pairs if pair.answered == 1]
-    assert {pair.score("sure", "nrmse_50") for pair in full} == {
-        pair.score("valid", "nrmse") for pair in full
-    }
-    assert {pair.score("sure", "ause") for pair in full} == {None}
+    for pair in full:
+        assert pair.score("sure", "nrmse_50") == pair.score("valid", "nrmse")
+        assert pair.score("sure", "ause") is None
     dfdbench.fine("report gaps sometimes --out page")
     dfdbench.fine("compare sometimes whole --protocol valid")
 

@@ -22,9 +22,6 @@ def test_train_then_run(dfdbench: Command, tiny_store: Dataset) -> None:
     assert "ended by its number of steps" in done.out
     assert "NMAE on test, 7 pairs" in done.out
     assert "4 patches drawn, by pair" in done.out
-    rows = (folder / "patches.csv").read_text().splitlines()
-    assert rows[0] == "pair,patches,pixel_least,pixel_mean,pixel_most"
-    assert sum(int(row.split(",")[1]) for row in rows[1:]) == 4
     weights = f"weights={folder / 'weights.safetensors'}"
     dfdbench.fine("run --method dfd-net --param", weights, *store)
 
@@ -88,9 +85,6 @@ def test_train_on_a_data_set_then_run(dfdbench: Command, network: str, track: st
     done = dfdbench.fine(f"train {network} --dataset demo{track} --set steps=2 --threads 1")
     assert f"demo-1{track}, split train" in done.out
     folder = Path(f"training/demo-1{track}-train/{network}")
-    assert " ".join(sorted(path.name for path in folder.iterdir())) == (
-        "checkpoint.pt losses.csv training.png weights.md weights.safetensors"
-    )
     assert "ended by its number of steps" in done.out
     weights = f"weights={folder / 'weights.safetensors'}"
     dfdbench.fine(f"run --method {network} --dataset demo{track} --limit 1 --param", weights)

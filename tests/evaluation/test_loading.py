@@ -89,9 +89,8 @@ def test_told_a_method_gets_a_track_s_law_and_says_so(tiny_folder: Path, tmp_pat
     assert given.uses == ()
     second = run_method(store, given, "test", tmp_path / "given").result
     assert knew_blur(second.method, second.dataset.degradation)
-    assert not plan_run(store, load_for(store, "local", {}), "test", RunOptions()).identity.get(
-        "told"
-    )
+    untold = plan_run(store, load_for(store, "local", {}), "test", RunOptions())
+    assert not untold.identity.get("told")
     among = run_method(store, told, "test", tmp_path / "among", pool=Processes(2)).result
     assert among.pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
 

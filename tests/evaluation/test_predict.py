@@ -105,7 +105,6 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
 @pytest.mark.parametrize(
     ("method", "camera", "says"),
     [
-        ("graph-cuts", None, "nothing says what it is"),
         ("local", {"focal_length": 0.025}, "not known well enough"),
         ("shape-from-focus", None, "needs a focal stack, and this is a pair"),
     ],

@@ -1,6 +1,7 @@
 import os
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +68,8 @@ def test_a_stopped_run_goes_on(tiny_store: Dataset, tmp_path: Path) -> None:
 
 def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, method(Counting(fail_at=3)), "test", tmp_path / "out")
-    failed = [pair for pair in run.result.pairs if pair.status == "failed"]
-    assert [(pair.error or "").split(" (")[0] for pair in failed] == [
-        "raised RuntimeError: out of memory"
-    ]
+    (failed,) = [pair for pair in run.result.pairs if pair.status == "failed"]
+    assert str(failed.error).startswith("raised RuntimeError: out of memory (")
     assert run.result.averages is None
     assert run.result.dataset.evaluated == 6
     load_result(tmp_path / "out" / RESULT)
@@ -206,10 +205,8 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     pool: Pool = Processes(2)
     if where == "cluster":
         pool = Cluster(request.getfixturevalue("cluster"))
-    alone = run_method(tiny_store, loaded, "test", tmp_path / "alone", RunOptions(seed=3)).result
-    together = run_method(
-        tiny_store, loaded, "test", tmp_path / "together", RunOptions(seed=3), pool=pool
-    ).result
+    run = partial(run_method, tiny_store, loaded, "test", options=RunOptions(seed=3))
+    alone, together = run(tmp_path / "alone").result, run(tmp_path / "together", pool=pool).result
     assert [pair.scores for pair in together.pairs] == [pair.scores for pair in alone.pairs]
     assert together.averages == alone.averages
     assert all(pair.timed_alone for pair in alone.pairs)
@@ -238,9 +235,7 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Pa
 
     assert not run_method(tiny_store, method(right), "test", tmp_path / "right").result.warnings
     (told,) = run_method(tiny_store, method(turned), "test", tmp_path / "turned").result.warnings
-    assert told == (
-        "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
-    )
+    assert told.startswith("depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brigh")
 
     def small(infocus: Any, defocus: Any) -> Any:
         return right(infocus, defocus) / 255

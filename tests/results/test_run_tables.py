@@ -83,23 +83,15 @@ def scene(name: str, geometry: str | None, texture: int | None) -> Scene:
 
 
 def test_scores_are_parted_by_geometry_and_by_texture() -> None:
-    scenes = [
-        scene("k00", "flat-far", 1),
-        scene("k01", "oblique-near-left", 1),
-        scene("k04", "flat-far", 2),
-        scene("k05", "oblique-near-left", 2),
-    ]
+    near = "oblique-near-left"
+    kinds = {"k00": ("flat-far", 1), "k01": (near, 1), "k04": ("flat-far", 2), "k05": (near, 2)}
+    scenes = [scene(name, *kind) for name, kind in kinds.items()]
     run = summarise(make_result(LEVELS), "thesis")
     geometry, texture = scene_tables(run, scenes)
-    assert [row[:3] for row in geometry.rows] == [
-        ("flat-far", "k00 k04", "0.4000"),
-        ("oblique-near-left", "k01 k05", "0.2000"),
-    ]
-    assert [row[-1] for row in geometry.rows] == ["3/3", "2/2"]
-    assert [row[:3] for row in texture.rows] == [
-        ("01", "k00 k01", "0.2333"),
-        ("02", "k04 k05", "0.4500"),
-    ]
+    places = ["|".join((*row[:3], row[-1])) for row in geometry.rows]
+    assert places == ["flat-far|k00 k04|0.4000|3/3", f"{near}|k01 k05|0.2000|2/2"]
+    places = ["|".join(row[:3]) for row in texture.rows]
+    assert places == ["01|k00 k01|0.2333", "02|k04 k05|0.4500"]
     rows = run_tables(run, scenes)[0].records
     parted = {(r["geometry"], r["metric"]): r for r in rows if r["geometry"] != "all"}
     assert len(parted) == 2 * 4
