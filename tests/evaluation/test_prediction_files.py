@@ -12,7 +12,7 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluation.prediction_files import find_predictions
 from tests.evaluation.made_predictions import in_metres, write_all
 
-Write = Callable[[Path, NDArray[Any]], None]
+Write = Callable[[Path, NDArray[Any]], object]
 
 
 @pytest.fixture
@@ -30,58 +30,43 @@ def image(scale: float, dtype: str, suffix: str) -> Write:
     return write
 
 
-def save_npz(stem: Path, levels: NDArray[Any]) -> None:
-    np.savez(f"{stem}.npz", other=levels[:2], depth=levels)
+FORMATS: dict[str, tuple[Write, float]] = {
+    "npy": (lambda stem, levels: np.save(f"{stem}.npy", levels), 0),
+    "npz": (lambda stem, levels: np.savez(f"{stem}.npz", levels), 0),
+    "named": (lambda stem, d: np.savez(f"{stem}.npz", other=d[:2], depth=d), 0),
+    "png8": (image(1, "uint8", ".png"), 1),
+    "png16": (image(256, "uint16", ".png"), 1 / 256),
+    "tiff16": (image(256, "uint16", ".TIF"), 1 / 256),
+    "tiff": (lambda stem, levels: cv2.imwrite(f"{stem}.tif", levels), 0),
+}
 
 
-@pytest.mark.parametrize(
-    ("write", "step"),
-    [
-        (lambda stem, levels: np.save(f"{stem}.npy", levels), 0),
-        (lambda stem, levels: np.savez(f"{stem}.npz", levels), 0),
-        (save_npz, 0),
-        (image(1, "uint8", ".png"), 1),
-        (image(256, "uint16", ".png"), 1 / 256),
-        (image(256, "uint16", ".TIF"), 1 / 256),
-        (lambda stem, levels: cv2.imwrite(f"{stem}.tif", levels), 0),
-    ],
-    ids=["npy", "npz", "named", "png8", "png16", "tiff16", "tiff"],
-)
-def test_every_format_holds_them(
-    tiny_store: Dataset, folder: Path, write: Write, step: float
-) -> None:
-    # Some of the formats in folders, and some of them all in one.
-    truths = write_all(tiny_store, "test", folder, write, flat=step == 0)
-    found = find_predictions(folder, tiny_store, "test", "levels")
-    assert list(found.files) == list(tiny_store.pairs("test"))
-    for pair, levels in truths.items():
-        read, sigma = found.read(pair, levels.shape)
-        assert sigma is None
-        assert read.dtype == np.float32
-        np.testing.assert_allclose(read, levels, rtol=0, atol=step / 2)
+def test_every_format_holds_the_same_levels(tiny_store: Dataset, folder: Path) -> None:
+    for name, (write, step) in FORMATS.items():
+        # Some of the formats in folders, and some of them all in one.
+        truths = write_all(tiny_store, "test", folder / name, write, flat=step == 0)
+        found = find_predictions(folder / name, tiny_store, "test", "levels")
+        assert list(found.files) == list(tiny_store.pairs("test"))
+        for pair, levels in truths.items():
+            read, sigma = found.read(pair, levels.shape)
+            assert (sigma, read.dtype) == (None, np.float32)
+            np.testing.assert_allclose(read, levels, rtol=0, atol=step / 2)
 
 
-@pytest.mark.parametrize(
-    "write",
-    [
-        lambda stem, metres: np.save(f"{stem}.npy", metres),
-        image(1000, "uint16", ".png"),
-        lambda stem, metres: cv2.imwrite(f"{stem}.tiff", metres.astype(np.float32)),
-    ],
-    ids=["npy", "png16", "tiff"],
-)
-def test_metres_become_levels_by_the_scale(tiny_store: Dataset, folder: Path, write: Write) -> None:
+def test_metres_become_levels_by_the_scale(tiny_store: Dataset, folder: Path) -> None:
     store, scale = in_metres(tiny_store)
-
-    def as_metres(stem: Path, levels: NDArray[Any]) -> None:
-        write(stem, scale.to_metres(levels))
-
-    truths = write_all(store, "test", folder, as_metres)
-    found = find_predictions(folder, store, "test", "metres")
-    assert found.beyond == 0
-    for pair, levels in truths.items():
-        # A millimetre is a level and more near at hand.
-        np.testing.assert_allclose(found.read(pair, levels.shape)[0], levels, rtol=0, atol=0.4)
+    formats: dict[str, Write] = {
+        "npy": lambda stem, levels: np.save(f"{stem}.npy", scale.to_metres(levels)),
+        "png16": lambda stem, d: image(1000, "uint16", ".png")(stem, scale.to_metres(d)),
+        "tiff": lambda stem, d: cv2.imwrite(f"{stem}.tiff", scale.to_metres(d).astype("f4")),
+    }
+    for name, write in formats.items():
+        truths = write_all(store, "test", folder / name, write)
+        found = find_predictions(folder / name, store, "test", "metres")
+        assert found.beyond == 0
+        for pair, levels in truths.items():
+            # A millimetre is a level and more near at hand.
+            np.testing.assert_allclose(found.read(pair, levels.shape)[0], levels, rtol=0, atol=0.4)
 
 
 def test_what_lies_beyond_the_scale_is_its_end(tiny_store: Dataset, folder: Path) -> None:

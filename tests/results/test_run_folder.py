@@ -18,29 +18,26 @@ from dfdbench.results.run_folder import (
 from tests.system.test_files import kill_while_writing
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
+def test_depth_maps_that_are_something_else_are_told(tiny_store: Dataset, tmp_path: Path) -> None:
+    pair = tiny_store.pairs("test")[0]
+    shape = tiny_store.shape_of(pair.scene)
+    cases: list[Callable[[Path], object]] = [
         lambda depth: zarr.create_array(depth, shape=(2,), dtype="int8", overwrite=True),
         shutil.rmtree,
         lambda depth: zarr.open_array(depth, mode="a").attrs.update(axes={"colour": [1]}),
         lambda depth: (depth / "zarr.json").write_text("nonsense"),
         lambda depth: zarr.open_array(depth, mode="a").set_basic_selection(..., -0.5),
         lambda depth: zarr.open_array(depth, mode="a").set_basic_selection(..., 255.5),
-    ],
-)
-def test_depth_maps_that_are_something_else_are_told(
-    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], object]
-) -> None:
-    pair = tiny_store.pairs("test")[0]
-    shape = tiny_store.shape_of(pair.scene)
-    Predictions(tmp_path, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
-    assert read_prediction(tmp_path, pair, shape) is not None
-    with pytest.raises(ResultError, match="not a run's depth maps"):
-        read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
-    spoil(tmp_path / PREDICTIONS / pair.scene / "depth")
-    with pytest.raises(ResultError, match="not a run's depth maps"):
-        read_prediction(tmp_path, pair, shape)
+    ]
+    for number, spoil in enumerate(cases):
+        run = tmp_path / str(number)
+        Predictions(run, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
+        assert read_prediction(run, pair, shape) is not None
+        with pytest.raises(ResultError, match="not a run's depth maps"):
+            read_prediction(run, pair, (shape[0] + 1, shape[1]))
+        spoil(run / PREDICTIONS / pair.scene / "depth")
+        with pytest.raises(ResultError, match="not a run's depth maps"):
+            read_prediction(run, pair, shape)
 
 
 def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Path) -> None:
