@@ -68,7 +68,3 @@ class Elsewhere:
     def __call__(self, infocus: Any, defocus: Any) -> Any:
         # Right wherever the depth is 100, far off elsewhere.
         return np.full(infocus.shape[:2], 100)
-
-
-class Apart(Elsewhere):
-    trained_on = "tiny-1, all but Two"

@@ -83,7 +83,6 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
 def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
     (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
     (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
@@ -94,6 +93,5 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     assert told["cache"].startswith(f"{tmp_path}: 2.5 MB, ")
     assert "torch" in told["extra nets"]
     assert told["trains on cpu in"].split(":")[0] in ("float32", "bf16")
-    assert told["NUMBA_NUM_THREADS"] == "1"
     assert Path(told["compiled code"]).is_dir()
     assert told["extra none"] == "absent: pip install 'dfdbench[none]'"
