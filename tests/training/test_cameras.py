@@ -10,7 +10,7 @@ from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
 from dfdbench.training.cameras import CameraLearner, Course, loss_of, steps_of
-from dfdbench.training.volumes import COUNT, DEPTHS, HELD_OUT, VOLUME_NET, Example
+from dfdbench.training.volumes import COUNT, DEPTHS, HELD_OUT, VOLUME_NET
 from tests.training.test_volumes import example
 
 
@@ -19,19 +19,13 @@ def train_on(
     cameras: Mapping[str, Sequence[Any]],
     folder: Path,
     steps: int | None = None,
-    max_seconds: float | None = None,
     on_step: trainer.OnStep | None = None,
 ) -> trainer.TrainingOutcome:
     learner = CameraLearner(course, cameras, "made", steps=steps)
-    return trainer.train(learner, folder, max_seconds, on_step)
+    return trainer.train(learner, folder, on_step=on_step)
 
 
 train_volume_net = partial(train_on, VOLUME_NET)
-
-
-@pytest.fixture
-def cameras() -> Mapping[str, list[Example]]:
-    return {"lens-00": [example(0), example(1)], HELD_OUT[0]: [example(2)]}
 
 
 def test_the_loss_is_least_at_the_truth_and_does_not_see_unknown_pixels() -> None:
@@ -47,9 +41,10 @@ def test_the_loss_is_least_at_the_truth_and_does_not_see_unknown_pixels() -> Non
 
 
 def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
-    cameras: Mapping[str, list[Example]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trainer, "_SAVE_SECONDS", 0.0)
+    cameras = {"lens-00": [example(0), example(1)], HELD_OUT[0]: [example(2)]}
     whole, card, log = train_volume_net(cameras, tmp_path / "whole", steps=3)
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
@@ -68,20 +63,12 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     assert all(torch.equal(before[name], again[name]) for name in before)
 
 
-def test_time_that_is_up_ends_a_training(
-    cameras: Mapping[str, list[Example]], tmp_path: Path
-) -> None:
-    _, card, _ = train_volume_net(cameras, tmp_path, max_seconds=1e-9)
-    assert (card.ended_by, card.steps) == ("its time limit", 1)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"crop": 9}, "no such choice"), ({"steps": 0}, "no number"), ({"steps": True}, "no number")],
-)
-def test_only_steps_can_be_set(changes: dict[str, int], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        steps_of(VOLUME_NET, changes)
+def test_only_steps_can_be_set() -> None:
+    with pytest.raises(InputError, match="no such choice"):
+        steps_of(VOLUME_NET, {"crop": 9})
+    for steps in (0, True):
+        with pytest.raises(InputError, match="no number"):
+            steps_of(VOLUME_NET, {"steps": steps})
 
 
 def test_depths_may_lie_unevenly_and_differ_between_captures() -> None:

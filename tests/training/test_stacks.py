@@ -1,4 +1,4 @@
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +57,7 @@ PLACES = (0.2, 0.5, 0.7, 1.1, 1.5)
 train_stack_net = partial(train_on, stacks.STACK_NET)
 
 
+@cache
 def stack(seed: int, rows: int = 64) -> stacks.Stack:
     """Return a stack of two surfaces, a part of them unknown."""
     shape = (rows, 96)
@@ -73,7 +74,6 @@ def test_crops_follow_from_seed_and_step_alone() -> None:
     for one, two in zip(first, again, strict=True):
         assert torch.equal(one.nan_to_num(-1), two.nan_to_num(-1))
     assert not torch.equal(first[0].mean((1, 2, 3)), other[0].mean((1, 2, 3)))
-    assert stacks.CROP > 64
     assert first[2].shape == (stacks.CROPS, 64, 64)
 
 

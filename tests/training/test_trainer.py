@@ -58,9 +58,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
     assert card == outcome.card
     assert (card.steps, card.ended_by) == (12, "its number of steps")
     assert (card.trained_on, card.scored_on) == ("tiny-1, split train", "test, 7 pairs")
-    assert set(card.scores) == {"nrmse", "nmae", "ssim"}
-    assert set(card.further_scores) == {"thesis-networks-2"}
-    assert set(card.further_scores["thesis-networks-2"]) == set(card.scores)
+    assert list(card.further_scores) == ["thesis-networks-2"]
     page = outcome.weights.with_suffix(".md").read_text()
     assert "under the protocol `thesis-networks-2`" in page
     assert card.fingerprint == tiny_store.fingerprint
@@ -77,7 +75,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
     assert sum(int(row["present"]) for row in levels) == 4 * 24 * 30
 
 
-def test_the_card_keeps_the_precision_that_auto_came_to(
+def test_seeds_differ_and_repeat_and_the_card_keeps_the_precision_that_auto_came_to(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
@@ -85,6 +83,8 @@ def test_the_card_keeps_the_precision_that_auto_came_to(
     assert outcome.card.configuration["precision"] == "float32"
     train(task(tiny_store, precision="float32", steps=2), tmp_path / "n", device="cpu")
     assert losses(tmp_path / "t") == losses(tmp_path / "n")
+    train(task(tiny_store, 1, precision="float32", steps=2), tmp_path / "other", device="cpu")
+    assert losses(tmp_path / "other") != losses(tmp_path / "n")
     # Gone on with where `auto` is something else, the losses would be others: it is refused.
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True})
     with pytest.raises(InputError, match="precision"):
@@ -112,12 +112,6 @@ def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
     networks = [load_weights(outcome.weights, "dfd-net")[0] for outcome in (whole, parts)]
     for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
         assert torch.equal(one, other)
-
-
-def test_seeds_differ_and_repeat(tiny_store: Dataset, tmp_path: Path) -> None:
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train(task(tiny_store, seed, steps=3), tmp_path / name, device="cpu")
-    assert losses(tmp_path / "a") == losses(tmp_path / "b") != losses(tmp_path / "c")
 
 
 @pytest.mark.slow
@@ -243,17 +237,11 @@ def test_a_training_killed_before_its_first_file_is_none_and_no_stranger(tmp_pat
     assert not TrainingFolder(tmp_path / "training").foreign
 
 
-def test_what_was_saved_comes_back(folder: TrainingFolder) -> None:
-    assert folder.started
+def test_what_was_saved_comes_back_to_the_same_training_alone(folder: TrainingFolder) -> None:
     state, log = folder.load(IDENTITY)
-    assert state["step"] == 4
     assert torch.equal(state["network"], torch.ones(2))
     assert log == LOG
     assert (folder.path / "scores.csv").read_text() == "step,test_nmae\n2,\n4,0.5\n"
-    assert len((folder.path / "losses.csv").read_text().splitlines()) == 5
-
-
-def test_another_training_is_refused_by_what_differs(folder: TrainingFolder) -> None:
     other = {"method": "u-net", "configuration": IDENTITY["configuration"] | {"noise": 2.0}}  # type: ignore[operator]
     with pytest.raises(InputError) as caught:
         folder.load(other)

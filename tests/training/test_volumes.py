@@ -94,7 +94,6 @@ def test_crops_follow_from_seed_and_step_alone() -> None:
     assert not torch.equal(first[-1], other[-1])
     assert first[0].shape == (volumes.CROPS, volumes.COUNT, 32, 32)
     assert first[-1].shape == (volumes.CROPS, 64, 64)
-    assert volumes.CROP > 64
 
 
 def test_however_a_crop_is_turned_costs_and_levels_lie_over_each_other() -> None:
