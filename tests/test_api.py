@@ -9,16 +9,18 @@ from numpy.typing import NDArray
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import DfdbenchError, InputError, ResultError
+from dfdbench.errors import InputError, ResultError
+from tests.conftest import TINY_TOML
 
 
 def grey(infocus: NDArray[Any], defocus: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(defocus.mean(axis=2))
 
 
-@pytest.fixture
-def done(tiny_store: Dataset, tmp_path: Path) -> dfdbench.Run:
-    return dfdbench.run(grey, tiny_store, out=tmp_path / "grey")
+@pytest.fixture(scope="module")
+def done(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> dfdbench.Run:
+    store = Dataset(tiny_set / "tiny.zarr")
+    return dfdbench.run(grey, store, out=tmp_path_factory.mktemp("done") / "grey")
 
 
 def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
@@ -33,9 +35,6 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
     regions = done.regions
     assert list(regions) == ["edges", "flat", "far", "near"]
     assert regions.loc[result.pairs[0].id, "far"] == result.pairs[0].regions["far"]
-    assert "grey" in repr(done)
-    assert "<table" in done._repr_html_()
-    assert len(done.table()) > 0
 
 
 def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: Path) -> None:
@@ -45,9 +44,7 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     images, again = done.images(name)
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
-    page = done.report(tmp_path / "page").read_text()
-    assert page.startswith("<!doctype html>")
-    assert "NRMSE by region" in page
+    assert "NRMSE by region" in done.report(tmp_path / "page").read_text()
 
 
 def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:
@@ -62,28 +59,15 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
 def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) -> None:
     constant = dfdbench.run("constant", tiny_store)
     found = dfdbench.compare(done, constant, protocol="thesis")
-    assert "constant" in repr(found)
-    assert len(found.table()) > 0
     assert set(found.scores["run"]) == {0, 1}
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
 
 
-def test_a_data_set_shows_what_it_has(tiny_store: Dataset) -> None:
-    data = dfdbench.open_dataset(str(tiny_store.path))
-    assert repr(data) == "<tiny-1: 11 pairs of 3 scenes>"
-    assert (len(data.captures()), len(data.captures("One"))) == (11, 4)
-    assert data.to_xarray("One").sizes["view"] == 2
-    assert data.verify().sound
-    with pytest.raises(DfdbenchError, match="tets"):
-        data.captures("tets")
-
-
 def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:
-    from tests.conftest import TINY_TOML
-
     (tmp_path / "tiny-1.toml").write_text(TINY_TOML)
     (tiny_folder / "Two/Illum1/Exp1/view1.png").unlink()
     with pytest.warns(UserWarning, match="missing"):
         data = dfdbench.build(str(tmp_path / "tiny-1.toml"), tiny_folder, store=tmp_path / "t.zarr")
     assert len(data.captures()) < 11
+    assert data.verify().sound

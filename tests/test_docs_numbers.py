@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.board.row_file import read_row
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
@@ -224,33 +224,10 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
         assert (given, shown) == (given_to(result), scores), name
 
 
-def test_the_floor_of_ssim_is_that_of_a_constant() -> None:
-    demo, middlebury = (
-        f"{mean(results(board, protocol)['constant'].pairs, protocol, 'ssim'):.2f}"
-        for board, protocol in (("demo-1-test", "valid"), (MIDDLEBURY, "thesis"))
-    )
-    floors = {
-        "leaderboard": [demo, middlebury],
-        "protocols": [demo, middlebury],
-        "graph_cuts": [middlebury],
-    }
-    for page, expected in floors.items():
-        text = " ".join((ROOT / f"docs/{page}.md").read_text("utf-8").split())
-        assert re.findall(r"(?:has|has SSIM|and) (0\.\d\d) on", text) == expected, page
-
-
 def test_the_list_of_data_sets_has_their_numbers_of_pairs() -> None:
     _, rows = table(Quoted("docs/data_sets.md", "| name | what | pairs", "", ""))
     listed = {name.strip("`"): int(pairs) for name, *_, pairs in rows}
     assert listed == {manifest.short: manifest.pair_count for manifest in released_manifests()}
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/thesis.md"])
-def test_pages_say_how_much_of_the_thesis_was_rerun(page: str) -> None:
-    text = " ".join((ROOT / page).read_text("utf-8").split())
-    (found,) = re.findall(r"default lighting, (\d+) of the (\d+) pairs", text)
-    counts = [find_manifest(name).pair_count for name in ("middlebury-default", "middlebury")]
-    assert list(map(int, found)) == counts
 
 
 def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:

@@ -86,23 +86,13 @@ def as_zip(trap: Trap) -> bytes:
 BAITS = [as_pickle, as_npy, as_npz, as_torch, as_zip]
 
 
-@pytest.mark.parametrize(
-    ("bait", "read"),
-    [
-        (as_pickle, pickle.loads),
-        (as_npy, lambda content: np.load(io.BytesIO(content), allow_pickle=True)),
-        (as_npz, lambda content: np.load(io.BytesIO(content), allow_pickle=True)["learned.level"]),
-        (
-            as_torch,
-            lambda content: __import__("torch").load(io.BytesIO(content), weights_only=False),
-        ),
-    ],
-)
-def test_the_traps_go_off_where_they_are_read_carelessly(
-    tmp_path: Path, bait: Callable[[Trap], bytes], read: Callable[[bytes], object]
-) -> None:
-    read(bait(Trap(tmp_path / "sprung")))
-    assert (tmp_path / "sprung").exists()
+def test_the_traps_go_off_where_they_are_read_carelessly(tmp_path: Path) -> None:
+    for bait in (as_pickle, as_npy, as_npz):
+        trap = Trap(tmp_path / bait.__name__)
+        found = np.load(io.BytesIO(bait(trap)), allow_pickle=True)
+        if bait is as_npz:
+            found["learned.level"]
+        assert trap.marker.exists()
 
 
 def nets(module: str) -> Any:

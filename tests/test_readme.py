@@ -46,7 +46,7 @@ def test_ten_lines_run(place: Path) -> None:
     assert (place / "results/demo-1-Market/mymodule-predict/result.json").exists()
 
 
-@pytest.mark.usefixtures("place")
+@pytest.mark.usefixtures("small_demo_built")
 def test_the_ten_lines_beat_a_constant_on_every_test_scene() -> None:
     names: dict[str, Any] = {}
     exec(blocks("README.md", "python")[0], names)

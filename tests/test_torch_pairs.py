@@ -13,8 +13,7 @@ def test_whole_pairs(tiny_store: Dataset) -> None:
     assert len(data) == 7
     item = data[3]
     images = tiny_store.read(tiny_store.pairs("test")[3])
-    assert item["infocus"].dtype == torch.uint8
-    assert item["infocus"].shape == (3, 24, 31)
+    assert torch.equal(item["infocus"].permute(1, 2, 0), torch.from_numpy(images.infocus))
     assert np.array_equal(item["defocus"].permute(1, 2, 0).numpy(), images.defocus)
     assert np.array_equal(item["depth"].numpy(), np.where(images.valid, images.depth, 0))
     assert np.array_equal(item["valid"].numpy(), images.valid)
@@ -47,10 +46,10 @@ def test_crops_change_with_the_epoch_and_come_again(tiny_store: Dataset) -> None
     assert all(torch.equal(*both) for both in zip(first, again, strict=True))
 
 
-@pytest.mark.parametrize("crop", [0, -3, 25])
-def test_crops_that_do_not_fit(tiny_store: Dataset, crop: int) -> None:
-    with pytest.raises(InputError, match="1 to 24"):
-        TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)
+def test_crops_that_do_not_fit(tiny_store: Dataset) -> None:
+    for crop in (0, 25):
+        with pytest.raises(InputError, match="1 to 24"):
+            TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)
 
 
 @pytest.mark.slow
