@@ -18,6 +18,7 @@ from dfdbench.training.learner import (
     DlibSchedule,
     Learner,
     LevelLoss,
+    Schedule,
     probability_of_fall,
     schedule_of,
     without_largest,
@@ -132,18 +133,21 @@ def lowered_by_dlib(losses: Iterable[float], patience: int) -> list[int]:
 
 
 def lowered_by(schedule: DlibSchedule, losses: Iterable[float]) -> list[int]:
-    lowered = []
-    for step, loss in enumerate(losses, 1):
-        before = schedule.rate
-        schedule.after(step, loss)
-        if schedule.rate < before:
-            lowered.append(step)
-    return lowered
+    rates = [schedule.rate, *rates_of(schedule, losses)]
+    return [step for step, (a, b) in enumerate(pairwise(rates), 1) if b < a]
+
+
+def rates_of(schedule: Schedule, losses: Iterable[float], first: int = 1) -> list[float]:
+    """The rate after each step."""
+    rates = []
+    for step, loss in enumerate(losses, first):
+        schedule.after(step, float(loss))
+        rates.append(schedule.rate)
+    return rates
 
 
 def curve(name: str, steps: int = 5000) -> NDArray[np.float64]:
-    random = np.random.default_rng(7)
-    step = np.arange(steps)
+    random, step = np.random.default_rng(7), np.arange(steps)
     if name == "falls, then level":
         return 1 + 4 * np.exp(-step / 500) + random.normal(0, 0.1, steps)
     if name == "falls on and on":
@@ -184,10 +188,7 @@ def test_the_cosine_rises_then_falls_to_nothing() -> None:
     schedule = schedule_of(
         TrainingConfiguration(schedule="cosine", steps=100, warm_up=9, learning_rate=1.0)
     )
-    rates = []
-    for step in range(1, 101):
-        rates.append(schedule.rate)
-        schedule.after(step, 1.0)
+    rates = [schedule.rate, *rates_of(schedule, [1.0] * 100)][:-1]
     assert rates[0] == pytest.approx(0.1)
     assert max(rates) == pytest.approx(rates[9], rel=0.05)
     assert all(before > after for before, after in pairwise(rates[9:]))
@@ -202,17 +203,11 @@ def test_a_restored_schedule_goes_on_alike(kind: str) -> None:
     )
     whole, half = schedule_of(choices), schedule_of(choices)
     losses = np.random.default_rng(0).normal(1, 0.1, 400)
-    rates = []
-    for step, loss in enumerate(losses, 1):
-        whole.after(step, float(loss))
-        rates.append(whole.rate)
-    for step, loss in enumerate(losses[:170], 1):
-        half.after(step, float(loss))
+    rates = rates_of(whole, losses)
+    rates_of(half, losses[:170])
     again = schedule_of(choices)
     again.restore(half.state())
-    for step, loss in enumerate(losses[170:], 171):
-        again.after(step, float(loss))
-        assert again.rate == rates[step - 1]
+    assert rates_of(again, losses[170:], 171) == rates[170:]
 
 
 @pytest.mark.parametrize("seed", range(5))

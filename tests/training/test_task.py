@@ -43,12 +43,10 @@ def task(store: Dataset, **changes: Any) -> tasks.Task:
 
 def test_another_seed_or_start_is_another_training(tiny_store: Dataset, tmp_path: Path) -> None:
     first = task(tiny_store)
-    assert first.identity == task(tiny_store).identity
-    start = save_small(tmp_path / "start.safetensors")
     others = [
         replace(first, seed=1),
         replace(first, method="u-net"),
-        replace(first, start=start),
+        replace(first, start=save_small(tmp_path / "start.safetensors")),
         tasks.task_of("dfd-net", tiny_store, first.configuration, "test"),
         task(tiny_store, noise=2.0),
     ]
@@ -88,9 +86,6 @@ def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
     assert every.trained_on == "tiny-1, split train, random tracks"
 
 
-CPU = torch.device("cpu")
-
-
 @given(count=st.integers(1, 40), pairs=st.integers(1, 30))
 def test_some_of_the_pairs_are_spread_over_all(count: int, pairs: int) -> None:
     every = [Pair("Art", (("view", number),)) for number in range(pairs)]
@@ -105,9 +100,9 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
     torch.manual_seed(1)
     network = build_network("dfd-net", {"filters": list(SMALL)}).train()
     before = copy.deepcopy(network.state_dict())
-    pairs = tiny_store.pairs("test")[:2]
-    found = tasks.mean_scores(network, tiny_store, pairs, CPU)
-    predict = Predictor(copy.deepcopy(network).eval(), CPU)
+    pairs, cpu = tiny_store.pairs("test")[:2], torch.device("cpu")
+    found = tasks.mean_scores(network, tiny_store, pairs, cpu)
+    predict = Predictor(copy.deepcopy(network).eval(), cpu)
     scores: dict[str, list[dict[str, float]]] = {"thesis": [], "thesis-networks-2": []}
     for pair in pairs:
         images = tiny_store.read(pair)

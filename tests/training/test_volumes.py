@@ -40,9 +40,8 @@ def test_cameras_that_only_test_see_rooms_that_no_other_sees() -> None:
     seen: dict[bool, set[int]] = {True: set(), False: set()}
     for kind, (cameras, count) in {"lens": volumes.LENSES, "stack": volumes.STACKS}.items():
         for number in range(cameras):
-            seen[f"{kind}-{number:02}" in volumes.HELD_OUT].update(
-                volumes.rooms_of(kind, number, count)
-            )
+            tests = f"{kind}-{number:02}" in volumes.HELD_OUT
+            seen[tests].update(volumes.rooms_of(kind, number, count))
     for number in range(volumes.MADE[0]):
         tests = f"law-{number:02}" in volumes.HELD_OUT
         assert len(set(volumes.sources_of(number))) == volumes.MADE[1]

@@ -5,18 +5,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, UnknownNameError
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.training.reduction import counts as counting
 from tests.methods.networks.test_architectures import SMALL
-
-
-def test_a_sample_is_the_first_pair_of_each_scene(tiny_store: Dataset) -> None:
-    assert [pair.scene for pair in counting.samples_of(tiny_store, "test")] == ["Two", "Three"]
-    assert counting.samples_of(tiny_store, "test")[0] == tiny_store.pairs("test")[0]
-    with pytest.raises(UnknownNameError, match="test"):
-        counting.samples_of(tiny_store, "tset")
 
 
 @pytest.mark.slow
@@ -28,24 +21,25 @@ def test_layers_are_counted_and_equal_filters_once(tiny_store: Dataset) -> None:
         network.down_2.weight[:] = network.down_2.weight[:1]  # type: ignore[index, operator]
         network.down_2.bias.zero_()  # type: ignore[operator]
     samples = counting.samples_of(tiny_store, "test")
-    seen: list[tuple[int, int]] = []
-    counts = counting.count_clusters(
-        network, tiny_store, samples, on_map=lambda *done: seen.append(done)
-    )
+    counts = counting.count_clusters(network, tiny_store, samples)
     assert counts.found[34] == [1, 1]
     assert dict(counts.filters) == dict(zip(counting.TAPS, (*SMALL[:-1], SMALL[-2]), strict=True))
     for layer, filters in counts.filters.items():
         assert all(1 <= n <= filters for n in [*counts.found[layer], *counts.noise[layer]])
     assert counts.noise[34][0] > 1
     assert counts.samples == tuple(pair.id for pair in samples)
-    assert seen[-1] == (36, 36)
     assert counting.count_clusters(network, tiny_store, samples) == counts
 
 
-def test_a_sample_too_small_is_named(tiny_store: Dataset) -> None:
+def test_samples_are_the_first_pairs_of_scenes_and_one_too_small_is_named(
+    tiny_store: Dataset,
+) -> None:
+    samples = counting.samples_of(tiny_store, "test")
+    assert [pair.scene for pair in samples] == ["Two", "Three"]
+    assert samples[0] == tiny_store.pairs("test")[0]
     wide = DfDNet((*[4] * 6, 50, 4, 50, *[4] * 8, 256)).eval()  # 6 x 7 pixels on the third level
     with pytest.raises(InputError, match=r"Two/.*, layer 34"):
-        counting.count_clusters(wide, tiny_store, counting.samples_of(tiny_store, "test"))
+        counting.count_clusters(wide, tiny_store, samples)
 
 
 def test_the_table_has_the_form_of_d_1_with_noise_below_and_says_what_it_is_not() -> None:
@@ -61,20 +55,11 @@ def test_the_table_has_the_form_of_d_1_with_noise_below_and_says_what_it_is_not(
     assert "a, b, c" in table.notes[0]
 
 
-RANDOM = np.random.default_rng(0)
-INFOCUS, DEFOCUS = (RANDOM.integers(0, 256, (26, 33, 3)).astype(np.uint8) for _ in range(2))
-
-
-def network() -> DfDNet:
-    torch.manual_seed(4)
-    return DfDNet(SMALL).eval()
-
-
 @torch.inference_mode()
-def by_hand(made: DfDNet) -> dict[int, Tensor]:
+def by_hand(made: DfDNet, both: NDArray[np.uint8]) -> dict[int, Tensor]:
     """Fig. 5.5 and 6.2, step by step, on the image cut to multiples of 4."""
-    both = np.concatenate([INFOCUS, DEFOCUS], 2)[:24, :32].transpose(2, 0, 1)
-    at = {52: made.entry(made.pixels(torch.from_numpy(both.copy())[None].float()))}
+    pixels = both[:24, :32].transpose(2, 0, 1).copy()
+    at = {52: made.entry(made.pixels(torch.from_numpy(pixels)[None].float()))}
     at[48] = made.encode_1.first(at[52])
     at[45] = at[52] + made.encode_1.second(at[48])
     at[42] = made.down_1(at[45])
@@ -96,8 +81,10 @@ def by_hand(made: DfDNet) -> dict[int, Tensor]:
 
 
 def test_each_layer_is_tapped_where_the_thesis_says() -> None:
-    made = network()
-    expected, found = by_hand(made), counting.tap(made, INFOCUS, DEFOCUS)
+    torch.manual_seed(4)
+    made = DfDNet(SMALL).eval()
+    both = np.random.default_rng(0).integers(0, 256, (26, 33, 6)).astype(np.uint8)
+    expected, found = by_hand(made, both), counting.tap(made, both[..., :3], both[..., 3:])
     assert list(found) == list(counting.TAPS) == [*LAYERS[:-1], 2]
     for layer, maps in expected.items():
         vectors = maps[0].flatten(1).double()
@@ -118,10 +105,7 @@ def on_vectors(vectors: counting.Matrix, seed: int, tuning: counting.Tuning) -> 
     neurons = np.linspace(-2.5, 2.5, count)[:, None] * deviation * direction
 
     def closest() -> NDArray[np.intp]:
-        won = []
-        for vector in centred:
-            won.append(int(((neurons - vector) ** 2).sum(1).argmin()))
-        return np.array(won)
+        return np.array([((neurons - vector) ** 2).sum(1).argmin() for vector in centred])
 
     random = np.random.default_rng(seed)
     for epoch in range(200):
@@ -193,4 +177,3 @@ def test_a_place_and_equal_inputs_do_not_matter() -> None:
     moved = vectors + 1000
     assert counting.winners(moved @ moved.T).tolist() == won.tolist()
     assert counting.winners(np.ones((5, 5))).tolist() == [0] * 5
-    assert counting.winners(np.zeros((1, 1))).tolist() == [0]

@@ -45,32 +45,19 @@ def path(plan: SearchPlan, tmp_path: Path) -> Path:
     return tmp_path / "s"
 
 
-def test_a_search_killed_before_it_said_what_it_is_begins_again(
-    plan: SearchPlan, tmp_path: Path
-) -> None:
-    kill_while_writing(tmp_path / "s/search.json")
-    assert len(opened(plan, tmp_path / "s")) == 0
-
-
 def work_of(row: keeping.LogRow) -> dict[str, Any]:
     return {name: value for name, value in vars(row).items() if name != "position"}
 
 
 def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -> None:
     again = opened(plan, path)
-    assert len(again) == 3
-    for row in some_rows(plan):
-        found = again[row.place]
-        assert found is not None
-        assert np.array_equal(found.position, row.position)
-    assert [row.place for row in again.rows_of(some_swarm(plan))] == [(0, 0), (0, 1), (0, 2)]
-    failed = again[0, 2]
-    assert failed is not None
-    assert (failed.objective, failed.failed) == (np.inf, "diverged: at step 3")
-    whole = again[0, 0]
-    assert isinstance(whole, keeping.LogRow)
-    assert work_of(whole) == work_of(some_rows(plan)[0])
-    assert again[1, 0] is None
+    assert (len(again), again[1, 0]) == (3, None)
+    found = again.rows_of(some_swarm(plan))
+    assert [row.place for row in found] == [(0, 0), (0, 1), (0, 2)]
+    for row, noted in zip(found, some_rows(plan), strict=True):
+        assert np.array_equal(row.position, noted.position)
+    assert work_of(found[0]) == work_of(some_rows(plan)[0])
+    assert (found[2].objective, found[2].failed) == (np.inf, "diverged: at step 3")
 
 
 def test_a_line_that_a_kill_cut_short_is_left_out(plan: SearchPlan, path: Path) -> None:
@@ -82,6 +69,9 @@ def test_a_line_that_a_kill_cut_short_is_left_out(plan: SearchPlan, path: Path) 
         assert log.read_text() == "".join(text.splitlines(keepends=True)[:-1])
     log.write_text(text[: len(text) // 8])
     assert len(opened(plan, path)) == 0
+    # Killed before it said what it is, a search begins again.
+    kill_while_writing(path.with_name("other") / "search.json")
+    assert len(opened(plan, path.with_name("other"))) == 0
 
 
 def changed(line: int, column: str, value: str) -> Callable[[str], str]:
@@ -126,24 +116,15 @@ def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, 
 def test_another_search_is_told_by_what_is(
     plan: SearchPlan, path: Path, tiny_store: Dataset
 ) -> None:
-    before = {file.name: file.read_bytes() for file in path.iterdir()}
     others = small_plan(tiny_store, {"noise": 1.0}, particles=3, gamma=0.5)
     with pytest.raises(InputError) as caught:
         opened(others, path)
     named = [problem.what.partition("with ")[2] for problem in caught.value.problems]
     assert named == ["gamma 0.3 instead of 0.5", "configuration.noise 0.0 instead of 1.0"]
-    assert {file.name: file.read_bytes() for file in path.iterdir()} == before
+    assert len(opened(plan, path)) == 3
     (path / "search.json").write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
         opened(plan, path)
-
-
-def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path) -> None:
-    folder = opened(plan, tmp_path / "s")
-    for place in ((0, 0), (0, 1)):
-        keeping.training_folder(folder.path, place).mkdir(parents=True)
-    folder.forget([(0, 1), (7, 7)])
-    assert [item.name for item in (tmp_path / "s/particles").iterdir()] == ["000-000"]
 
 
 def evaluated(
@@ -206,9 +187,6 @@ def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path:
         evaluated(tiny_store, tmp_path)
 
 
-CPU = torch.device("cpu")
-
-
 def test_eq_6_1_by_hand() -> None:
     train = {"train_nrmse": 0.06, "train_nmae": 0.02, "train_ssim": 0.9}
     test = {"other_nrmse": 0.10, "other_nmae": 0.04, "other_ssim": 0.8}
@@ -219,23 +197,16 @@ def test_eq_6_1_by_hand() -> None:
         assert keeping.objective(scores, 0.3) == keeping.objective(scores, 1.0) == math.inf
 
 
-def network() -> Any:
-    torch.manual_seed(3)
-    return DfDNet(SMALL).eval()
-
-
 def test_the_author_scores_the_centre_and_divides_by_255(tiny_store: Dataset) -> None:
     assert keeping.CENTRE == (368, 400)
-    (pair,) = tiny_store.pairs("test")[:1]
-    images = tiny_store.read(pair)
-    levels = Predictor(network(), CPU)(images.infocus, images.defocus)
-    depth, answer = images.levels[4:20], levels[4:20].astype(np.float32)
+    torch.manual_seed(3)
+    network, cpu, pairs = DfDNet(SMALL).eval(), torch.device("cpu"), tiny_store.pairs("test")[:1]
+    images = tiny_store.read(pairs[0])
+    levels = Predictor(network, cpu)(images.infocus, images.defocus)
     # The images have 24 rows and 30 columns.
-    of_centre = mean_scores(
-        network(), tiny_store, [pair], CPU, "mode", [keeping.OF_CENTRE], (16, 400)
-    )
-    found = of_centre[keeping.OF_CENTRE.label]
-    errors = answer.astype(float) - depth
+    errors = levels[4:20].astype(float) - images.levels[4:20]
+    scored = mean_scores(network, tiny_store, pairs, cpu, "mode", [keeping.OF_CENTRE], (16, 400))
+    found = scored[keeping.OF_CENTRE.label]
     assert found["nmae"] == pytest.approx(np.abs(errors).mean() / 255, abs=1e-6)
     assert found["nrmse"] == pytest.approx(np.sqrt((errors**2).mean()) / 255, abs=1e-6)
-    assert found["ssim"] != mean_scores(network(), tiny_store, [pair], CPU)["thesis"]["ssim"]
+    assert found["ssim"] != mean_scores(network, tiny_store, pairs, cpu)["thesis"]["ssim"]

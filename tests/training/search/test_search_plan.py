@@ -11,7 +11,6 @@ from tests.training.search.made_searches import position_of, small_plan
 
 def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store)
-    assert {plan.train, plan.other} == {("Two",), ("Three",)}
     assert plan.selected_on == f"scenes held out of test, drawn from seed 0: {plan.other[0]}"
     assert small_plan(tiny_store).other == plan.other
     others = {small_plan(tiny_store, seed=seed).other for seed in range(8)}

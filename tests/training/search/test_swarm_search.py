@@ -142,11 +142,11 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
 
 
-def swarm_s(value: float = 0.5) -> LogRow:
+def swarm_s() -> LogRow:
     means = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
     scores = {f"{side}_{part}": means[part] for side in ("train", "other") for part in means}
     position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
-    return LogRow((4, 2), position, value, "", 1234, 2, 0.5, scores)
+    return LogRow((4, 2), position, 0.5, "", 1234, 2, 0.5, scores)
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
