@@ -1,7 +1,5 @@
 import pickle
 
-import pytest
-
 from dfdbench.errors import DfdbenchError, ManifestError, Problem, is_lack_of_memory, unknown_name
 
 
@@ -36,18 +34,15 @@ def test_text_of_somebody_elses_file_steers_no_terminal() -> None:
     assert text == "wrong\\x1b[2J (file\n  fix  none): got a\\x0db\\x9b1m\\x00"
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
+def test_a_lack_of_memory_is_told_from_other_errors() -> None:
+    wrapped = OSError("could not load the library")
+    assert not is_lack_of_memory(wrapped)
+    for error in (
         MemoryError(),
         RuntimeError("can't start new thread"),
         ImportError("cv2.abi3.so: failed to map segment from shared object"),
         OSError(12, "Cannot allocate memory"),
-    ],
-)
-def test_a_lack_of_memory_is_told_from_other_errors(error: Exception) -> None:
-    assert is_lack_of_memory(error)
-    wrapped = OSError("could not load the library")
-    assert not is_lack_of_memory(wrapped)
-    wrapped.__cause__ = error
-    assert is_lack_of_memory(wrapped)
+    ):
+        assert is_lack_of_memory(error)
+        wrapped.__cause__ = error
+        assert is_lack_of_memory(wrapped)

@@ -10,8 +10,7 @@ import pytest
 
 from tests.process import python, shell
 
-SLOPE = np.arange(2400, dtype=np.uint8).reshape(40, 60)
-PICTURE = cv2.imencode(".png", SLOPE)[1].tobytes()
+PICTURE = cv2.imencode(".png", np.arange(2400, dtype=np.uint8).reshape(40, 60))[1].tobytes()
 STOPPED_WHILE_LOADING = """
 import sys
 from importlib.abc import MetaPathFinder
@@ -38,13 +37,10 @@ except SystemExit:
 """
 
 
-@pytest.mark.parametrize("module", ["dfdbench.cli.screen", "dfdbench.cli"])
-def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
-    ended = python("-c", STOPPED_WHILE_LOADING, module, "KeyboardInterrupt")
-    assert (ended.returncode, ended.stderr) == (130, "stopped\n")
-
-
-def test_a_copy_that_is_not_installed_says_so() -> None:
+def test_ctrl_c_while_it_loads_and_a_copy_that_is_not_installed_are_told_in_a_line() -> None:
+    for module in ("dfdbench.cli.screen", "dfdbench.cli"):
+        ended = python("-c", STOPPED_WHILE_LOADING, module, "KeyboardInterrupt")
+        assert (ended.returncode, ended.stderr) == (130, "stopped\n")
     lacking = "ModuleNotFoundError('no', name='dfdbench.manifests')"
     ended = python("-c", STOPPED_WHILE_LOADING, "dfdbench.cli", lacking)
     assert ended.returncode == 2
@@ -82,8 +78,7 @@ def test_a_folder_that_is_gone_and_a_name_that_is_no_text_are_told(tmp_path: Pat
     folder = os.fsencode(tmp_path / "odd") + b"\xff"
     os.makedirs(folder + b"/a\xff")
     for name in (b"sharp.png", b"blurred.png", b"depth.png"):
-        with open(folder + b"/a\xff/" + name, "wb") as file:
-            file.write(PICTURE)
+        Path(os.fsdecode(folder + b"/a\xff/" + name)).write_bytes(PICTURE)
     ended = python("-m", "dfdbench", "new-dataset", folder, cwd=tmp_path)
     assert ended.returncode == 2
     assert "not UTF-8" in ended.stderr

@@ -89,8 +89,7 @@ def test_the_basic_expansion_mirrors_by_two_fair_coins(images: crops.TrainingIma
 
 
 def test_noise_has_its_deviation_and_stays_in_range(images: crops.TrainingImages) -> None:
-    clean, _ = crops.Cropper(images, 16, 64, "one", 0.0, 1).draw(0)
-    noisy, _ = crops.Cropper(images, 16, 64, "one", 3.0, 1).draw(0)
+    clean, noisy = (crops.Cropper(images, 16, 64, "one", n, 1).draw(0)[0] for n in (0.0, 3.0))
     inside = (clean > 15) & (clean < 240)
     difference = (noisy - clean)[inside]
     assert float(difference.std()) == pytest.approx(3, rel=0.03)
@@ -99,12 +98,11 @@ def test_noise_has_its_deviation_and_stays_in_range(images: crops.TrainingImages
 
 
 def test_redrawn_depths_lie_in_their_range_and_keep_what_is_unknown() -> None:
-    random = np.random.default_rng(4)
+    random, redraw = np.random.default_rng(4), crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
     depth = np.full((22, 22), 90, np.uint8)
     depth[:5] = 0
     means = []
     for _ in range(200):
-        redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
         redrawn = redraw.levels(depth, redraw.choose(random))
         assert np.array_equal(redrawn == 0, depth == 0)
         means.append(redrawn[depth > 0].mean())
@@ -207,7 +205,7 @@ def numbered_images() -> crops.TrainingImages:
     return crops.TrainingImages(pixels, [level.short() for level in levels])
 
 
-@pytest.mark.parametrize("expansion", ["one", "basic", "eight"])
+@pytest.mark.parametrize("expansion", ["basic", "eight"])
 def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansion) -> None:
     images = numbered_images()
     cropper = crops.Cropper(images, 6, 3, expansion, 1.0, 9)

@@ -1,6 +1,5 @@
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,34 +73,27 @@ def test_a_line_that_a_kill_cut_short_is_left_out(plan: SearchPlan, path: Path) 
     assert len(opened(plan, path.with_name("other"))) == 0
 
 
-def changed(line: int, column: str, value: str) -> Callable[[str], str]:
-    def change(text: str) -> str:
-        rows = [row.split(",") for row in text.splitlines()]
-        rows[line - 1][rows[0].index(column)] = value
-        return "\n".join(",".join(row) for row in rows) + "\n"
-
-    return change
+def changed(text: str, column: str, value: str) -> str:
+    """Return a log with another value in its second line."""
+    rows = [row.split(",") for row in text.splitlines()]
+    rows[1][rows[0].index(column)] = value
+    return "\n".join(map(",".join, rows)) + "\n"
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (changed(2, "objective", "nan"), "objective: no number"),
-        (changed(2, "particle", "first"), "line 2"),
-        (lambda text: text.replace("\n0,1,", "\n0,1,,", 1), "line 3"),
-        (lambda text: text.replace("width_8", "width"), "width_8"),
-        (lambda text: text + text.splitlines()[1] + "\n", "twice"),
-    ],
-)
-def test_a_log_that_cannot_be_is_named_and_kept(
-    plan: SearchPlan, path: Path, change: Callable[[str], str], said: str
-) -> None:
+def test_a_log_that_cannot_be_is_named_and_kept(plan: SearchPlan, path: Path) -> None:
     log = path / "positions.csv"
-    log.write_text(change(log.read_text()))
-    before = log.read_text()
-    with pytest.raises(InputError, match=said):
-        opened(plan, path)
-    assert log.read_text() == before
+    text = log.read_text()
+    for wrong, said in (
+        (changed(text, "objective", "nan"), "objective: no number"),
+        (changed(text, "particle", "first"), "line 2"),
+        (text.replace("\n0,1,", "\n0,1,,", 1), "line 3"),
+        (text.replace("width_8", "width"), "width_8"),
+        (text + text.splitlines()[1] + "\n", "twice"),
+    ):
+        log.write_text(wrong)
+        with pytest.raises(InputError, match=said):
+            opened(plan, path)
+        assert log.read_text() == wrong
 
 
 def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, path: Path) -> None:
@@ -148,27 +140,20 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_
     assert work_of(again) == work_of(outcome)
 
 
-@pytest.mark.parametrize(
-    ("raised", "said"),
-    [
+def test_a_training_that_fails_is_infinitely_bad(
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for raised, said in (
         (None, "diverged: the loss became nan, step"),
         (RuntimeError("CUDA out of memory\nmore"), "failed: CUDA out of memory"),
         (MemoryError(), "failed: MemoryError"),
-    ],
-)
-def test_a_training_that_fails_is_infinitely_bad(
-    tiny_store: Dataset,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    raised: Exception | None,
-    said: str,
-) -> None:
-    if raised:
-        monkeypatch.setattr(keeping, "train", Mock(side_effect=raised))
-    outcome = evaluated(tiny_store, tmp_path, learning_rate=1e30, steps=5)
-    assert outcome is not None
-    assert outcome.objective == math.inf
-    assert outcome.failed.startswith(said)
+    ):
+        if raised:
+            monkeypatch.setattr(keeping, "train", Mock(side_effect=raised))
+        outcome = evaluated(tiny_store, tmp_path / said[:12], learning_rate=1e30, steps=5)
+        assert outcome is not None
+        assert outcome.objective == math.inf
+        assert outcome.failed.startswith(said)
 
 
 def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -176,14 +161,9 @@ def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: 
     assert not (tmp_path / "particles/000-001").exists()
     assert evaluated(tiny_store, tmp_path, time.time() + 0.5, steps=100_000) is None
     assert (tmp_path / "particles/000-001/checkpoint.pt").exists()
-
-
-def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "particles").mkdir()
-    with (
-        hold(tmp_path / "particles/.000-001.lock", InputError("taken")),
-        pytest.raises(InputError, match="another training writes here"),
-    ):
+    # No two processes train the same particle.
+    taken = hold(tmp_path / "particles/.000-001.lock", InputError("taken"))
+    with taken, pytest.raises(InputError, match="another training writes here"):
         evaluated(tiny_store, tmp_path)
 
 
