@@ -4,9 +4,9 @@ import functools
 import json
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 import pytest
@@ -42,8 +42,7 @@ PRINTED, WRITTEN = "<!-- printed by: ", "<!-- written by docs/"
 CHECKED = "<!-- checked by tests/test_readme.py"
 
 
-@dataclass(frozen=True)
-class Quoted:
+class Quoted(NamedTuple):
     """A table of a page: how its head begins, and the board that it quotes."""
 
     page: str
@@ -82,8 +81,7 @@ NO_RESULTS = {
 }
 
 
-@dataclass
-class Column:
+class Column(NamedTuple):
     """What a column of a table holds: a metric under a protocol, or its range over scenes."""
 
     metric: str
@@ -120,12 +118,8 @@ def cells(line: str) -> list[str]:
 def table(quoted: Quoted) -> tuple[list[str], list[list[str]]]:
     lines = (ROOT / quoted.page).read_text("utf-8").splitlines()
     (start,) = [at for at, line in enumerate(lines) if line.startswith(quoted.head)]
-    rows = []
-    for line in lines[start + 2 :]:
-        if not line.startswith("|"):
-            break
-        rows.append(cells(line))
-    return cells(lines[start]), rows
+    rows = takewhile(lambda line: line.startswith("|"), lines[start + 2 :])
+    return cells(lines[start]), [cells(line) for line in rows]
 
 
 def columns(quoted: Quoted, head: list[str]) -> dict[int, Column]:
@@ -251,14 +245,12 @@ def compared_lines(page: str) -> set[int]:
     heads = [quoted.head for quoted in QUOTED if quoted.page == page] + COMPARED.get(page, [])
     for at, line in enumerate(lines):
         if line.startswith(tuple(heads)):
-            while at < len(lines) and lines[at].startswith("|"):
-                found.add(at)
-                at += 1
+            found |= set(takewhile(lambda n: lines[n].startswith("|"), range(at, len(lines))))
     return found
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_number_that_nothing_compares_is_on_no_page(page: str) -> None:
+def test_a_number_that_nothing_compares_is_on_no_page_nor_a_machines_times(page: str) -> None:
     compared = compared_lines(page)
     lines = (ROOT / page).read_text("utf-8").splitlines()
     # The text may say again what a table of the page has.
@@ -275,12 +267,8 @@ def test_a_number_that_nothing_compares_is_on_no_page(page: str) -> None:
         if number not in known
     ]
     assert not loose
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_no_page_has_the_times_of_one_machine(page: str) -> None:
-    # But for the ledger, which says of which machine it is.
-    before, _, rest = (ROOT / page).read_text("utf-8").partition(BEGIN)
+    # Nor has a page the times of one machine, but the ledger, which says of which it is.
+    before, _, rest = "\n".join(lines).partition(BEGIN)
     text = " ".join((before + rest.partition(END)[2]).split())
     unit = r"(?:m?s|seconds?|minutes?|hours?)\b"
     assert not re.findall(rf"Xeon|EPYC|(?:takes?|took|in) (?:some |about )?\d[\d.,]* {unit}", text)
