@@ -11,6 +11,7 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
 from dfdbench.training.cameras import CameraLearner, Course, loss_of, steps_of
 from dfdbench.training.volumes import COUNT, DEPTHS, HELD_OUT, VOLUME_NET
+from tests.training.test_trainer import stopping
 from tests.training.test_volumes import example
 
 
@@ -49,14 +50,9 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
     assert log.scores[-1][HELD_OUT[0]] == card.further_scores["valid"]["nrmse"]
-
-    def stop(step: int, steps: int | None) -> None:
-        if step == 2:
-            raise KeyboardInterrupt
-
     part = tmp_path / "part"
     with pytest.raises(KeyboardInterrupt):
-        train_volume_net(cameras, part, steps=3, on_step=stop)
+        train_volume_net(cameras, part, steps=3, on_step=stopping(2))
     resumed, _, after = train_volume_net(cameras, part, steps=3)
     assert after.losses == log.losses
     before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))

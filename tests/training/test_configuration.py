@@ -1,4 +1,3 @@
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,6 @@ from dfdbench.training.configuration import (
     shipped_configurations,
 )
 
-CPU = torch.device("cpu")
-
 
 def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     published = read_configuration("published")
@@ -36,9 +33,6 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
         "first_activation": "prelu",
     }
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
-
-
-def test_u_net_may_be_normalized() -> None:
     narrow = {"narrow": 8, "normalized": True, "normalization": "fixed"}
     found = read_configuration("published", narrow).architecture("u-net")
     assert found == {"filters": [8, 16, 32, 64, 128], "normalized": True}
@@ -116,20 +110,15 @@ def test_shipped_weights_were_trained_as_the_docs_say(trained: str, first: str) 
     assert card.started_from.startswith(first)
 
 
-def test_robust_goes_on_from_demo_fine_on_every_track() -> None:
-    fine, robust = read_configuration("demo-fine"), read_configuration("robust")
-    changes = {"steps": 14000, "evaluate_every": 3500, "readout": "median"}
-    assert robust == fine.model_copy(update={"tracks": tuple(OF_PATCHES), **changes})
-    with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
-        read_configuration("robust", {"tracks": ["nois"]})
-
-
 def test_every_shipped_configuration_can_be_read() -> None:
     read = {name: read_configuration(name) for name in shipped_configurations()}
     for found in read.values():
         found.architecture("dfd-net")
     # These suit any processor.
     assert {read[name].precision for name in ("demo", "demo-fine", "demo-u-net")} == {"auto"}
+    changes = {"steps": 14000, "evaluate_every": 3500, "readout": "median"}
+    changed = read["demo-fine"].model_copy(update={"tracks": tuple(OF_PATCHES), **changes})
+    assert read["robust"] == changed
     assert read["published-realworld"] == read["published"].model_copy(update={"patience": 3000})
 
 
@@ -154,25 +143,22 @@ def test_what_is_no_configuration(tmp_path: Path) -> None:
         ("needs steps", {"schedule": "cosine"}),
         ("F-02-02", {"filters": "F-99"}),
         ("whose depth is redrawn", {"recipe": "text"}),
+        (r"any of noise, psf.*got nois", {"tracks": ["nois"]}),
     ):
         with pytest.raises(InputError, match=said):
             read_configuration("published", changes)
 
 
-@pytest.mark.parametrize(
-    ("known", "precision", "said"),
-    [
+def test_a_processor_trains_in_what_it_does_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    cpu = torch.device("cpu")
+    for known, precision, said in (
         ({"amx_bf16": True, "avx512_bf16": True}, "bf16", "amx_bf16"),
         ({"avx512_bf16": True, "amx_bf16": False}, "bf16", "avx512_bf16"),
         ({"avx512_f": True, "avx2": True}, "float32", "no fast bf16"),
-    ],
-)
-def test_a_processor_trains_in_what_it_does_fast(
-    known: Mapping[str, bool], precision: str, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: known)
-    found, reason = precision_for(CPU)
-    assert found == precision
-    assert said in reason
-    assert settled(TrainingConfiguration(precision="auto"), CPU).precision == precision
-    assert settled(TrainingConfiguration(precision="float32"), CPU).precision == "float32"
+    ):
+        monkeypatch.setattr(torch.cpu, "get_capabilities", known.copy)
+        found, reason = precision_for(cpu)
+        assert found == precision
+        assert said in reason
+        assert settled(TrainingConfiguration(precision="auto"), cpu).precision == precision
+        assert settled(TrainingConfiguration(precision="float32"), cpu).precision == "float32"

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search import swarm_search
 from dfdbench.training.search.log import Evaluation, LogRow
 from dfdbench.training.search.particle import begun, judged, particle_at
+from dfdbench.training.search.search_plan import SearchPlan
 from tests.conftest import ON_SERVERS
 from tests.training.search.made_searches import losses, position_of, small_plan, some_rows
 
@@ -27,12 +29,8 @@ def searched(
 
 
 def same(one: swarm_search.SearchOutcome, other: swarm_search.SearchOutcome) -> bool:
-    assert one.swarm is not None
-    assert other.swarm is not None
-    arrays = ("positions", "velocities", "own", "own_values", "best")
-    return one.swarm.best_at == other.swarm.best_at and all(
-        np.array_equal(getattr(one.swarm, name), getattr(other.swarm, name)) for name in arrays
-    )
+    names = ("best_at", "positions", "velocities", "own", "own_values", "best")
+    return all(np.array_equal(getattr(one.swarm, n), getattr(other.swarm, n)) for n in names)
 
 
 @pytest.mark.slow
@@ -138,19 +136,18 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     swarm = judged(begun(plan.box, 3, 0), values)
     table = swarm_search.course_table(plan, [swarm_search.iteration_of(swarm, values)], rows[-1:])
     assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
-    assert any("selected on the TEST scenes" in note for note in table.notes)
-    assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
+    for words in ("selected on the TEST scenes", "iteration 0, particle 2: diverged"):
+        assert any(words in note for note in table.notes)
 
 
-def swarm_s() -> LogRow:
-    means = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
-    scores = {f"{side}_{part}": means[part] for side in ("train", "other") for part in means}
+def swarm_s(plan: SearchPlan) -> LogRow:
     position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
-    return LogRow((4, 2), position, 0.5, "", 1234, 2, 0.5, scores)
+    return replace(some_rows(plan)[0], place=(4, 2), position=position)
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
-    table = swarm_search.network_table(small_plan(tiny_store), swarm_s())
+    plan = small_plan(tiny_store)
+    table = swarm_search.network_table(plan, swarm_s(plan))
     assert table.rows[0] == ("52", "145", "128", "3 x 3", "yes", "sigmoid")
     assert table.rows[3] == ("42", "238", "256", "2 x 2", "", "")
     assert table.rows[16] == ("5", "135", "128", "3 x 3", "yes", "prelu")
@@ -159,10 +156,10 @@ def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> No
 
 def test_the_best_is_a_configuration_of_its_network(tiny_store: Dataset, tmp_path: Path) -> None:
     plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
-    path = tmp_path / "best.toml"
-    path.write_text(swarm_search.best_as_toml(plan, swarm_s()))
+    path, best = tmp_path / "best.toml", swarm_s(plan)
+    path.write_text(swarm_search.best_as_toml(plan, best))
     assert path.read_text().splitlines()[1].startswith("# selected on the TEST scenes")
     read = read_configuration(str(path))
-    assert read == plan.configuration_of(particle_at(swarm_s().position))
+    assert read == plan.configuration_of(particle_at(best.position))
     assert read.architecture("dfd-net")["first_activation"] == "sigmoid"
     assert (read.noise, read.crop, read.narrow, read.steps) == (2.0, 16, 64, 2)
