@@ -115,9 +115,9 @@ def test_every_method_has_a_page_with_pictures_parameters_and_rows(made: Any, bo
             assert (ROOT / "docs" / picture).stat().st_size <= 40_000, picture
         assert f"demo/{name}.jpg" in page
         assert f"[**{name}**]({name}.md)" in pages["method/index.md"]
-        rows = [path for path in board.rows if path.stem == name]
         linked = set(re.findall(r"\(\.\./board/(results/.+?)\)", page))
-        assert linked == {path.relative_to(board.folder).as_posix() for path in rows}
+        rows = {path.relative_to(board.folder).as_posix() for path in board.rows}
+        assert linked == {row for row in rows if row.endswith(f"/{name}.json")}
         place, _, attribute = find_entry(card.entry).partition(":")
         target = getattr(importlib.import_module(place), attribute)
         section = page.partition("## Parameters")[2].partition("\n## ")[0]

@@ -4,12 +4,10 @@ import runpy
 import shutil
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCRIPT = ROOT / ".github/release_notes.py"
 ADDRESS = "https://example.org/dfdbench"
 
 
@@ -33,25 +31,24 @@ def fill(path: Path, after: str, line: str) -> None:
     path.write_text(path.read_text("utf-8").replace(after, f"{after}\n{line}", 1), "utf-8")
 
 
-def script() -> dict[str, Any]:
-    return runpy.run_path(str(SCRIPT))
+SCRIPT = runpy.run_path(str(ROOT / ".github/release_notes.py"))
 
 
 def test_a_tag_that_all_files_bear_gets_the_changelogs_notes(checkout: Path) -> None:
-    assert script()["problems_of"]("v0.1.0", checkout) == []
-    notes = script()["notes_of"]("0.1.0", checkout)
+    assert SCRIPT["problems_of"]("v0.1.0", checkout) == []
+    notes = SCRIPT["notes_of"]("0.1.0", checkout)
     assert notes.startswith("### Added")
     assert "The first." not in notes
-    assert script()["notes_of"]("0.0.1", checkout) == "The first."
+    assert SCRIPT["notes_of"]("0.0.1", checkout) == "The first."
 
 
 def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
-    found = script()["problems_of"]("v0.2.0", checkout)
+    found = SCRIPT["problems_of"]("v0.2.0", checkout)
     named = [text.partition(":")[0] for text in found]
     assert named == ["pyproject.toml", "CITATION.cff", "CHANGELOG.md"]
-    assert script()["problems_of"]("0.1", checkout)[0] == "the tag: expected as v1.2.3, got 0.1"
+    assert SCRIPT["problems_of"]("0.1", checkout)[0] == "the tag: expected as v1.2.3, got 0.1"
 
 
 def test_the_versions_agree_today() -> None:
-    found = set(script()["problems_of"]("v0.1.0")) - set(script()["repository_problems"]())
+    found = set(SCRIPT["problems_of"]("v0.1.0")) - set(SCRIPT["repository_problems"]())
     assert not found

@@ -174,11 +174,9 @@ def _tell(
     spent: dict[str, float],
     known: dict[str, int],
 ) -> None:
-    width = max(map(len, names))
-    print("\nclass".ljust(width + 1) + "   inputs   seconds")
+    print(f"\n{'class':<30}   inputs   seconds")
     for name in names:
-        print(f"{name:<{width}}  {counts[name]:>7,}  {spent[name]:>8.1f}")
-    print(f"{'all':<{width}}  {sum(counts.values()):>7,}  {sum(spent.values()):>8.1f}")
+        print(f"{name:<30}  {counts[name]:>7,}  {spent[name]:>8.1f}")
     for signature, times in known.items():
         print(f"{times:>5} x {signature}")
     print(f"{len(known)} defects" if known else "no defect")

@@ -179,22 +179,18 @@ def _registration(bench: Bench, path: Path) -> None:
     write_registration(path, np.diag([2.0, 2.0, 1.0]), corners, "by the tests")
 
 
-def _folder(bench: Bench, path: Path) -> None:
-    make_folder(path)
-
-
 def _archive(bench: Bench, path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"):
             archive.writestr(name, b"some bytes" * 9)
 
 
-_MAKERS: dict[str, Callable[[Bench, Path], None]] = {
+_MAKERS: dict[str, Callable[[Bench, Path], object]] = {
     "tiny-1.toml": partial(_write, TINY_TOML),
     "demo-1.toml": partial(_copy_shipped, "demo-1.toml"),
     "realworld-1.toml": partial(_copy_shipped, "realworld-1.toml"),
     "mine-1.toml": partial(_write, FOLDER_TOML),
-    "mine": _folder,
+    "mine": lambda _, path: make_folder(path),
     "files.zip": _archive,
     "mine.py": partial(_write, _METHODS),
     "site": _tiny,
