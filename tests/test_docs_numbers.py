@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.board.row_file import read_row
-from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
@@ -216,12 +215,6 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
         pairs = [pair for pair in result.pairs if pair.scene == split]
         scores = [score_text(mean(pairs, "valid", metric)) for metric in METRICS.values()]
         assert (given, shown) == (given_to(result), scores), name
-
-
-def test_the_list_of_data_sets_has_their_numbers_of_pairs() -> None:
-    _, rows = table(Quoted("docs/data_sets.md", "| name | what | pairs", "", ""))
-    listed = {name.strip("`"): int(pairs) for name, *_, pairs in rows}
-    assert listed == {manifest.short: manifest.pair_count for manifest in released_manifests()}
 
 
 def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:

@@ -19,7 +19,7 @@ import dfdbench.figures
 from dfdbench.board.board import Board, leaderboard
 from dfdbench.cli import VERBS
 from dfdbench.methods.registry import find_entry
-from tests.board.made_boards import add, make_tracks, scored, submit
+from tests.board.made_boards import make_tracks, submit
 from tests.made_results import edited
 from tests.report import test_browser
 
@@ -180,36 +180,6 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
     submit(list(runs.values()), tmp_path)
     (row,) = rows_of(made("board").board_page(leaderboard(tmp_path)))
     assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
-
-
-def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(
-    made: Any, tmp_path: Path
-) -> None:
-    module = made("board")
-    add(tmp_path, "mine", 0.1)
-    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
-    assert module.TRACKS_NOTE not in text
-    assert module.SCORED_NOTE not in text
-    submit(list(make_tracks("tracked").values()), tmp_path)
-    submit(scored("elsewhere", 0.01), tmp_path)
-    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
-    assert module.TRACKS_NOTE in text
-    ranked, below = text.split(module.SCORED_NOTE, 1)
-    assert "elsewhere" not in ranked.partition("---\n\n")[2]
-    assert "[elsewhere](results/" in below
-
-
-def test_links_lead_where_the_site_has_what_they_name(made: Any) -> None:
-    pytest.importorskip("mkdocs", reason="needs the extra docs")
-    relinked = made("links").relinked
-    text = "[a](../CONTRIBUTING.md#b) [c](../leaderboard/README.md) [d](tracks.md) [e](#f)"
-    assert relinked(text, "docs/x.md", "x.md") == (
-        "[a](contributing.md#b) [c](board/index.md) [d](tracks.md) [e](#f)"
-    )
-    text = "[a](results/x/y.json) [b](../docs/metres.md) [c](https://example.org/a.md)"
-    assert relinked(text, "leaderboard/README.md", "board/tables.md") == (
-        "[a](results/x/y.json) [b](../metres.md) [c](https://example.org/a.md)"
-    )
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import signal
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -76,16 +75,7 @@ def as_torch(trap: Trap) -> bytes:
     return file.getvalue()
 
 
-def as_zip(trap: Trap) -> bytes:
-    # As a checkpoint of PyTorch, which reads data.pkl.
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("archive/data.pkl", as_pickle(trap))
-        archive.writestr("archive/version", "3")
-    return file.getvalue()
-
-
-BAITS = [as_pickle, as_npy, as_npz, as_torch, as_zip]
+BAITS = [as_pickle, as_npy, as_npz, as_torch]
 
 
 def test_the_traps_go_off_where_they_are_read_carelessly(tmp_path: Path) -> None:

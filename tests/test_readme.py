@@ -114,12 +114,8 @@ def test_a_submission_and_its_review_go_as_contributing_says(place: Path) -> Non
     (card,) = re.findall(r"```toml\n(.*?)```", submit, re.S)
     (board / "methods").mkdir()
     (board / "methods/newcomer.toml").write_text(textwrap.dedent(card))
-    found = re.findall(r"^[34]\. .*?(?=^\d\. )", submit, re.S | re.M)
-    commands = [
-        " ".join(command.split())
-        for step in found
-        for command in re.findall(r"`(dfdbench [^`]+)`", step)
-    ]
+    steps = "".join(re.findall(r"^[34]\. .*?(?=^\d\. )", submit, re.S | re.M))
+    commands = [" ".join(line.split()) for line in re.findall(r"`(dfdbench [^`]+)`", steps)]
     commands += re.findall(r"^    (dfdbench export .+?) &&", review, re.M)
     commands += [f"dfdbench {words}" for words in re.findall(r"-review (predict .+)", review)]
     commands += re.findall(r"^    (dfdbench score .+)", review, re.M)

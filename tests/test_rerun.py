@@ -22,12 +22,12 @@ def rerun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.chdir(tmp_path)
     found: dict[str, Any] = run_path(str(SCRIPT))["run_seed"].__globals__
 
-    def draw_seed(folder: Path, seed: str | None) -> Draw:
-        return Draw.model_validate_json(
-            f'{{"seed": {seed}, "drawn": false, "date": "2026-11-24", "commit": "abc"}}'
-        )
-
-    monkeypatch.setitem(found, "draw_seed", draw_seed)
+    drawn = '{"seed": SEED, "drawn": false, "date": "2026-11-24", "commit": "abc"}'
+    monkeypatch.setitem(
+        found,
+        "draw_seed",
+        lambda folder, seed: Draw.model_validate_json(drawn.replace("SEED", seed)),
+    )
     board = tmp_path / "leaderboard"
     add_card(board, "wide", "local", parameters={"window": 9, "name": "9"})
     add_card(board, "planes", "mine:planes", takes=["stack"])

@@ -67,17 +67,13 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A virtual environment with the wheel, and with our third-party packages in reach."""
     folder = tmp_path_factory.mktemp("elsewhere") / "venv"
     python(sys.executable, "-m", "venv", "--without-pip", folder, cwd=wheel.parent)
-    inside = folder / "bin" / "python"
-    (own,) = python(
-        inside, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=wheel.parent
-    ).splitlines()
+    (own,) = folder.glob("lib/python*/site-packages")
     # Python runs no .pth file of a folder that a .pth file names: our editable install stays away.
     packages = [path for path in sys.path if path.endswith(("site-packages", "dist-packages"))]
-    (Path(own) / "third_party.pth").write_text("\n".join(packages), encoding="utf-8")
+    (own / "third_party.pth").write_text("\n".join(packages), encoding="utf-8")
+    pip = (sys.executable, "-m", "pip", "--python", folder / "bin" / "python", "install")
     words = ("--no-deps", "--no-index", "--disable-pip-version-check")
-    python(
-        sys.executable, "-m", "pip", "--python", inside, "install", *words, wheel, cwd=wheel.parent
-    )
+    python(*pip, *words, wheel, cwd=wheel.parent)
     return folder
 
 

@@ -41,11 +41,9 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
 
 
 def test_what_a_particle_describes_is_a_choice() -> None:
-    kernels = [[1, 9], *[3] * 13]
-    kinds = ["srelu", *["prelu"] * 8]
-    bits = [True] * 8 + [False]
-    changes = {"kernels": kernels, "activations": kinds, "normalized": bits, "crop": 12}
-    read = read_configuration("published", changes)
+    kinds, bits = ["srelu", *["prelu"] * 8], [True] * 8 + [False]
+    changes = {"kernels": [[1, 9], *[3] * 13], "activations": kinds, "normalized": bits}
+    read = read_configuration("published", {**changes, "crop": 12})
     found = read.architecture("dfd-net")
     assert found["kernels"] == [[1, 9], *[[3, 3]] * 13]
     assert (found["activations"], found["normalized"]) == (kinds, bits)

@@ -75,17 +75,15 @@ def test_without_width_it_is_cross_entropy_of_known_pixels() -> None:
 
 def test_its_gradient_is_that_of_its_definition() -> None:
     torch.manual_seed(0)
-    width = 3.0
     levels = torch.randint(0, 256, (2, 4, 5))
     levels[0, 0, :2] = IGNORED
     known = levels != IGNORED
-    places = torch.arange(256.0)
-    targets = torch.softmax(-(((places - levels[known][:, None]) / width) ** 2) / 2, 1)
+    targets = torch.softmax(-(((torch.arange(256.0) - levels[known][:, None]) / 3) ** 2) / 2, 1)
     logits = torch.randn(2, 256, 4, 5, requires_grad=True)
     logarithms = torch.log_softmax(logits.permute(0, 2, 3, 1)[known], 1)
     expected = (targets * (targets.log().clamp(min=-1e4) - logarithms)).sum(1).mean()
     (wanted,) = torch.autograd.grad(expected, logits)
-    found = LevelLoss(width, CPU)(logits, levels)
+    found = LevelLoss(3.0, CPU)(logits, levels)
     (gradient,) = torch.autograd.grad(found, logits)
     assert torch.allclose(found, expected, rtol=1e-5)
     assert torch.allclose(gradient, wanted, atol=1e-7)

@@ -33,6 +33,10 @@ def test_folds_and_splits_say_what_they_trained_on(tiny_store: Dataset) -> None:
     assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
     with pytest.raises(UnknownNameError):
         tasks.task_of("dfd-net", tiny_store, choices, split="trian")
+    some = task(tiny_store, redraw_depth=True, tracks=["noise", "psf"])
+    assert some.trained_on == "tiny-1, split train, random tracks: noise psf"
+    every = task(tiny_store, redraw_depth=True, tracks=list(OF_PATCHES))
+    assert every.trained_on == "tiny-1, split train, random tracks"
 
 
 def task(store: Dataset, **changes: Any) -> tasks.Task:
@@ -66,24 +70,14 @@ def test_what_cannot_be_trained_is_told(tiny_store: Dataset) -> None:
     for changes, said in choices:
         with pytest.raises(InputError, match=said):
             tasks.require_trainable(task(tiny_store, **changes))
-    tiny_store.scenes = ("Two",)
-    with pytest.raises(StoreError, match="no pair to train on, of tiny-1, split train"):
-        task(tiny_store)
-
-
-def test_a_set_without_a_recipe_is_blurred_by_one_that_is_named(tiny_store: Dataset) -> None:
+    # A set without a recipe is blurred by one that is named.
     tiny_store.attributes["recipe"] = {"name": "", "parameters": None}
     with pytest.raises(InputError, match=r"captured defocus has not(.|\n)*recipe=published"):
         tasks.require_trainable(task(tiny_store, crop=12, redraw_depth=True))
-    named = task(tiny_store, redraw_depth=True, recipe="text")
-    assert named.recipe == RECIPES["text"]
-
-
-def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
-    some = task(tiny_store, redraw_depth=True, tracks=["noise", "psf"])
-    assert some.trained_on == "tiny-1, split train, random tracks: noise psf"
-    every = task(tiny_store, redraw_depth=True, tracks=list(OF_PATCHES))
-    assert every.trained_on == "tiny-1, split train, random tracks"
+    assert task(tiny_store, redraw_depth=True, recipe="text").recipe == RECIPES["text"]
+    tiny_store.scenes = ("Two",)
+    with pytest.raises(StoreError, match="no pair to train on, of tiny-1, split train"):
+        task(tiny_store)
 
 
 @given(count=st.integers(1, 40), pairs=st.integers(1, 30))

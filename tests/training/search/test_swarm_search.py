@@ -119,8 +119,7 @@ def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
     same = np.repeat(swarm.positions[1][None], 4, 0)
     same[3, :17] += 1  # a third of one of four differs
     values = np.array([3.0, 1.0, np.inf, 2.0])
-    swarm = judged(swarm, values)
-    object.__setattr__(swarm, "positions", same)
+    swarm = replace(judged(swarm, values), positions=same)
     found = swarm_search.iteration_of(swarm, values)
     assert (found.number, found.best, found.least, found.mean, found.failed) == (0, 1, 1, 2, 1)
     assert found.alike == pytest.approx(1 - 1 / 12)
