@@ -15,10 +15,10 @@ from dfdbench.errors import InputError
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED
 from dfdbench.training.learner import (
+    CosineSchedule,
     DlibSchedule,
     Learner,
     LevelLoss,
-    Schedule,
     probability_of_fall,
     schedule_of,
     without_largest,
@@ -135,7 +135,9 @@ def lowered_by(schedule: DlibSchedule, losses: Iterable[float]) -> list[int]:
     return [step for step, (a, b) in enumerate(pairwise(rates), 1) if b < a]
 
 
-def rates_of(schedule: Schedule, losses: Iterable[float], first: int = 1) -> list[float]:
+def rates_of(
+    schedule: DlibSchedule | CosineSchedule, losses: Iterable[float], first: int = 1
+) -> list[float]:
     """The rate after each step."""
     rates = []
     for step, loss in enumerate(losses, first):

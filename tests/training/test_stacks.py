@@ -18,7 +18,7 @@ from tests.training.test_cameras import train_on
 def test_a_capture_s_images_are_put_in_order_of_the_focus() -> None:
     images = np.stack([np.full((4, 6, 3), grey, np.uint8) for grey in (9, 50, 10, 30)])
     focus = np.array([np.nan, 200.0, 20.0, 90.0])
-    facts = ImageFacts(("infocus", *["defocus"] * 3), focus_depth=focus)
+    facts = ImageFacts(("infocus", "defocus", "defocus", "defocus"), focus_depth=focus)
     depth = np.full((4, 6), 80, np.float32)
     depth[0] = np.nan
     stack = stacks.stack_of(Capture(Pair("Desk", ()), images, depth, facts))
