@@ -184,8 +184,9 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
     tmp_path: Path, tiny_store: Dataset, trap: Trap
 ) -> None:
     pair = tiny_store.pairs("One")[0]
-    filters: dict[str, Any] = {"filters": [PICKLE]}
-    for number, codecs in enumerate(({"compressor": PICKLE}, filters, filters | {"dtype": "|O"})):
+    filters = {"filters": [PICKLE]}
+    every: list[dict[str, Any]] = [{"compressor": PICKLE}, filters, {**filters, "dtype": "|O"}]
+    for number, codecs in enumerate(every):
         folder = tmp_path / f"{number}"
         make_old_zarr(folder / "old.zarr", trap, codecs)
         with pytest.raises(DfdbenchError, match="not a data set built by dfdbench"):
