@@ -5,16 +5,29 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
 from dfdbench.errors import InputError, UnknownNameError
 
 
-def test_the_recipes_are_those_of_the_thesis_and_depths_are_their_inverse() -> None:
+def test_levels_and_depths_are_inverse() -> None:
+    levels = np.arange(256)
+    for recipe in (*RECIPES.values(), BlurRecipe(1, 0.1, invert=False)):
+        assert np.array_equal(recipe.depth_of_level(recipe.level_of_depth(levels)), levels)
+
+
+def test_the_recipes_are_those_of_the_thesis_and_its_images() -> None:
     published, text = RECIPES["published"], RECIPES["text"]
     assert published.sigma_step == 2.88 / 256
     assert text.sigma_step == 2.56 / 256
     assert np.allclose(published.kernels().sum(axis=1), 1)
     assert find_recipe(published.as_dict()) == published
 
-    levels = np.arange(256)
-    for recipe in (*RECIPES.values(), BlurRecipe(1, 0.1, invert=False)):
-        assert np.array_equal(recipe.depth_of_level(recipe.level_of_depth(levels)), levels)
+
+def test_wrong_recipes_are_named() -> None:
+    with pytest.raises(InputError) as caught:
+        BlurRecipe(sigma_min=0, sigma_step=float("nan"), levels=1, kernel_size=4)
+    for part in ("sigma_min", "sigma_step", "levels", "kernel_size"):
+        assert part in str(caught.value)
+    with pytest.raises(UnknownNameError, match="did you mean published"):
+        find_recipe("publishd")
+    with pytest.raises(InputError, match="sigma_mni"):
+        find_recipe({"sigma_mni": 1})
 
 
 def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> None:
@@ -26,7 +39,7 @@ def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> No
     assert BlurRecipe(26, 0.1, levels=11).sigmas[-1] == pytest.approx(27)
 
 
-def test_all_that_is_wrong_with_a_recipe_is_named_at_once() -> None:
+def test_all_that_is_wrong_with_given_fields_is_told_at_once() -> None:
     with pytest.raises(InputError) as caught:
         find_recipe({"sigma_mni": 1, "sigma_step": -1, "levels": 1})
     said = [(problem.what, problem.where) for problem in caught.value.problems]
@@ -36,10 +49,3 @@ def test_all_that_is_wrong_with_a_recipe_is_named_at_once() -> None:
         ("wrong blur recipe", "sigma_step"),
         ("wrong blur recipe", "levels"),
     ]
-
-    with pytest.raises(InputError) as caught:
-        BlurRecipe(sigma_min=0, sigma_step=float("nan"), levels=1, kernel_size=4)
-    for part in ("sigma_min", "sigma_step", "levels", "kernel_size"):
-        assert part in str(caught.value)
-    with pytest.raises(UnknownNameError, match="did you mean published"):
-        find_recipe("publishd")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.light import Floats
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, synthesize
+from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, synthesize
 from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
 
@@ -88,6 +88,19 @@ def test_it_commutes_with_mirroring_and_channel_order(image: Image, depth: Image
     assert np.array_equal(swapped[..., ::-1], plain)
 
 
+def test_brighter_depth_is_blurred_less_and_inversion_is_explicit() -> None:
+    image = np.zeros((31, 31, 3), np.uint8)
+    image[15, 15] = 255
+    peaks = [
+        int(synthesize(image, np.full((31, 31), level, np.uint8), RECIPES["published"]).max())
+        for level in (255, 200, 100, 0)
+    ]
+    assert peaks == sorted(peaks, reverse=True)
+    forward = BlurRecipe(0.32, 0.01125, invert=False)
+    near = synthesize(image, np.full((31, 31), 255, np.uint8), forward)
+    assert int(near.max()) == peaks[-1]
+
+
 def test_a_grey_image_and_a_strided_one() -> None:
     random = np.random.default_rng(0)
     image = random.integers(0, 256, (20, 40, 3)).astype(np.uint8)
@@ -104,18 +117,10 @@ def test_threads_at_work_at_once_change_nothing() -> None:
     random = np.random.default_rng(1)
     image = random.integers(0, 256, (60, 80, 3)).astype(np.uint8)
     depth = random.integers(0, 256, (60, 80)).astype(np.uint8)
-    kernels = point_spread_functions(np.linspace(0.3, 2, 256), 9, 3)
-
-    def both(_: int) -> tuple[Image, Floats]:
-        plain = synthesize(image, depth, RECIPES["published"])
-        return plain, blur_by_level(image.astype(float), depth, kernels)
-
-    alone = both(0)
+    alone = synthesize(image, depth, RECIPES["published"])
     with ThreadPoolExecutor(8) as pool:
-        many = list(pool.map(both, range(16)))
-    for plain, by_level in many:
-        assert np.array_equal(plain, alone[0])
-        assert np.array_equal(by_level, alone[1])
+        many = list(pool.map(lambda _: synthesize(image, depth, RECIPES["published"]), range(16)))
+    assert all(np.array_equal(one, alone) for one in many)
 
 
 @pytest.mark.parametrize(
@@ -166,3 +171,41 @@ def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
 def test_a_kernel_that_leans_to_a_side_is_refused(axis: int) -> None:
     with pytest.raises(InputError, match="a kernel is not symmetric"):
         blur_by_level(IMAGE, LEVELS, np.roll(symmetric(5), 1, axis))
+
+
+@pytest.mark.parametrize("channels", [1, 3, 9])
+@pytest.mark.parametrize("shape", [(1, 1), (4, 37)])
+def test_sums_are_in_their_order_to_the_last_bit(shape: tuple[int, int], channels: int) -> None:
+    image = RANDOM.uniform(0, 255, (*shape, channels))
+    levels = np.sort(RANDOM.integers(0, 256, shape).astype(np.uint8), axis=1) // 9 * 9
+    levels[:, ::5] = 250
+    recipe = BlurRecipe(0.32, 0.01125, kernel_size=9, invert=False)
+    rows, kernels = recipe.kernels(), symmetric(256)
+    padded = np.pad(image, ((4, 4), (4, 4), (0, 0)), mode="edge")
+    folded, gathered = np.empty_like(image), np.empty_like(image)
+    for y, x in np.ndindex(shape):
+        window, row = padded[y : y + 9, x : x + 9], rows[levels[y, x]]
+        kernel = kernels[levels[y, x]][..., np.newaxis]
+        # Opposite weights are one; columns first, then rows.
+        column = row[4] * window[4]
+        for offset in range(1, 5):
+            column = column + row[4 + offset] * (window[4 - offset] + window[4 + offset])
+        folded[y, x] = row[4] * column[4]
+        for offset in range(1, 5):
+            folded[y, x] += row[4 + offset] * (column[4 - offset] + column[4 + offset])
+        # Opposite rows are one, then opposite columns; column by column from the middle one.
+        tall = [window[4], *(window[4 - j] + window[4 + j] for j in range(1, 5))]
+        wide = [[row[4], *(row[4 - i] + row[4 + i] for i in range(1, 5))] for row in tall]
+        gathered[y, x] = sum(
+            sum(kernel[4 + j, 4 + i] * wide[j][i] for j in range(5)) for i in range(5)
+        )
+    assert np.array_equal(blur_by_recipe(image, levels, recipe), folded)
+    assert np.array_equal(blur_by_level(image, levels, kernels), gathered)
+
+
+def test_threads_at_work_at_once_change_no_blur_by_level() -> None:
+    kernels = point_spread_functions(np.linspace(0.3, 2, 5), 9, 3)
+    alone = blur_by_level(IMAGE, LEVELS, kernels)
+    with ThreadPoolExecutor(4) as pool:
+        many = list(pool.map(lambda _: blur_by_level(IMAGE, LEVELS, kernels), range(8)))
+    assert all(np.array_equal(one, alone) for one in many)

@@ -1,11 +1,13 @@
 import hashlib
 import json
 import re
+from dataclasses import fields
 from typing import Any
 
 import pytest
 
-from dfdbench.blur.tracks import STACKS, TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.formation import uniform_numbers
+from dfdbench.blur.tracks import CLEAN, DISK, STACKS, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
@@ -43,10 +45,47 @@ def _definition(track: Track) -> dict[str, Any]:
     return said
 
 
+def test_severity_0_is_clean_and_each_further_one_is_another() -> None:
+    for name, track in TRACKS.items():
+        assert find_degradation(f"{name}-0").label == CLEAN
+        assert find_degradation(f"{name}-0").formation == Formation()
+        assert len({Formation(), *track.severities}) == len(track.steps) + 1 == 4
+        for label in (f"{name}-1", f"{name}-2", f"{name}-3"):
+            assert find_degradation(label).label == label
+
+
+def test_each_formation_s_field_is_used_by_some_track() -> None:
+    used = {
+        field.name
+        for field in fields(Formation)
+        for track in (*TRACKS.values(), *STACKS.values())
+        for formation in track.severities
+        if getattr(formation, field.name) != field.default
+    }
+    assert used == {field.name for field in fields(Formation)}
+    assert TRACKS["camera"].severities[0].exponent == DISK
+
+
 @pytest.mark.parametrize("stack", STACKS.values(), ids=lambda stack: stack.name)
 def test_a_stack_s_severity_is_its_number_of_planes(stack: Track) -> None:
     for number, (step, formation) in enumerate(zip(stack.steps, stack.severities, strict=True), 1):
         assert (step, formation.planes) == (f"{number} focus planes", number)
+
+
+def test_the_hidden_law_was_drawn_not_chosen() -> None:
+    for severity, width in enumerate((0.1, 0.2, 0.4), 1):
+        formation = TRACKS["law"].severities[severity - 1]
+        for field in ("sigma_min", "sigma_step"):
+            size, side = uniform_numbers(2, "law", 1, severity, field)
+            drawn = 1 + width * (0.5 + size / 2) * (1 if side > 0.5 else -1)
+            assert getattr(formation, field) == round(drawn, 4)
+
+
+def test_how_light_falls_off_was_drawn_not_chosen() -> None:
+    for severity, share in enumerate((0.1, 0.2, 0.35), 1):
+        second, fourth = TRACKS["vignetting"].severities[severity - 1].falloff
+        assert second == round(share * uniform_numbers(1, "vignetting", 1, severity)[0], 4)
+        assert second + fourth == pytest.approx(share)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +94,10 @@ def test_a_stack_s_severity_is_its_number_of_planes(stack: Track) -> None:
         ("camra-2", "did you mean camera"),
         ("camera-4", "did you mean camera-"),
         ("camera-" + "9" * 5000, "unknown track"),
-        ("Noise2", "did you mean noise-2"),
+        ("noise1", "did you mean noise-1"),
+        ("Noise-2", "did you mean noise-2"),
+        ("noise", "did you mean noise-"),
+        ("clean", "unknown track"),
         ("", "unknown track"),
     ],
 )

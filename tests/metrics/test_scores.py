@@ -33,14 +33,23 @@ def skimage_ssim(truth: NDArray[Any], test: NDArray[Any]) -> float:
     )
 
 
-@given(truth=not_flat, test=levels, shift=st.floats(-500, 500))
-def test_nrmse_is_never_below_nmae_and_a_shift_is_the_same_in_both(
-    truth: Floats, test: Floats, shift: float
-) -> None:
+@given(image=not_flat)
+def test_identity(image: Floats) -> None:
+    assert nrmse(image, image) == 0
+    assert nmae(image, image) == 0
+    assert ssim(image, image) == pytest.approx(1, abs=1e-12)
+
+
+@given(truth=not_flat, test=levels)
+def test_nrmse_is_never_below_nmae(truth: Floats, test: Floats) -> None:
     assert nrmse(truth, test) >= nmae(truth, test) - 1e-12
-    for metric in (nrmse, nmae):
-        expected = abs(shift) / np.ptp(truth)
-        assert metric(truth, truth + shift) == pytest.approx(expected, abs=1e-9)
+
+
+@given(image=not_flat, shift=st.floats(-500, 500))
+def test_a_shift_is_the_same_in_both_errors(image: Floats, shift: float) -> None:
+    span = float(np.ptp(image))
+    assert nrmse(image, image + shift) == pytest.approx(abs(shift) / span, abs=1e-9)
+    assert nmae(image, image + shift) == pytest.approx(abs(shift) / span, abs=1e-9)
 
 
 @given(truth=not_flat, test=levels, factor=st.floats(0.01, 100), shift=st.floats(-100, 100))
@@ -99,10 +108,13 @@ def test_ssim_on_real_sizes(shape: tuple[int, int]) -> None:
     assert ssim(truth, test) == pytest.approx(skimage_ssim(truth, test), abs=1e-12)
 
 
-def test_the_rows_of_table_3_5() -> None:
+def test_the_mean_shift_row_of_table_3_5() -> None:
     # Fig. 3.14 is a depth map of range 215; a mean shift of 10: NMAE = NRMSE = 0.0465.
     truth = np.array([[20.0, 100.0, 235.0]])
     assert round(nrmse(truth, truth + 10), 4) == round(nmae(truth, truth + 10), 4) == 0.0465
+
+
+def test_the_noise_row_of_table_3_5() -> None:
     # Integer noise, uniform on [-17, 17], on a range of 215: NRMSE 0.0470, NMAE 0.0407.
     noise = np.tile(np.arange(-17, 18), (2, 1)).astype(np.float64)
     truth = np.zeros_like(noise)
@@ -119,6 +131,11 @@ def test_the_cases_of_table_3_4() -> None:
         truth = np.zeros((1, 4))
         assert nmae(truth, case[np.newaxis], data_range=1) == 2
         assert nrmse(truth, case[np.newaxis], data_range=1) == pytest.approx(rmse, abs=0.005)
+
+
+def test_the_errors_are_not_symmetric() -> None:
+    truth, test = np.array([[0.0, 10.0]]), np.array([[0.0, 20.0]])
+    assert nrmse(truth, test) == 2 * nrmse(test, truth)
 
 
 def test_a_flat_ground_truth_is_undefined_not_zero() -> None:
