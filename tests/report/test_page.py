@@ -42,6 +42,9 @@ def test_other_data_are_another_section(tmp_path: Path) -> None:
     assert [section.fingerprint[0] for section in content.sections] == ["2", "3"]
     with pytest.raises(UnknownNameError, match="valid"):
         gathered(tmp_path, here, protocol="valid")
+    other = make_result(PAIRS, "other").model_dump_json().replace('"thesis"', '"own"')
+    content = gathered(tmp_path, here, Result.model_validate_json(other))
+    assert (content.methods, content.summary[0]) == (("mine",), "other: not scored under thesis.")
 
 
 def test_a_limited_run_has_no_empty_table(tmp_path: Path) -> None:
