@@ -183,7 +183,6 @@ def _predict_folder(
     format: str,
 ) -> None:
     from dfdbench.evaluation.map_files import KeptMaps, write_submission
-    from dfdbench.evaluation.predict import read_images, read_stack
 
     zipped, files, kept = out.suffix == ".zip", dict[str, Path](), list[str]()
     maps = None if zipped else KeptMaps(out, predictor.method, predictor.identity)
@@ -195,10 +194,7 @@ def _predict_folder(
                 kept.append(name)
                 continue
             try:
-                if len(paths) == 1:
-                    estimate = predictor.of_stack(read_stack(*paths))
-                else:
-                    estimate = predictor(*read_images(paths))
+                estimate = predictor.of_files(paths)
             except DfdbenchError as error:
                 failed.extend(replace(one, where=one.where or name) for one in error.problems)
                 continue

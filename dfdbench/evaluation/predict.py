@@ -184,6 +184,18 @@ class DepthPredictor:
             raise MethodError(what, where=self.method.name, fix=f"take {fix}")
         return self._scale.to_metres(depth).astype(np.float32)
 
+    def of_files(self, paths: Sequence[Path]) -> Estimate:
+        """Estimate depth from two photographs, or from a stack's folder, as `captures_in` has it.
+
+        Raises
+        ------
+        InputError, SourceError, MethodError
+            As where they are read and estimated from.
+        """
+        if len(paths) == 1:
+            return self.of_stack(read_stack(*paths))
+        return self(*read_images(paths))
+
     def of_stack(self, stack: xarray.DataArray) -> Estimate:
         """Estimate depth from a focal stack, as `dfdbench.Capture.stack` has it, in register.
 
