@@ -21,6 +21,7 @@ from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
 from tests.benchmarks.ledger import Ledger, cpu, timed
 from tests.benchmarks.test_blur import separable, stack
+from tests.process import python
 
 
 @pytest.fixture(params=["Aloe", "Art", "Reindeer"])
@@ -57,6 +58,38 @@ def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) 
         print(f"\n{type(method).__name__}: {ratio:.2f} of 256 {name} filterings of the image")
     assert middle["dense float64"] < 0.5
     assert middle["separable float32"] > 1
+
+
+# One method in a process of its own, so that nothing but it counts. What the system tells of used
+# resources would not do: there a child begins with the most that its parent ever held.
+STATUS = Path("/proc/self/status")
+OF_LINUX = pytest.mark.skipif(not STATUS.is_file(), reason=f"no {STATUS} tells of peak memory")
+_PEAK = """
+import sys
+import numpy as np
+from dfdbench.blur import synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.methods.registry import load
+rng = np.random.default_rng(0)
+side = 10 * int(sys.argv[3])
+infocus = np.kron(rng.integers(0, 256, (37, 47, 3)), np.ones((side, side, 1))).astype(np.uint8)
+depth = np.tile(np.linspace(60, 250, 47 * side).astype(np.uint8), (37 * side, 1))
+method = load(sys.argv[1], recipe=RECIPES["published"])
+method(infocus, synthesize(infocus, depth, RECIPES["published"]))
+print(next(line.split()[1] for line in open(sys.argv[2]) if line.startswith("VmHWM:")))
+"""
+
+
+@OF_LINUX
+@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("method", ["graph-cuts", "graph-cuts-rounded", "sgm"])
+def test_peak_memory(benchmark: Any, method: str, times: int) -> None:
+    """Measure what a process holds at most that solves an image of Middlebury, and thrice that."""
+    said = benchmark.pedantic(python, ("-c", _PEAK, method, STATUS, str(times)), rounds=1).stdout
+    peak = int(said) / 1024
+    benchmark.extra_info["peak, MB"] = peak
+    print(f"\n{method}, {370 * times} x {470 * times}: at most {peak:.0f} MB")
+    assert times > 1 or peak < 450
 
 
 @pytest.fixture(params=[1, 2], ids=["aloe-exposure1", "aloe-exposure2"])

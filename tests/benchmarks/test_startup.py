@@ -8,18 +8,17 @@ from typing import Any
 
 import pytest
 
-from dfdbench.datasets.dataset import Dataset
 from tests.benchmarks.ledger import Ledger
 
 ROUNDS = 5
-PROGRAM = str(Path(sys.executable).with_name("dfdbench"))
 
 
 def processor_seconds(command: list[str]) -> float:
     """Return the user and system time of a command."""
 
     def used() -> float:
-        return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return used.ru_utime + used.ru_stime
 
     before = used()
     subprocess.run(command, check=True, capture_output=True)
@@ -46,18 +45,8 @@ def least_seconds(benchmark: Any, ours: list[str], theirs: list[str]) -> tuple[f
     ids=" ".join,
 )
 def test_start(benchmark: Any, ledger: Ledger, arguments: list[str]) -> None:
+    ours = [str(Path(sys.executable).with_name("dfdbench")), *arguments]
     numpy = [sys.executable, "-c", "import numpy"]
-    own, theirs = least_seconds(benchmark, [PROGRAM, *arguments], numpy)
+    own, theirs = least_seconds(benchmark, ours, numpy)
     title = f"dfdbench {' '.join(arguments)}"
     ledger.note(title, own, "numpy", "import numpy", theirs, "each in a fresh process")
-
-
-def test_a_run_with_nothing_to_do(
-    benchmark: Any, ledger: Ledger, demo_store: Dataset, tmp_path: Path
-) -> None:
-    words = f"run --method constant --split Market --no-figures --dataset {demo_store.path}"
-    ours = [PROGRAM, *words.split(), "--out", str(tmp_path / "run")]
-    theirs = [sys.executable, "-c", "import numba, pandas, zarr"]
-    own, other = least_seconds(benchmark, ours, theirs)
-    peer = "import of zarr, numba and pandas"
-    ledger.note("a run with nothing to do", own, "zarr", peer, other, "each in a fresh process")
