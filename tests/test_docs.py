@@ -4,6 +4,8 @@ import importlib
 import re
 import runpy
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +14,18 @@ import pytest
 import xarray
 
 import dfdbench
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.calling import check_answer
 
 DOCS = Path(__file__).parents[1] / "docs"
+SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
 
 
-def test_a_script_finds_what_it_imports_and_is_named() -> None:
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
+    assert callable(runpy.run_path(str(DOCS / script))["main"])
     text = "".join(path.read_text("utf-8") for path in DOCS.glob("*.md"))
-    for script in DOCS.glob("*.py"):
-        assert callable(runpy.run_path(str(script))["main"])
-        assert f"docs/{script.name}" in text
+    assert f"docs/{script}" in text
 
 
 @pytest.mark.slow
@@ -41,13 +45,13 @@ def test_the_pages_table_of_tracks_is_that_of_the_board(
     monkeypatch.chdir(DOCS.parent)
     main = runpy.run_path(str(DOCS / "tracks_rows.py"))["main"]
     # The middle of the page is made anew, whatever it says.
-    page, made = (DOCS / "tracks.md").read_text("utf-8"), tmp_path / "tracks.md"
-    emptied = re.sub(r"(<!-- written by docs/.*?\n).*?(<!-- end -->)", r"\1\2", page, flags=re.S)
-    assert emptied != page
-    made.write_text(emptied, "utf-8")
+    page = (DOCS / "tracks.md").read_text("utf-8")
+    before, mark, rest = page.partition("<!-- written by docs/")
+    first, _, after = rest.partition("<!-- end -->")
+    made = tmp_path / "tracks.md"
+    made.write_text(f"{before}{mark}{first.splitlines()[0]}\n<!-- end -->{after}", "utf-8")
     monkeypatch.setitem(main.__globals__, "PAGE", made)
-    for drawn in ("tracks_figure", "write_figure"):
-        monkeypatch.setitem(main.__globals__, drawn, lambda *_: None)
+    monkeypatch.setitem(main.__globals__, "PICTURE", tmp_path / "tracks_methods.png")
     main("demo-1-test")
     assert made.read_text("utf-8") == page
 
@@ -96,6 +100,42 @@ def test_the_tracks_are_as_far_from_rays_as_is_said(
     monkeypatch.setattr(sys, "argv", ["tracks_by_rays.py"])
     module["main"]()
     assert capsys.readouterr().out in (DOCS / "tracks.md").read_text()
+
+
+def test_cameras_are_compared_on_the_same_rooms(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = runpy.run_path(str(DOCS / "cameras.py"))["main"].__globals__
+    smaller = {
+        name: replace(
+            camera, lens=replace(camera.lens, pixel_size=5 * camera.lens.pixel_size), shape=(48, 64)
+        )
+        for name, camera in names["CAMERAS"].items()
+        if name in ("plain", "old-lens")
+    }
+    monkeypatch.setattr("dfdbench.simulation.rooms.lit", lambda scene, *_: scene)
+    for name, value in {
+        "render_pair": partial(names["render_pair"], rays=8),
+        "CAMERAS": smaller,
+        "METHODS": ("s-transform",),
+        "ROOMS": 1,
+        "TABLE": tmp_path / "cameras.csv",
+    }.items():
+        monkeypatch.setitem(names, name, value)
+    names["main"](str(tmp_path))
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-4:] == [
+        "plain -> plain", "plain -> old-lens", "old-lens -> old-lens", "old-lens -> plain",
+    ]  # fmt: skip
+    assert (tmp_path / "cameras.png").stat().st_size > 10_000
+    head, _, row, floor, *matrix = said.out.splitlines()
+    assert head.startswith("| method |")
+    assert row.startswith("| `s-transform` | 0.")
+    assert floor.startswith("| `constant` | 0.")
+    assert len(matrix) == 2 + 4
+    depths = [Dataset(tmp_path / f"{name}.zarr").to_xarray("test-1").depth for name in smaller]
+    # The same room; one of the two lenses breathes.
+    assert 0 < np.abs(depths[0].values - depths[1].values).mean() < 0.2
 
 
 @pytest.mark.slow

@@ -4,9 +4,9 @@ import functools
 import json
 import re
 from collections.abc import Callable, Iterator
-from itertools import takewhile
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.board.row_file import read_row
+from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
@@ -41,7 +42,8 @@ PRINTED, WRITTEN = "<!-- printed by: ", "<!-- written by docs/"
 CHECKED = "<!-- checked by tests/test_readme.py"
 
 
-class Quoted(NamedTuple):
+@dataclass(frozen=True)
+class Quoted:
     """A table of a page: how its head begins, and the board that it quotes."""
 
     page: str
@@ -80,7 +82,8 @@ NO_RESULTS = {
 }
 
 
-class Column(NamedTuple):
+@dataclass
+class Column:
     """What a column of a table holds: a metric under a protocol, or its range over scenes."""
 
     metric: str
@@ -117,8 +120,12 @@ def cells(line: str) -> list[str]:
 def table(quoted: Quoted) -> tuple[list[str], list[list[str]]]:
     lines = (ROOT / quoted.page).read_text("utf-8").splitlines()
     (start,) = [at for at, line in enumerate(lines) if line.startswith(quoted.head)]
-    rows = takewhile(lambda line: line.startswith("|"), lines[start + 2 :])
-    return cells(lines[start]), [cells(line) for line in rows]
+    rows = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append(cells(line))
+    return cells(lines[start]), rows
 
 
 def columns(quoted: Quoted, head: list[str]) -> dict[int, Column]:
@@ -217,6 +224,35 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
         assert (given, shown) == (given_to(result), scores), name
 
 
+def test_the_floor_of_ssim_is_that_of_a_constant() -> None:
+    demo, middlebury = (
+        f"{mean(results(board, protocol)['constant'].pairs, protocol, 'ssim'):.2f}"
+        for board, protocol in (("demo-1-test", "valid"), (MIDDLEBURY, "thesis"))
+    )
+    floors = {
+        "leaderboard": [demo, middlebury],
+        "protocols": [demo, middlebury],
+        "graph_cuts": [middlebury],
+    }
+    for page, expected in floors.items():
+        text = " ".join((ROOT / f"docs/{page}.md").read_text("utf-8").split())
+        assert re.findall(r"(?:has|has SSIM|and) (0\.\d\d) on", text) == expected, page
+
+
+def test_the_list_of_data_sets_has_their_numbers_of_pairs() -> None:
+    _, rows = table(Quoted("docs/data_sets.md", "| name | what | pairs", "", ""))
+    listed = {name.strip("`"): int(pairs) for name, *_, pairs in rows}
+    assert listed == {manifest.short: manifest.pair_count for manifest in released_manifests()}
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/thesis.md"])
+def test_pages_say_how_much_of_the_thesis_was_rerun(page: str) -> None:
+    text = " ".join((ROOT / page).read_text("utf-8").split())
+    (found,) = re.findall(r"default lighting, (\d+) of the (\d+) pairs", text)
+    counts = [find_manifest(name).pair_count for name in ("middlebury-default", "middlebury")]
+    assert list(map(int, found)) == counts
+
+
 def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:
     """Yield what each mark names, and the lines that it vouches for."""
     lines = (ROOT / page).read_text("utf-8").splitlines()
@@ -238,12 +274,14 @@ def compared_lines(page: str) -> set[int]:
     heads = [quoted.head for quoted in QUOTED if quoted.page == page] + COMPARED.get(page, [])
     for at, line in enumerate(lines):
         if line.startswith(tuple(heads)):
-            found |= set(takewhile(lambda n: lines[n].startswith("|"), range(at, len(lines))))
+            while at < len(lines) and lines[at].startswith("|"):
+                found.add(at)
+                at += 1
     return found
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_number_that_nothing_compares_is_on_no_page_nor_a_machines_times(page: str) -> None:
+def test_a_number_that_nothing_compares_is_on_no_page(page: str) -> None:
     compared = compared_lines(page)
     lines = (ROOT / page).read_text("utf-8").splitlines()
     # The text may say again what a table of the page has.
@@ -260,8 +298,12 @@ def test_a_number_that_nothing_compares_is_on_no_page_nor_a_machines_times(page:
         if number not in known
     ]
     assert not loose
-    # Nor has a page the times of one machine, but the ledger, which says of which it is.
-    before, _, rest = "\n".join(lines).partition(BEGIN)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_page_has_the_times_of_one_machine(page: str) -> None:
+    # But for the ledger, which says of which machine it is.
+    before, _, rest = (ROOT / page).read_text("utf-8").partition(BEGIN)
     text = " ".join((before + rest.partition(END)[2]).split())
     unit = r"(?:m?s|seconds?|minutes?|hours?)\b"
     assert not re.findall(rf"Xeon|EPYC|(?:takes?|took|in) (?:some |about )?\d[\d.,]* {unit}", text)

@@ -19,8 +19,10 @@ import dfdbench.figures
 from dfdbench.board.board import Board, leaderboard
 from dfdbench.cli import VERBS
 from dfdbench.methods.registry import find_entry
-from tests.board.made_boards import make_tracks, submit
-from tests.made_results import edited
+from dfdbench.metrics.protocol import RELEASED
+from dfdbench.results.record import PairResult, Result
+from tests.board.made_boards import add, make_tracks, scored, submit
+from tests.made_results import make_demo_result
 from tests.report import test_browser
 
 chromium = test_browser.chromium
@@ -51,6 +53,16 @@ def test_every_command_is_told_with_every_option(made: Any) -> None:
         hold(verb.load(name), f"dfdbench {name}")
 
 
+def test_every_field_of_a_result_is_told(made: Any) -> None:
+    page = made("formats").formats_page()
+    for title, model in (("## A result", Result), ("### A result: PairResult", PairResult)):
+        section = page.partition(f"\n{title}\n")[2].partition("\n#")[0]
+        fields = dict(re.findall(r"^\| `(\w+)` \| (.+?) \|", section, re.M))
+        assert list(fields) == list(model.model_fields)
+    assert fields["status"] == '"ok", "failed", "missing", "not-run"'
+    assert fields["warnings"] == "list of string"
+
+
 @pytest.fixture(scope="module")
 def board() -> Board:
     return leaderboard(ROOT / "leaderboard")
@@ -58,7 +70,24 @@ def board() -> Board:
 
 def rows_of(page: str) -> Any:
     (text,) = re.findall(r'id="board-data">(.*?)</script>', page, re.S)
-    return [row for one in json.loads(text)["boards"] for row in one["rows"]]
+    return json.loads(text)["boards"]
+
+
+@pytest.mark.slow
+def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any, board: Board) -> None:
+    page = made("board").board_page(board)
+    boards = rows_of(page)
+    files = {row["file"] for one in boards for row in one["rows"]}
+    assert files == {path.relative_to(board.folder).as_posix() for path in board.rows}
+    for one in boards:
+        assert all(len(row["scores"]) == len(one["metrics"]) for row in one["rows"])
+    demo = next(one for one in boards if one["set"] == "demo-1, split test")
+    shown = (ROOT / "leaderboard/README.md").read_text("utf-8")
+    first = demo["rows"][0]
+    assert f"| 1 | {first['method']} | {first['given']} | {first['scores'][0]:.4f} |" in shown
+    # Without scripts the page has a table of each headline ranking.
+    before = page.partition("<script")[0]
+    assert f"| 1 | {first['method']} | {first['scores'][0]:.4f} | {first['given']} |" in before
 
 
 def parsed(line: str) -> Any:
@@ -71,20 +100,12 @@ def parsed(line: str) -> Any:
 
 
 @pytest.mark.slow
-def test_every_row_of_the_leaderboard_is_there_with_its_file_and_a_command_that_is_accepted(
-    made: Any, board: Board
-) -> None:
-    page = made("board").board_page(board)
-    rows = rows_of(page)
-    files = {path.relative_to(board.folder).as_posix() for path in board.rows}
-    assert {row["file"] for row in rows} == files
-    # Without scripts the page has a table of each headline ranking.
-    first = next(row for row in rows if row["file"].startswith("results/demo-1-test/"))
-    score, before = f"{first['scores'][0]:.4f}", page.partition("<script")[0]
-    assert f"| 1 | {first['method']} | {score} | {first['given']} |" in before
-    shown = (ROOT / "leaderboard/README.md").read_text("utf-8")
-    assert f"| 1 | {first['method']} | {first['given']} | {score} |" in shown
-    commands = {row["command"]: row for row in rows}
+def test_the_command_of_each_row_is_one_that_is_accepted(made: Any, board: Board) -> None:
+    commands = {
+        row["command"]: row
+        for one in rows_of(made("board").board_page(board))
+        for row in one["rows"]
+    }
     for command, row in commands.items():
         context, card = parsed(command), board.cards[row["method"]]
         assert context.params["method"] == card.entry
@@ -99,6 +120,7 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file_and_a_command_that_
 @pytest.mark.slow
 def test_the_frame_to_download_is_the_boards(made: Any, board: Board) -> None:
     content = made("board").scores_csv(board)
+    assert content == made("board").scores_csv(board)
     text = io.BytesIO(gzip.decompress(content))
     read = pd.read_csv(text, converters={"coordinates": json.loads})
     pd.testing.assert_frame_equal(read, board.scores, check_dtype=False, rtol=1e-15)
@@ -115,9 +137,9 @@ def test_every_method_has_a_page_with_pictures_parameters_and_rows(made: Any, bo
             assert (ROOT / "docs" / picture).stat().st_size <= 40_000, picture
         assert f"demo/{name}.jpg" in page
         assert f"[**{name}**]({name}.md)" in pages["method/index.md"]
+        rows = [path for path in board.rows if path.stem == name]
         linked = set(re.findall(r"\(\.\./board/(results/.+?)\)", page))
-        rows = {path.relative_to(board.folder).as_posix() for path in board.rows}
-        assert linked == {row for row in rows if row.endswith(f"/{name}.json")}
+        assert linked == {path.relative_to(board.folder).as_posix() for path in rows}
         place, _, attribute = find_entry(card.entry).partition(":")
         target = getattr(importlib.import_module(place), attribute)
         section = page.partition("## Parameters")[2].partition("\n## ")[0]
@@ -150,6 +172,7 @@ def test_every_data_set_has_a_page_that_says_whose_it_is(made: Any, board: Board
     assert f"| fingerprint | `{known}` |" in demo
     measured = json.loads((module.PICTURES / "measured.json").read_text("utf-8"))
     assert measured["demo"]["fingerprint"] == known
+    assert "## What was measured of it" in demo
 
 
 def test_the_gallery_holds_every_figure_that_the_package_draws(made: Any) -> None:
@@ -157,10 +180,13 @@ def test_the_gallery_holds_every_figure_that_the_package_draws(made: Any) -> Non
     drawn = set()
     for found in pkgutil.iter_modules(dfdbench.figures.__path__):
         module = importlib.import_module(f"dfdbench.figures.{found.name}")
-        for name, each in inspect.getmembers(module, inspect.isfunction):
-            if each.__module__ == module.__name__ and re.fullmatch(r"\w+_figures?|show", name):
-                drawn.add(name)
-    drawn = {name for name in drawn if name[0] != "_"} - {"write_figure"}
+        drawn |= {
+            name
+            for name, each in inspect.getmembers(module, inspect.isfunction)
+            if each.__module__ == module.__name__
+            and re.fullmatch(r"[a-z]\w*_figures?|show", name)
+            and name != "write_figure"
+        }
     shown = [one for figures in gallery.GALLERY.values() for one in figures]
     assert {one.function for one in shown} | gallery.NOT_SHOWN.keys() == drawn
     for one in shown:
@@ -176,10 +202,53 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
     runs = make_tracks("mine", uses=["recipe"])
     for label in runs.keys() - {"clean"}:
         fitted = {"uses": [], "fitted_on": f"demo-1@{label}, split train"}
-        runs[label] = edited(runs[label], method=fitted, pairs={"seconds": 2.0})
+        method = runs[label].method.model_copy(update=fitted)
+        pairs = [pair.model_copy(update={"seconds": 2.0}) for pair in runs[label].pairs]
+        runs[label] = runs[label].model_copy(update={"method": method, "pairs": pairs})
     submit(list(runs.values()), tmp_path)
-    (row,) = rows_of(made("board").board_page(leaderboard(tmp_path)))
+    (row,) = [
+        row
+        for one in rows_of(made("board").board_page(leaderboard(tmp_path)))
+        for row in one["rows"]
+    ]
     assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
+
+
+def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(
+    made: Any, tmp_path: Path
+) -> None:
+    module = made("board")
+    add(tmp_path, "mine", 0.1)
+    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
+    for words in (module.TRACKS_NOTE, module.SCORED_NOTE):
+        assert words not in text
+    result = make_demo_result(lambda pair: 0.1, "far")
+    metres = dict.fromkeys(
+        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
+    )
+    pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
+    protocols = [RELEASED["metric"].as_dict()]
+    submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
+    submit(list(make_tracks("tracked").values()), tmp_path)
+    submit(scored("elsewhere", 0.01), tmp_path)
+    text = dict(module.board_files(leaderboard(tmp_path)))["board/demo-1-test.md"]
+    assert module.TRACKS_NOTE in text
+    ranked, below = text.split(module.SCORED_NOTE, 1)
+    assert "elsewhere" not in ranked.partition("---\n\n")[2]
+    assert "[elsewhere](results/" in below
+
+
+def test_links_lead_where_the_site_has_what_they_name(made: Any) -> None:
+    pytest.importorskip("mkdocs", reason="needs the extra docs")
+    relinked = made("links").relinked
+    text = "[a](../CONTRIBUTING.md#b) [c](../leaderboard/README.md) [d](tracks.md) [e](#f)"
+    assert relinked(text, "docs/x.md", "x.md") == (
+        "[a](contributing.md#b) [c](board/index.md) [d](tracks.md) [e](#f)"
+    )
+    text = "[a](results/x/y.json) [b](../docs/metres.md) [c](https://example.org/a.md)"
+    assert relinked(text, "leaderboard/README.md", "board/tables.md") == (
+        "[a](results/x/y.json) [b](../metres.md) [c](https://example.org/a.md)"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +290,7 @@ def test_the_site_asks_no_other_server_and_answers_what_newcomers_ask(site: Path
 @pytest.mark.slow
 def test_every_page_is_described_small_and_listed_for_language_models(site: Path) -> None:
     listed = (site / "llms.txt").read_text("utf-8")
+    assert listed.startswith("# dfdbench\n")
     for page in site.rglob("*.html"):
         place = page.relative_to(site)
         html = page.read_text("utf-8")
@@ -302,19 +372,32 @@ def test_depth_maps_lie_on_each_other_under_a_slider(site: Path, chromium: Any) 
     assert over.value_of_css_property("clip-path") != before
 
 
+#: A page of each kind.
+KINDS = (
+    "index.html",
+    "tutorial/index.html",
+    "method/index.html",
+    "method/graph-cuts/index.html",
+    "datasets/index.html",
+    "datasets/demo/index.html",
+    "gallery/index.html",
+    "board/index.html",
+    "board/demo-1-test/index.html",
+    "reference/commands/index.html",
+)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
 def test_no_page_is_wider_than_its_window(site: Path, chromium: Any, width: int) -> None:
     size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
     chromium.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    # A page of each kind.
-    kinds = ". method/graph-cuts datasets/demo gallery board board/demo-1-test reference/commands"
-    for place in kinds.split():
-        chromium.get((site / place / "index.html").as_uri())
+    for place in KINDS:
+        chromium.get((site / place).as_uri())
         assert test_browser.ask(chromium, "document.documentElement.scrollWidth") <= width, place
         unnamed = "[...document.images].filter(image => !image.alt.trim()).length"
         assert test_browser.ask(chromium, unnamed) == 0, place
-        if place == "board":
+        if place == "board/index.html":
             score = chromium.find_element("css selector", "#board tbody td:nth-child(3)")
             assert score.rect["x"] + score.rect["width"] <= width
     chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
