@@ -239,9 +239,9 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     in-focus image adds, which blur lessens, is taken off. The widths of all levels are smoothed by
     a curve of least bending (Whittaker), each weighted by how sharp its minimum is, so that levels
     that training lacks lie on the curve through their neighbours; beyond all that it shows they
-    have no width of others (`held_at_ends`), and nowhere does it turn back (`grown_from_focus`). Of
-    the shapes, and of blur in grey levels or in linear light, that with the least difference is
-    taken.
+    have no width of others (`held_at_ends`), and an end that turns back goes on straight
+    (`grown_from_focus`). Of the shapes, and of blur in grey levels or in linear light, that with
+    the least difference is taken.
     """
     return _calibrate(pairs, _of_pair)[0]
 

@@ -24,8 +24,9 @@ _LARGEST_STEP = 0.2
 _NEAR = 6
 # Of curves that leave at most so much more than the best, the smoothest is taken.
 _AS_GOOD = 1.5
-# A curve that falls below its largest width by this factor has turned back.
-_TURNED_BACK = 1.1
+# A curve that falls below its largest width by this factor has turned back; over so many levels
+# before it tells how straight it came.
+_TURNED_BACK, _STRAIGHT = 1.1, 32
 # A level whose curve is flatter than this says nothing.
 _LEAST_SHARPNESS = 1e-3
 
@@ -106,12 +107,12 @@ def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return a curve of widths that only grows, from one level to both sides, as a lens blurs.
+    """Return a curve of widths that grows from one level to both sides, as a lens blurs.
 
     Where little tells a level's width, beside jumps of depth above all, a curve may turn back among
     the widths of other levels. Of all curves that stay at the largest width so far, from some level
-    on to both sides, that which changes most pixels least is taken; but one that has turned back by
-    less than a tenth at its ends is left as it is.
+    on to both sides, that which changes most pixels least says where it turns. An end that has
+    turned back by a tenth or more goes on from there as straight as the curve came.
 
     Parameters
     ----------
@@ -122,14 +123,23 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> grown_from_focus(np.array([2.0, 2.8, 3.0, 2.0, 1.0, 1.5]), np.array([1, 1, 9, 9, 9, 9]))
-    array([3. , 3. , 3. , 2. , 1. , 1.5])
+    >>> grown_from_focus(np.array([1.5, 2.8, 3.0, 2.0, 1.0, 1.5]), np.array([1, 1, 9, 9, 9, 9]))
+    array([5. , 4. , 3. , 2. , 1. , 1.5])
     """
     above = (np.maximum.accumulate(sigmas[level:]) for level in range(len(sigmas)))
     below = (np.maximum.accumulate(sigmas[level::-1])[:0:-1] for level in range(len(sigmas)))
     grown = np.array([np.concatenate(sides) for sides in zip(below, above, strict=True)])
     best = grown[(np.square(grown - sigmas) @ (pixels + 1)).argmin()]
-    return best if (best > _TURNED_BACK * sigmas)[[0, -1]].any() else sigmas
+    found = np.asarray(sigmas, np.float64).copy()
+    # Views, each from the middle to an end.
+    for side, held in ((found, best), (found[::-1], best[::-1])):
+        if held[-1] > _TURNED_BACK * side[-1]:
+            turn = int((held == held[-1]).argmax())
+            start = max(turn - _STRAIGHT, int(side[:turn].argmin()))
+            slope = (side[turn] - side[start]) / (turn - start)
+            straight = side[turn] + slope * np.arange(len(side) - turn)
+            side[turn:] = np.minimum(straight, max(side[turn], LADDER[-1]))
+    return found
 
 
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
