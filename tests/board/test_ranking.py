@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
-from dfdbench.board.ranking import ScoreBoard, boards
+from dfdbench.board.ranking import ScoreBoard, boards, mean_of_all, over_tracks
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
-from tests.made_results import edited, make_demo_result
+from tests.made_results import edited, limited, make_demo_result
 
 
 def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
@@ -19,9 +22,8 @@ def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
 def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Path) -> None:
     add(tmp_path, "worse", 0.2)
     add(tmp_path, "better", 0.1)
-    board = only_board(tmp_path)
-    assert ranks(board) == [(1, "better"), (2, "worse")]
-    first, second = board.standings
+    first, second = only_board(tmp_path).standings
+    assert [(s.rank, s.entry.label) for s in (first, second)] == [(1, "better"), (2, "worse")]
     assert first.above is None
     assert first.entry.seconds == 0.25
     assert second.above is not None
@@ -68,9 +70,21 @@ def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
     # A set of one's own whose crop was changed has the same images and other scores.
     changed = edited(one, dataset={"manifest_sha256": "7" * 64}, protocols=one.protocols[:1])
     found = boards([entry_of(run, tmp_path) for run in (one, others, changed)])
-    rankings = [f"{each.protocol} {each.result.dataset.fingerprint[0]}" for each in found]
-    assert rankings == ["valid 2", "valid 5", "thesis 2", "thesis 2"]
-    assert {len(each.standings) for each in found} == {1}
+    assert [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found] == [
+        ("valid", "2", 1),
+        ("valid", "5", 1),
+        ("thesis", "2", 1),
+        ("thesis", "2", 1),
+    ]
+
+
+def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
+    add(tmp_path, "whole", 0.3)
+    submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path)
+    board = only_board(tmp_path)
+    assert ranks(board) == [(1, "whole"), (None, "stopped")]
+    assert board.standings[1].scores["nrmse"] is None
+    assert board.shown(1, "nrmse") == "(0.0010)"
 
 
 def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:
@@ -127,6 +141,18 @@ def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:
     # A rank counts only rows whose whole interval is lower.
     assert ranks(found) == [(1, "a"), (1, "b"), (3, "c")]
     assert [s.above and s.above.verdict for s in found.standings] == [None, "real", "real"]
+
+
+def test_a_suite_needs_every_severity_of_every_track() -> None:
+    places = [(label.split("-")[0], int(label.split("-")[1])) for label in SUITES["tracks-1"]]
+    index = pd.MultiIndex.from_tuples([(0, *place) for place in places])
+    means = pd.Series(range(21), index.set_names(["row", "track", "severity"]), float)
+    by_track = over_tracks(means, "tracks-1").to_numpy()[0]
+    assert list(by_track) == [1, 4, 7, 10, 13, 16, 19]
+    assert mean_of_all(by_track) == 10
+    lacking = over_tracks(means.drop(index=(0, "camera", 3)), "tracks-1").to_numpy()[0]
+    assert np.isnan(lacking).tolist() == [False] * 6 + [True]
+    assert np.isnan(mean_of_all(lacking))
 
 
 def test_a_suite_of_one_track_is_of_its_runs_alone(tmp_path: Path) -> None:

@@ -57,8 +57,9 @@ RUN = ("runs", 0)
 SCORE = (*RUN, "scores", "valid", "nrmse", 3)
 
 
-def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
-    cases: list[tuple[Callable[[dict[str, Any]], None], str]] = [
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
         (drop_pair, "not those of demo-1, split test: Kitchen/view1/illumination1/exposure0"),
         (change("dataset", to="demmo-1"), "unknown data set"),
         (change("suites", to=["tracks-9"]), "no such suite"),
@@ -68,21 +69,25 @@ def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
         (change(*RUN, "scores", to={"mine": {}}), "no such protocol"),
         (change(*RUN, "scores", "valid", to={}), "metrics should be nrmse"),
         (change(*RUN, "seconds", 0, to=None), "an evaluated pair has no seconds"),
+        (change(*RUN, "prediction_sha256", 0, to=None), "no prediction_sha256"),
         (change(*RUN, "status", 0, to="failed"), "of a pair that was not evaluated"),
         (change(*RUN, "label", to="fog-1"), "no such run"),
         (change(*RUN, "machine", to=[1] * 54), "a machine that is not listed"),
         (change(*RUN, "environment", to={"gpus": 3}), "environment.gpus: Extra inputs"),
+        (change(*RUN, "method", to={"name": 5}), "method.name: Input should be a valid string"),
         (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
-    ]
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
+) -> None:
     path = saved(tmp_path, [make_demo_result(lambda pair: 0.1)])
-    sound = path.read_text("utf-8")
-    for tamper, told in cases:
-        content = json.loads(sound)
-        tamper(content)
-        path.write_text(json.dumps(content))
-        with pytest.raises(ResultError, match=told) as caught:
-            read_row(path)
-        assert str(path) in str(caught.value)
+    content = json.loads(path.read_text("utf-8"))
+    tamper(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=told) as caught:
+        read_row(path)
+    assert str(path) in str(caught.value)
 
 
 def problems(folder: Path, **changes: Any) -> str:
@@ -111,17 +116,23 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         problems(tmp_path)
 
 
-def test_scenes_that_weights_were_trained_on_are_named() -> None:
-    for trained_on, dataset, split, scenes in (
+@pytest.mark.parametrize(
+    ("trained_on", "dataset", "split", "scenes"),
+    [
         ("demo-1, split train", "demo-1", "all", "Attic, Barn, Cabin, Depot, Forge, Garage"),
         ("demo-1, all but Attic", "demo-1", "test", "Kitchen, Library, Market"),
         ("middlebury-third-1, split train", "middlebury-default-1", "Aloe", "Aloe"),
         ("demo-1, split train", "demo-1", "test", None),
         ("demo-1, all but Attic", "demo-1", "Attic", None),
         ("unseen-0-1, split train; demo-1, split train", "demo-1", "Barn", "Barn"),
+        ("photographs of my own", "demo-1", "all", None),
         ("mine-1, split train", "demo-1", "all", None),
         (None, "demo-1", "all", None),
-    ):
-        found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
-        what = f"the weights were trained on scenes of the test, {scenes}"
-        assert found == ([what] if scenes else [])
+    ],
+)
+def test_scenes_that_weights_were_trained_on_are_named(
+    trained_on: str | None, dataset: str, split: str, scenes: str | None
+) -> None:
+    found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
+    what = f"the weights were trained on scenes of the test, {scenes}"
+    assert found == ([what] if scenes else [])

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,16 +42,19 @@ def test_runs_on_tracks_join_the_row_and_leave_its_other_runs(tmp_path: Path) ->
     assert read_row(path).results == (*before[:2], anew)
 
 
-def test_no_method_displaces_another(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "other",
+    [{"source_sha256": "6" * 64}, {"entry": "theirs:predict"}, {"weights_sha256": "7" * 64}],
+)
+def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> None:
     mine = edited(make_demo_result(lambda pair: 0.1), method={"source_sha256": "5" * 64})
     path = submit(mine, tmp_path)
     before = path.read_bytes()
-    others = {"source_sha256": "6" * 64, "entry": "theirs:predict", "weights_sha256": "7" * 64}
-    for name, value in others.items():
-        theirs = edited(mine, method={name: value})
-        with pytest.raises(ResultError, match=f"another method is there.*{name}"):
-            submit(theirs, tmp_path)
-        assert path.read_bytes() == before
+    method = {"source_sha256": "5" * 64, **other}
+    theirs = edited(make_demo_result(lambda pair: 0.2), method=method)
+    with pytest.raises(ResultError, match=f"another method is there.*{next(iter(other))}"):
+        submit(theirs, tmp_path)
+    assert path.read_bytes() == before
 
 
 def test_a_row_is_named_by_its_methods_card(tmp_path: Path) -> None:

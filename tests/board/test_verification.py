@@ -109,25 +109,35 @@ def test_a_depth_map_that_differs_within_the_tolerance_passes(row: Row) -> None:
     assert not verify(tampered(row, 0.999), HERE, tolerance=0).passed
 
 
+@pytest.mark.parametrize("tolerance", [float("inf"), float("nan"), -0.1, 9999.0])
+def test_a_tolerance_outside_0_to_1_is_refused(row: Row, tolerance: float) -> None:
+    with pytest.raises(InputError, match="a number from 0 to 1"):
+        verify(row, HERE, tolerance=tolerance)
+
+
 def test_what_cannot_be_run_again_is_refused(row: Row) -> None:
-    for tolerance in (float("nan"), -0.1, 9999.0):
-        with pytest.raises(InputError, match="a number from 0 to 1"):
-            verify(row, HERE, tolerance=tolerance)
     with pytest.raises(ResultError, match="nothing to run again"):
         verify(row_of([scored("mine", 0.1)], ["clean"]), HERE)
+    nothing = tampered(row, status=["failed"] * 7)
     with pytest.raises(ResultError, match="nothing to verify"):
-        verify(tampered(row, status=["failed"] * 7), HERE)
+        verify(nothing, HERE)
     with pytest.raises(ResultError, match="not what the row was run on"):
         verify(tampered(row, fingerprint="8" * 64), HERE)
 
 
-def test_what_a_method_was_given_is_as_the_row_says(row: Row) -> None:
-    claims: dict[str, Any] = {"uses": [], "trained_on": "demo-1, split train"}
-    claims |= {"weights_sha256": "0" * 64, "fitted_on": "tiny-1, split train"}
-    for name, value in claims.items():
-        found = verify(edited(row, method={name: value}), HERE, count=1)
-        assert not found.passed
-        assert f"{name} is " in str(found.pairs[0])
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {"uses": []},
+        {"trained_on": "demo-1, split train"},
+        {"weights_sha256": "0" * 64},
+        {"fitted_on": "tiny-1, split train"},
+    ],
+)
+def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, Any]) -> None:
+    found = verify(edited(row, method=claim), HERE, count=1)
+    assert not found.passed
+    assert f"{next(iter(claim))} is " in str(found.pairs[0])
 
 
 def test_code_is_imported_if_trusted(

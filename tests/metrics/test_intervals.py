@@ -32,7 +32,7 @@ def covered(values: NDArray[np.float64], groups: list[str]) -> float:
 
 
 @pytest.mark.parametrize("drawn", DRAWN)
-@pytest.mark.parametrize("count", [8, 24])
+@pytest.mark.parametrize("count", [8, 16, 24])
 def test_of_100_intervals_95_hold_the_true_mean(drawn: str, count: int) -> None:
     values = DRAWN[drawn](np.random.default_rng(count), (6000, count))
     assert 0.93 <= covered(values, [f"g{number}" for number in range(count)]) <= 0.97

@@ -1,8 +1,8 @@
 """A metric is defined once, and whatever shows scores shows it."""
 
-import html
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,23 @@ from numpy.typing import NDArray
 from dfdbench.board.ranking import boards
 from dfdbench.board.tables import lighting_table, standings_table
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import Scene
 from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
 from dfdbench.figures.runs import group_figures, panel_figure, score_figure
 from dfdbench.metrics import metric
-from dfdbench.metrics.metric import abs_rel, aligned, boundary_f1, rmse_metres, share_within
+from dfdbench.metrics.metric import (
+    IN_METRES,
+    METRICS,
+    Metric,
+    abs_rel,
+    aligned,
+    boundary_f1,
+    rmse_metres,
+    share_within,
+)
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
@@ -33,14 +43,14 @@ from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import summarise
 from tests.board.made_boards import entry_of
 from tests.evaluation.made_predictions import in_metres
-from tests.made_results import make_result
+from tests.process import python
 
 HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 
 
 @pytest.fixture
 def with_a_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
-    levels = metric.Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
+    levels = Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
     monkeypatch.setitem(metric._METRICS, levels.name, levels)
 
 
@@ -51,58 +61,55 @@ def labels_of(figure: Figure | None) -> str:
     return " ".join(" ".join(labels).split())
 
 
-def run_constant(store: Dataset, folder: Path) -> Result:
-    result = run_method(store, load_for(store, "constant", {}), "all", folder).result
-    assert load_result(folder) == result
-    return result
-
-
-def check_shown(store: Dataset, result: Result, folder: Path, protocol: str) -> None:
-    """Assert that each table, figure and page of a run shows the metrics of a protocol."""
-    wanted = [each.heading for each in metrics_of(protocol).values()]
-    titles = [each.title for each in metrics_of(protocol).values()]
-    scenes = [
-        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
-        for scene in store.manifest.scenes
-    ]
-    summary = summarise(result, protocol)
-    assert len(summary.ranked) == len(result.pairs)
-    (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == protocol]
-    standings = standings_table(board, folder)
-    scores, extremes, _ = run_tables(summary)
-    by_scene = scene_tables(summary, scenes)
-    assert len(by_scene) == 2
-    for table in (scores, extremes, spread_table(summary), *by_scene, standings):
-        assert [text for text in table.columns if text.endswith(("↑", "↓"))] == wanted, table.title
-        assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
-    assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
-    assert [row[1] for row in lighting_table(board).rows] == wanted
-    changed = change_tables(result, result, protocol)[0]
-    assert [row[0] for row in changed.rows if row[0]] == wanted
-    for name in metrics_of(protocol):
-        assert standings.records[0][name] == (result.averages or {})[protocol][name]
-        assert extremes.records[0][name] == summary.ranked[0].score(protocol, name)
-
+def figures_of(
+    store: Dataset, folder: Path, protocol: str, scenes: list[Scene]
+) -> Iterator[Figure | None]:
     run = open_saved_run(folder, str(store.path))
-    for figure in (
-        score_figure(result, protocol),
-        panel_figure(store, result, folder, summary.ranked[:1], protocol, "worst"),
-        *lighting_figures([run], protocol).values(),
-        *group_figures({"constant": result}, protocol, scenes).values(),
-    ):
-        labels = labels_of(figure)
-        assert all(title in labels for title in (titles[0], titles[-1]))
-        assert ("NRMSE" in labels) == ("NRMSE" in titles)
-    page = write_html([run], protocol, folder.with_name(protocol)).read_text("utf-8")
-    assert all(f"<span>{html.escape(title)} <b>" in page for title in titles)
+    ranked = summarise(run.result, protocol).ranked[:1]
+    yield score_figure(run.result, protocol)
+    yield panel_figure(store, run.result, folder, ranked, protocol, "worst")
+    yield from lighting_figures([run], protocol).values()
+    yield from group_figures({"constant": run.result}, protocol, scenes).values()
+
+
+def run_constant(store: Dataset, folder: Path) -> Result:
+    return run_method(store, load_for(store, "constant", {}), "all", folder).result
 
 
 @pytest.mark.usefixtures("with_a_fourth")
 def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_path: Path) -> None:
-    result = run_constant(tiny_store, tmp_path / "run")
+    folder = tmp_path / "run"
+    result = run_constant(tiny_store, folder)
     first = result.pairs[0].scores["valid"]
     assert first["mae_levels"] == pytest.approx(255 * (first["nmae"] or math.nan))
-    check_shown(tiny_store, result, tmp_path / "run", "valid")
+    assert load_result(folder) == result
+
+    scenes = [
+        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
+        for scene in tiny_store.manifest.scenes
+    ]
+    summary = summarise(result, "valid")
+    scores, extremes, _ = run_tables(summary)
+    (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == "valid"]
+    standings = standings_table(board, tmp_path)
+    by_scene = scene_tables(summary, scenes)
+    assert len(by_scene) == 2
+    for table in (scores, extremes, spread_table(summary), *by_scene, standings):
+        assert table.columns.count(HEADING) == 1
+        assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
+    assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
+    assert standings.records[0]["mae_levels"] == (result.averages or {})["valid"]["mae_levels"]
+    assert HEADING in {row[1] for row in lighting_table(board).rows}
+    assert HEADING in {row[0] for row in change_tables(result, result, "valid")[0].rows}
+    assert "mae_levels" in {row["metric"] for row in scores.records}
+    assert extremes.records[0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
+
+    figures = figures_of(tiny_store, folder, "valid", scenes)
+    assert all(TITLE in labels_of(figure) for figure in figures)
+    run = open_saved_run(folder, str(tiny_store.path))
+    page = write_html([run], "valid", tmp_path / "page").read_text("utf-8")
+    assert f">{HEADING}</th>" in page
+    assert f"<span>{TITLE} <b>" in page
 
 
 @pytest.mark.usefixtures("with_a_fourth")
@@ -127,15 +134,37 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
 
 @pytest.mark.slow
 def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path: Path) -> None:
-    plain = run_constant(tiny_store, tmp_path / "levels")
-    assert list(plain.pairs[0].scores) == list(PROTOCOLS)
     store, _ = in_metres(tiny_store)
-    result = run_constant(store, tmp_path / "run")
+    folder = tmp_path / "run"
+    result = run_constant(store, folder)
+    assert load_result(folder) == result
     assert list(result.pairs[0].scores) == [*PROTOCOLS, "metric", "aligned"]
-    for protocol in ("metric", "aligned"):
-        check_shown(store, result, tmp_path / "run", protocol)
-    found = boards([entry_of(result, tmp_path / "run" / RESULT)])
-    assert found[0].protocol == "valid", "the trio stays the headline"
+    headings = [each.heading for each in IN_METRES.values()]
+    for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
+        summary = summarise(result, protocol)
+        assert len(summary.ranked) == len(result.pairs)
+        found = boards([entry_of(result, folder / RESULT)])
+        (board,) = [each for each in found if each.protocol == protocol]
+        scores, extremes, _ = run_tables(summary)
+        for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):
+            shown = [text for text in table.columns if text.endswith(("↑", "↓"))]
+            assert shown == wanted, table.title
+            assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
+        assert [row[1] for row in lighting_table(board).rows] == wanted
+        changed = change_tables(result, result, protocol)[0]
+        assert [row[0] for row in changed.rows if row[0]] == wanted
+        assert extremes.records[0].keys() >= set(metrics_of(protocol))
+        for figure in figures_of(store, folder, protocol, []):
+            assert "δ < 1.15" in labels_of(figure)
+            assert "NRMSE" not in labels_of(figure)
+        run = open_saved_run(folder, str(tiny_store.path))
+        page = write_html([run], protocol, tmp_path / protocol).read_text("utf-8")
+        assert "<span>δ &lt; 1.25 <b>" in page
+    assert [board.protocol for board in found][:1] == ["valid"], "the trio stays the headline"
+    again = run_constant(tiny_store.__class__(tiny_store.path), tmp_path / "levels")
+    assert list(again.pairs[0].scores) == list(PROTOCOLS)
+    names = [protocol["name"] for protocol in again.protocols]
+    assert names == ["thesis", "thesis-networks", "valid"]
 
 
 def test_a_result_from_before_a_metric_is_shown_without_it(
@@ -151,20 +180,31 @@ def test_a_result_from_before_a_metric_is_shown_without_it(
     assert {row[place] for row in table.rows} == {"–"}
 
 
-def test_scores_of_other_metrics_are_refused(tmp_path: Path) -> None:
-    content = make_result({("a", 1, 1, 0): 0.1}).model_dump(mode="json")
-    scores = content["pairs"][0]["scores"]["thesis"]
-    for wrong in (scores | {"other": 0.1}, scores | {"ssim": 1.5}, {"nrmse": 0.1, "nmae": 0.1}):
-        content["pairs"][0]["scores"]["thesis"] = wrong
-        (tmp_path / RESULT).write_text(json.dumps(content))
-        said = "other" if "other" in wrong else "ssim"
-        with pytest.raises(ResultError, match=rf"pairs\[0\]\.scores\.thesis\).*{said}"):
-            load_result(tmp_path)
+@pytest.mark.parametrize("scores", [{"nrmse": 0.1, "nmae": 0.1}, {"other": 0.1}, {"ssim": 1.5}])
+def test_scores_of_other_metrics_are_refused(
+    tiny_store: Dataset, tmp_path: Path, scores: dict[str, float]
+) -> None:
+    run_constant(tiny_store, tmp_path / "run")
+    content = json.loads((tmp_path / "run" / RESULT).read_text())
+    there = content["pairs"][0]["scores"]
+    there["valid"] = scores if "nrmse" in scores else there["valid"] | scores
+    (tmp_path / "run" / RESULT).write_text(json.dumps(content))
+    wrong = next(iter(scores.keys() - {"nrmse", "nmae"}), "ssim")
+    with pytest.raises(ResultError, match=rf"pairs\[0\]\.scores\.valid\).*{wrong}"):
+        load_result(tmp_path / "run")
+
+
+def test_the_names_need_no_numba() -> None:
+    code = (
+        "import sys; from dfdbench.metrics.metric import METRICS; import dfdbench.results.summary; "
+        "assert 'numba' not in sys.modules"
+    )
+    assert python("-c", code).returncode == 0
 
 
 def test_each_function_keeps_to_its_bounds() -> None:
     depth = np.arange(400, dtype=np.uint8).reshape(20, 20)
-    for each in metric.METRICS.values():
+    for each in METRICS.values():
         for test in (depth, 255 - depth, np.full_like(depth, 255)):
             score = each.function(depth, test, data_range=each.data_range, mask=None)
             assert each.lowest <= score <= each.highest
@@ -203,7 +243,15 @@ def test_boundaries_by_hand() -> None:
     assert math.isnan(boundary_f1([[1.0, 1.05]], [[1.0, 2.0]]))
 
 
-def test_inverse_depth_at_or_below_zero_is_the_farthest_and_a_flat_map_the_mean() -> None:
+def test_alignment_by_hand() -> None:
+    # Inverse depths 1, 2, 3 and, estimated, 0, 0 and 3 of a unit, plus 1: means 2 and 2. The
+    # scale is (-1 * -1 + 0 * -1 + 1 * 2) / (1 + 1 + 4) = 1 / 2.
+    truth = 1 / np.array([[1.0, 2.0, 3.0]])
+    test = 1 / np.array([[1.0, 1.0, 4.0]])
+    np.testing.assert_allclose(1 / aligned(truth, test, 100.0), [[1.5, 1.5, 3.0]])
+
+
+def test_inverse_depth_at_zero_or_below_counts_as_the_farthest() -> None:
     # A scale of 1 and a shift of -1 from the two known pixels: the third comes to -0.5, the
     # fourth to 0.05, beyond 10 m.
     truth = 1 / np.array([[1.0, 2.0, 1.0, 1.0]])
@@ -211,20 +259,36 @@ def test_inverse_depth_at_or_below_zero_is_the_farthest_and_a_flat_map_the_mean(
     mask = np.array([[True, True, False, False]])
     np.testing.assert_allclose(aligned(truth, test, 10.0, mask), [[1.0, 0.5, 10.0, 10.0]])
 
+
+def test_a_flat_estimate_becomes_the_mean_of_the_inverse_truth() -> None:
     truth = 1 / np.array([[1.0, 2.0, 6.0]])
     for level in (0.3, 1 / 3, 7.0):
         np.testing.assert_allclose(aligned(truth, np.full((1, 3), level), 10.0), 1 / 3)
 
 
-@given(truth=metres, test=metres, factor=st.sampled_from([0.25, 2.0, 8.0]))
-def test_delta_is_the_same_both_ways_and_relative_errors_know_no_unit_but_rmse(
-    truth: Floats, test: Floats, factor: float
-) -> None:
+def test_a_map_that_goes_the_wrong_way_is_turned() -> None:
+    truth = 1 / np.array([[1.0, 2.0, 4.0]])
+    np.testing.assert_allclose(aligned(truth, 1 / (5 - 1 / truth), 10.0), truth)
+
+
+@given(truth=metres, mask=masks)
+def test_the_truth_itself_is_perfect(truth: Floats, mask: NDArray[np.bool_]) -> None:
+    assume(mask.any())
+    assert abs_rel(truth, truth, mask=mask) == rmse_metres(truth, truth, mask=mask) == 0
+    assert share_within(truth, truth, mask=mask) == 1
+
+
+@given(truth=metres, test=metres)
+def test_delta_is_the_same_both_ways_and_grows_with_its_bound(truth: Floats, test: Floats) -> None:
     shares = [share_within(truth, test, factor=1.25**power) for power in (1, 2, 3)]
     assert shares == sorted(shares)
     assert shares == [share_within(test, truth, factor=1.25**power) for power in (1, 2, 3)]
-    assert share_within(truth * factor, test * factor) == share_within(truth, test)
+
+
+@given(truth=metres, test=metres, factor=st.sampled_from([0.25, 2.0, 8.0]))
+def test_relative_errors_know_no_unit_but_rmse(truth: Floats, test: Floats, factor: float) -> None:
     assert abs_rel(truth * factor, test * factor) == pytest.approx(abs_rel(truth, test))
+    assert share_within(truth * factor, test * factor) == share_within(truth, test)
     larger = rmse_metres(truth * factor, test * factor)
     assert larger == pytest.approx(factor * rmse_metres(truth, test))
 
@@ -234,7 +298,6 @@ def test_what_is_left_out_does_not_count(
     truth: Floats, test: Floats, mask: NDArray[np.bool_]
 ) -> None:
     assume(mask.any())
-    assert abs_rel(truth, truth, mask=mask) == rmse_metres(truth, truth, mask=mask) == 0
     other = np.where(mask, test, 1.0)
     for measure in (abs_rel, rmse_metres, share_within):
         assert measure(truth, test, mask=mask) == measure(truth, other, mask=mask)
@@ -244,12 +307,7 @@ def test_what_is_left_out_does_not_count(
 
 
 @given(truth=metres, test=metres)
-def test_aligned_distances_are_distances_and_no_other_scale_and_shift_fits_better(
-    truth: Floats, test: Floats
-) -> None:
-    found = aligned(truth, test, 64.0)
-    assert np.isfinite(found).all()
-    assert 0 < found.min() <= found.max() <= 64 * (1 + 1e-12)
+def test_no_other_scale_and_shift_fits_better(truth: Floats, test: Floats) -> None:
     # Where no pixel is held at the farthest, which is made all but unreachable here.
     assume(np.ptp(1 / test) > 1e-3)
     found = 1 / aligned(truth, test, 1e30)
@@ -265,6 +323,14 @@ def test_alignment_undoes_scale_and_shift(truth: Floats, scale: float, shift: fl
     assume(np.ptp(1 / truth) > 1e-3)
     moved = 1 / (scale / truth + shift)
     np.testing.assert_allclose(aligned(truth, moved, 64.0), truth, rtol=1e-5)
+
+
+@given(truth=metres, test=metres)
+def test_aligned_distances_are_distances(truth: Floats, test: Floats) -> None:
+    found = aligned(truth, test, 64.0)
+    assert np.isfinite(found).all()
+    assert (found > 0).all()
+    assert found.max() <= 64 * (1 + 1e-12)
 
 
 def test_no_pixel_is_undefined() -> None:

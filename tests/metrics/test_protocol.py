@@ -7,12 +7,20 @@ import pytest
 
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import InputError, UnknownNameError
-from dfdbench.metrics.metric import abs_rel, aligned, boundary_f1, rmse_metres, share_within
+from dfdbench.metrics.metric import (
+    METRICS,
+    abs_rel,
+    aligned,
+    boundary_f1,
+    rmse_metres,
+    share_within,
+)
 from dfdbench.metrics.protocol import (
     PROTOCOLS,
     RELEASED,
     find_protocol,
     metrics_of,
+    protocols_of,
     ranked_by,
     require_scored,
     score,
@@ -35,15 +43,21 @@ def test_the_released_definitions_never_change() -> None:
     }
 
 
+def test_runs_score_under_all_protocols_of_their_depth() -> None:
+    assert list(protocols_of(in_metres=False)) == list(PROTOCOLS)
+    # How sure a method is has scores only where one says so.
+    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned", "sure"]
+    assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
+
+
 def test_a_result_without_a_protocol_says_so() -> None:
     require_scored("valid", ["thesis", "valid"], "mine")
-    for label, said in (
-        ("valid", "unknown protocol of mine"),
-        ("aligned", "aligned needs depth in metres"),
-        ("sure", "neither says how sure it is"),
-    ):
-        with pytest.raises(UnknownNameError, match=said):
-            require_scored(label, ["thesis"], "mine")
+    with pytest.raises(UnknownNameError, match="unknown protocol of mine"):
+        require_scored("valid", ["thesis"], "mine")
+    with pytest.raises(UnknownNameError, match="aligned needs depth in metres"):
+        require_scored("aligned", ["thesis"], "mine")
+    with pytest.raises(UnknownNameError, match="neither says how sure it is"):
+        require_scored("sure", ["thesis"], "mine")
 
 
 @pytest.mark.parametrize(
@@ -52,6 +66,7 @@ def test_a_result_without_a_protocol_says_so() -> None:
         ((370, 463), 352, 8, 48),
         ((370, 427), 352, 8, 32),
         ((630, 630), 624, 0, 0),
+        ((240, 320), 224, 8, 48),
         # Smaller than the square along one axis or both: whole, after the cut.
         ((100, 463), 352, 0, 48),
         ((20, 31), 352, 0, 0),
@@ -74,6 +89,12 @@ def test_the_networks_window_is_that_of_their_scoring_code(
         one[top + y, left + x] = 255
         expected = (1 / (height * width)) ** 0.5
         assert score(protocol, depth, valid, one, crop)["nrmse"] == pytest.approx(expected)
+
+
+def test_fewer_than_16_rows_leave_the_networks_nothing_to_score() -> None:
+    depth, valid = np.zeros((15, 40), np.uint8), np.ones((15, 40), bool)
+    scores = score(PROTOCOLS["thesis-networks-2"], depth, valid, depth.astype(np.float32), 352)
+    assert all(math.isnan(value) for value in (scores["nrmse"], scores["nmae"], scores["ssim"]))
 
 
 def test_each_protocol_scores_as_it_says() -> None:
@@ -101,16 +122,12 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     assert math.isnan(score(PROTOCOLS["thesis"], depth, valid, test, 16)["nrmse"])
     networks = score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)
     assert networks["nrmse"] == pytest.approx(1 / 255)
-    # Fewer than 16 rows leave the networks nothing to score.
-    few = score(PROTOCOLS["thesis-networks-2"], depth[:15], valid[:15], test[:15], 352)
-    assert all(map(math.isnan, few.values()))
 
 
 def test_an_unknown_protocol_shows_the_near_miss() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
     assert caught.value.problems[0].got == "thesys"
-    assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
     named = "one of: aligned, metric, sure, thesis, thesis-networks, valid"
     with pytest.raises(UnknownNameError, match=named):
         find_protocol("brightness")
@@ -144,6 +161,15 @@ def test_levels_are_scored_as_distances_over_known_pixels() -> None:
     assert score(RELEASED["aligned"], depth, valid, changed, 16, SCALE) == fitted
 
 
+def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> None:
+    depth = np.arange(1, 241, dtype=np.uint8).reshape(12, 20)
+    half = (depth / 2 + 100).astype(np.float32)
+    scores = score(RELEASED["aligned"], depth, depth > 0, half, 16, SCALE)
+    assert scores["abs_rel"] == pytest.approx(0, abs=1e-6)
+    assert scores["delta_125"] == 1
+    assert score(RELEASED["metric"], depth, depth > 0, half, 16, SCALE)["abs_rel"] > 0.1
+
+
 def test_depth_in_metres_is_divided_by_the_range_of_the_set() -> None:
     random = np.random.default_rng(5)
     depth, test = random.uniform(SCALE.near, SCALE.far, (2, 20, 30))
@@ -172,10 +198,9 @@ def test_without_a_scale_there_are_no_metres() -> None:
 def test_the_trio_is_what_all_but_metres_are_scored_by() -> None:
     for label, protocol in RELEASED.items():
         if not protocol.metrics:
-            assert list(metrics_of(label)) == ["nrmse", "nmae", "ssim"]
+            assert metrics_of(label) == METRICS
             assert ranked_by(label) == ("nrmse", "nmae")
-    assert metrics_of("somebody's own") == metrics_of("valid")
-    assert ranked_by("sure") == ("nrmse_50", "ause")
+    assert metrics_of("somebody's own") == METRICS
 
 
 def test_what_is_left_out_counts_only_where_it_is_asked_how_sure_a_method_is() -> None:
@@ -192,3 +217,7 @@ def test_what_is_left_out_counts_only_where_it_is_asked_how_sure_a_method_is() -
     assert (found["ause"], found["within_90"]) == (0, 1)
     in_metres = score(RELEASED["sure"], depth, depth >= 0, test, 16, SCALE, "metres", sigma)
     assert in_metres["nrmse_50"] == pytest.approx(2 / (SCALE.far - SCALE.near))
+
+
+def test_the_share_in_intervals_ranks_nobody() -> None:
+    assert ranked_by("sure") == ("nrmse_50", "ause")

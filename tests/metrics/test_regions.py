@@ -42,7 +42,7 @@ def test_what_nobody_knows_makes_no_edge_and_is_in_no_region() -> None:
     assert found["near"].sum() == found["flat"].sum() == known.sum()
 
 
-def test_flat_is_where_the_image_has_a_standard_deviation_below_three() -> None:
+def test_flat_is_where_the_image_shows_little() -> None:
     image = NOISE.copy()
     image[:, :30] = 128
     found = regions_of(np.full((40, 60), 9.0), KNOWN, image, LEVELS)["flat"]
@@ -50,6 +50,8 @@ def test_flat_is_where_the_image_has_a_standard_deviation_below_three() -> None:
     assert found[:, :27].all()
     assert not found[:, 30:].any()
 
+
+def test_flat_is_a_standard_deviation_below_three() -> None:
     squares = np.indices((40, 60)).sum(axis=0)[..., np.newaxis] % 2 * np.ones(3)
     for step, flat in ((5, True), (7, False)):
         # Half of the pixels are so much brighter: a deviation of half of it.

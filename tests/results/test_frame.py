@@ -65,7 +65,6 @@ def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
     ]
     assert table.records[0]["nmae mean"] == 0.25
     assert "demo-1, split test, protocol valid" in table.title
-    assert table.notes[:2] == ("clean: the blur", "on tracks: blur fitted")
 
 
 def test_runs_from_before_a_metric_have_none_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,6 +73,11 @@ def test_runs_from_before_a_metric_have_none_of_it(monkeypatch: pytest.MonkeyPat
     gain = severities_table(list(RUNS.values()), "valid").records[0]
     assert gain["nmae 3"] == 0.375
     assert {gain[f"younger {at}"] for at in ("clean", 1, 3, "mean")} == {None}
+
+
+def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
+    notes = severities_table(list(RUNS.values()), "valid").notes
+    assert notes[:2] == ("clean: the blur", "on tracks: blur fitted")
 
 
 def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:

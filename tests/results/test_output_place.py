@@ -17,9 +17,9 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_places_that_hold_something_are_refused(work: Path) -> None:
-    before = sorted(work.rglob("*"))
-    for place, why in (
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
         ("set.zarr", "a built data set"),
         ("link/report", "a built data set"),
         ("run", "a run"),
@@ -28,16 +28,18 @@ def test_places_that_hold_something_are_refused(work: Path) -> None:
         ("alone.json", "one of its inputs"),
         ("s3://bucket/report", "on this machine only"),
         (" ", "no place is named"),
-    ):
-        with pytest.raises(InputError, match=why):
-            output_place(place, "photos", None, Path("alone.json"))
-        assert sorted(work.rglob("*")) == before
+    ],
+)
+def test_places_that_hold_something_are_refused(work: Path, place: str | Path, why: str) -> None:
+    before = sorted(work.rglob("*"))
+    with pytest.raises(InputError, match=why):
+        output_place(place, "photos", None, Path("alone.json"))
+    assert sorted(work.rglob("*")) == before
 
 
-@pytest.mark.usefixtures("work")
-def test_other_places_are_free() -> None:
-    for place in ("photos-2/report.html", ".", "loop"):
-        assert output_place(place, "photos", "alone.json") == Path(place)
+@pytest.mark.parametrize("place", ["new", "photos-2/report.html", ".", "loop"])
+def test_other_places_are_free(work: Path, place: str) -> None:
+    assert output_place(place, "photos", "alone.json") == Path(place)
 
 
 def test_a_command_that_replaces_its_folder_may_name_it_but_not_one_inside(work: Path) -> None:

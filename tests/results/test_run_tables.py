@@ -13,7 +13,6 @@ VALUES = {place: 0.01 * (1 + number) for number, place in enumerate(PLACES)}
 
 def test_a_run_has_scores_extremes_and_times() -> None:
     scores, extremes, times = run_tables(summarise(make_result(VALUES), "thesis"))
-    assert "on tiny-1, split" in scores.title
     assert scores.columns[:4] == ("exposure", "illumination", "NRMSE ↓", "std")
     assert "SSIM ↑" in scores.columns
     places = ["|".join(row[:2]) for row in scores.rows]
@@ -28,15 +27,6 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
     assert extremes.rows[-1][1:5] == ("b", "5", "2", "1")
     assert times.rows[-1][2] == "0.2500"
-    whole = {"exposure": "all", "illumination": "all", "metric": "nrmse"}
-    (overall,) = (row for row in scores.records if whole.items() <= row.items())
-    numbers = {"mean": 0.085, "min": 0.01, "max": 0.16, "low": 0.045, "high": 0.125, "defined": 16}
-    assert {name: overall[name] for name in numbers} == pytest.approx(numbers)
-    assert (overall["interval"], overall["evaluated"]) == ("range of group means", 16)
-    nrmse = [record["nrmse"] for record in extremes.records]
-    assert nrmse[:5] + nrmse[-1:] == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05, 0.16])
-    simulated = edited(make_result(VALUES), dataset={"simulated": True})
-    assert "on tiny-1 (SIMULATED), split" in run_tables(summarise(simulated, "thesis"))[0].title
 
 
 def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -> None:
@@ -55,10 +45,13 @@ def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -
     assert table.notes[0].startswith("edges: within 3 pixels")
 
 
-def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
-    undefined = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
-    notes = " ".join(run_tables(summarise(undefined, "thesis"))[0].notes)
+def test_an_undefined_score_is_shown_as_such() -> None:
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
+    notes = " ".join(run_tables(summarise(result, "thesis"))[0].notes)
     assert "without a defined score (flat ground truth), in no mean: 1 pair" in notes
+
+
+def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     result = make_result(VALUES)
     pairs = {"status": "failed", "scores": {}, "error": "raised X: y"}
     failed = edited(result, pairs=pairs, dataset={"evaluated": 0}, averages=None)
@@ -67,6 +60,24 @@ def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     assert all("–" in row for row in scores.rows)
     first = "a/view1/illumination1/exposure0"
     assert f"16 pairs failed, the first of them {first}: raised X: y" in scores.notes
+
+
+def test_the_numbers_come_as_data_in_full() -> None:
+    scores, extremes, _ = run_tables(summarise(make_result(VALUES), "thesis"))
+    whole = {"exposure": "all", "illumination": "all", "metric": "nrmse"}
+    (overall,) = (row for row in scores.records if whole.items() <= row.items())
+    numbers = {"mean": 0.085, "min": 0.01, "max": 0.16, "low": 0.045, "high": 0.125, "defined": 16}
+    assert {name: overall[name] for name in numbers} == pytest.approx(numbers)
+    assert (overall["interval"], overall["evaluated"]) == ("range of group means", 16)
+    nrmse = [record["nrmse"] for record in extremes.records]
+    assert nrmse[:5] + nrmse[-1:] == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05, 0.16])
+
+
+def test_tables_of_simulated_captures_say_so() -> None:
+    captured = make_result(VALUES)
+    simulated = edited(captured, dataset={"simulated": True})
+    assert "on tiny-1 (SIMULATED), split" in run_tables(summarise(simulated, "thesis"))[0].title
+    assert "on tiny-1, split" in run_tables(summarise(captured, "thesis"))[0].title
 
 
 LEVELS = {
@@ -83,22 +94,22 @@ def scene(name: str, geometry: str | None, texture: int | None) -> Scene:
 
 
 def test_scores_are_parted_by_geometry_and_by_texture() -> None:
-    near = "oblique-near-left"
-    kinds = {"k00": ("flat-far", 1), "k01": (near, 1), "k04": ("flat-far", 2), "k05": (near, 2)}
-    scenes = [scene(name, *kind) for name, kind in kinds.items()]
-    run = summarise(make_result(LEVELS), "thesis")
-    geometry, texture = scene_tables(run, scenes)
-    places = ["|".join((*row[:3], row[-1])) for row in geometry.rows]
-    assert places == ["flat-far|k00 k04|0.4000|3/3", f"{near}|k01 k05|0.2000|2/2"]
-    places = ["|".join(row[:3]) for row in texture.rows]
-    assert places == ["01|k00 k01|0.2333", "02|k04 k05|0.4500"]
-    rows = run_tables(run, scenes)[0].records
-    parted = {(r["geometry"], r["metric"]): r for r in rows if r["geometry"] != "all"}
-    assert len(parted) == 2 * 4
-    flat = parted["flat-far", "nrmse"]
-    assert flat["mean"] == pytest.approx(0.4)
-    assert (flat["exposure"], flat["illumination"], flat["evaluated"]) == ("all", "all", 3)
-    assert {r["geometry"] for r in rows if r["exposure"] != "all"} == {"all"}
+    scenes = [
+        scene("k00", "flat-far", 1),
+        scene("k01", "oblique-near-left", 1),
+        scene("k04", "flat-far", 2),
+        scene("k05", "oblique-near-left", 2),
+    ]
+    geometry, texture = scene_tables(summarise(make_result(LEVELS), "thesis"), scenes)
+    assert [row[:3] for row in geometry.rows] == [
+        ("flat-far", "k00 k04", "0.4000"),
+        ("oblique-near-left", "k01 k05", "0.2000"),
+    ]
+    assert [row[-1] for row in geometry.rows] == ["3/3", "2/2"]
+    assert [row[:3] for row in texture.rows] == [
+        ("01", "k00 k01", "0.2333"),
+        ("02", "k04 k05", "0.4500"),
+    ]
 
 
 def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
@@ -129,3 +140,14 @@ def test_what_was_not_run_is_a_note_and_no_row() -> None:
     (table,) = scene_tables(summarise(result, "thesis"), scenes)
     assert [row[0] for row in table.rows] == ["00", "01"]
     assert table.notes == ("nothing was run of texture 02, 03",)
+
+
+def test_the_parts_come_as_data() -> None:
+    scenes = [scene("k00", "flat-far", None), scene("k01", "oblique", None)]
+    rows = run_tables(summarise(make_result(LEVELS), "thesis"), scenes)[0].records
+    parted = {(r["geometry"], r["metric"]): r for r in rows if r["geometry"] != "all"}
+    assert len(parted) == 2 * 4
+    flat = parted["flat-far", "nrmse"]
+    assert flat["mean"] == pytest.approx(0.3)
+    assert (flat["exposure"], flat["illumination"], flat["evaluated"]) == ("all", "all", 2)
+    assert {r["geometry"] for r in rows if r["exposure"] != "all"} == {"all"}

@@ -60,10 +60,13 @@ def means_of(result: Result) -> dict[object, float | None]:
     return {(group.block, group.row): group.metrics["nrmse"].mean for group in groups}
 
 
-def test_a_failed_pair_leaves_its_groups_without_a_mean_and_a_missing_one_the_overall() -> None:
+def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
     cells = {(0, 1): None, (0, None): None, (1, 1): 0.3, (1, None): 0.3, (None, None): None}
     assert means_of(broken(result, "failed")) == cells
+
+
+def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
     cells = {(0, 1): 0.1, (0, None): None, (None, None): None}
     assert means_of(broken(result, "missing")) == cells
@@ -81,7 +84,9 @@ def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Resul
 def test_one_slow_pair_does_not_move_the_seconds() -> None:
     assert median_seconds([with_seconds(1.0, 1.1, 2519.0)]) == 1.1
     assert median_seconds([with_seconds(1.0, 2.0), with_seconds(9.0)]) == 2.0
-    # Of several machines, and of pairs run together, there are none.
+
+
+def test_seconds_of_several_machines_or_of_pairs_run_together_are_none() -> None:
     assert median_seconds([with_seconds(1.0), with_seconds(1.0, cpu="two")]) is None
     assert median_seconds([with_seconds(1.0, alone=False)]) is None
     assert median_seconds([with_seconds()]) is None

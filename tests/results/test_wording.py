@@ -1,11 +1,14 @@
 from typing import Any
 
+import pytest
+
 from dfdbench.results.wording import given_to
 from tests.made_results import edited, make_demo_result
 
 
-def test_a_row_says_what_its_method_was_told() -> None:
-    cases: list[tuple[dict[str, Any], str]] = [
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
         ({}, "nothing"),
         ({"uses": ["recipe"]}, "the blur"),
         # What is handed over on a track is that there is no recipe.
@@ -17,7 +20,8 @@ def test_a_row_says_what_its_method_was_told() -> None:
         # The recipe's name alone, which networks ask for to warn, is not the recipe.
         ({"uses": ["recipe_name"], "trained_on": "my own"}, "trained on my own"),
         ({"uses": ["recipe"], "trained_on": "demo-1, split train"}, "the blur, trained on demo-1"),
-    ]
+    ],
+)
+def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
     result = make_demo_result(lambda pair: 0.1)
-    for method, said in cases:
-        assert given_to(edited(result, method=method)) == said
+    assert given_to(edited(result, method=method)) == said
