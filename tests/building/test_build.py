@@ -129,6 +129,10 @@ def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
     for wrong, recipe in ((manifest, "published"), (with_recipe, None)):
         with pytest.raises(SourceError, match="they are captured"):
             build_store(wrong, MadeSource(wrong, images, depth, images // 2), place, recipe=recipe)
+    bare = MadeSource(manifest, images, depth)
+    bare.captures_defocus = True
+    with pytest.raises(SourceError, match=r"not both or neither"):
+        build_store(manifest, bare, place)
     assert not place.exists()
     build_store(manifest, MadeSource(manifest, images, depth, images // 2, "One"), place)
     store = Dataset(place)

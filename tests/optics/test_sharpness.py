@@ -15,16 +15,17 @@ from tests.conftest import write_png
 images = hnp.arrays(np.uint8, (16, 12), elements=st.integers(0, 255))
 
 
-def test_both_measures_fall_as_blur_grows() -> None:
+def blurred(sigma: float) -> np.ndarray:
     image = np.random.default_rng(0).integers(0, 256, (64, 64)).astype(float)
-    sigmas = (0.3, 0.7, 1.5, 3.0)
-    stack = [np.rint(ndimage.gaussian_filter(image, s)).astype(np.uint8) for s in sigmas]
+    return np.asarray(np.rint(ndimage.gaussian_filter(image, sigma)), np.uint8)
+
+
+def test_both_measures_fall_as_blur_grows() -> None:
+    stack = [blurred(sigma) for sigma in (0.3, 0.7, 1.5, 3.0)]
     for measure in (sharpness.spectrum_sum, sharpness.dct_sharpness, sharpness.laplacian_energy):
         values = [measure(image) for image in stack]
         assert values == sorted(values, reverse=True)
         assert values[0] > 1.5 * values[-1]
-        # Colour is measured by its luma.
-        assert measure(np.repeat(stack[2][..., None], 3, axis=2)) == values[2]
     assert sharpness.sharpest(stack[::-1]) == 3
 
 
@@ -39,10 +40,17 @@ def test_the_cosine_measure_counts_coefficients(image: np.ndarray) -> None:
     assert 0 <= share <= 1
 
 
+def test_colour_is_measured_by_its_luma() -> None:
+    grey = blurred(1.0)
+    colour = np.repeat(grey[..., None], 3, axis=2)
+    assert sharpness.dct_sharpness(colour) == sharpness.dct_sharpness(grey)
+
+
 def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:
     assert write_lens_test(tmp_path) == 12 + 2 * 17
     found = sharpness.read_lens_captures(tmp_path)
     warm = found["temperature"]
+    assert [m.temperature for m in warm] == sorted(m.temperature for m in warm)
     assert warm[-1].sharpness > 1.5 * warm[0].sharpness
     # The noise grows as well, and does not explain all of it.
     assert warm[-1].background > warm[0].background
@@ -53,6 +61,17 @@ def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:
         u.step: u.sharpness - d.sharpness for u, d in zip(found["up"], found["down"], strict=True)
     }
     assert gap[133] < -0.01 < 0.01 < gap[138]
+
+
+def test_only_the_dot_is_replaced() -> None:
+    image = np.random.default_rng(0).integers(10, 14, (64, 64)).astype(np.uint8)
+    dotted = image.copy()
+    dotted[30:34, 30:34] = 240
+    cleaned = sharpness.without_dot(dotted)
+    far = np.ones(image.shape, bool)
+    far[25:39, 25:39] = False
+    assert (cleaned[far] == image[far]).all()
+    assert cleaned.max() < 14
 
 
 def test_files_that_cannot_be_used_are_all_told(tmp_path: Path) -> None:

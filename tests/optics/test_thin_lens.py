@@ -61,6 +61,16 @@ def test_the_depth_resolution_is_one_pixel_of_blur(lens: ThinLens, times: float)
         assert grown / lens.pixel_size <= 1 + 1e-6
 
 
+def test_impossible_lenses_are_refused_with_every_reason() -> None:
+    with pytest.raises(InputError) as said:
+        ThinLens(-1, 9.6e-3, 0.5, 0)
+    assert [problem.where for problem in said.value.problems] == ["f_number", "pixel_size"]
+    with pytest.raises(InputError, match="no real image"):
+        ThinLens(3.7, 0.5, 0.4, 4.8e-6)
+    with pytest.raises(InputError, match="not positive"):
+        EXAMPLE.blur_radius([0.5, 0.0])
+
+
 def test_the_sigma_is_a_quarter_of_the_disks_width_and_variances_subtract() -> None:
     lens = ThinLens(2.0, 0.05, 1.05, 1e-4)
     # 25 mm * (55.5556 - 52.5) / 55.5556: see a point at 0.5 m through Eq. 2.2.

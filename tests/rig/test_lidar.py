@@ -13,9 +13,7 @@ from dfdbench.rig import lidar
 images = hnp.arrays(np.float64, (20, 24), elements=st.integers(0, 255).map(float))
 
 
-def test_scans_without_any_return_or_of_two_shapes_are_told() -> None:
-    with pytest.raises(InputError, match="saw nothing"):
-        lidar.fill_missing(np.ones((1, 5)), np.zeros((1, 5), bool))
+def test_scans_that_differ_in_shape_have_no_average() -> None:
     with pytest.raises(InputError, match="differ in shape"):
         lidar.average_scans([np.zeros((2, 3), np.int32), np.zeros((2, 4), np.int32)])
 
@@ -34,12 +32,38 @@ def test_equations_3_5_to_3_9_by_hand() -> None:
     assert np.sqrt(x**2 + y**2 + z**2) == pytest.approx(np.full((64, 2048), 2000.0))
 
 
-@settings(max_examples=20)
+def test_a_calibration_of_63_beams_is_refused() -> None:
+    beams = lidar.Beams(np.zeros(63), np.zeros(63), np.zeros(63, int))
+    with pytest.raises(InputError, match="64 rows"):
+        lidar.to_cartesian(np.zeros((64, 2048)), beams)
+
+
+def test_aligned_columns_look_in_one_direction() -> None:
+    beams = lidar.read_beams()
+    x, y, _ = lidar.to_cartesian(np.ones((64, 2048)), beams)
+    direction = lidar.align_columns(np.arctan2(y, x), beams)
+    assert np.abs(np.diff(direction, axis=0)).max() < 1e-12
+
+
+@settings(max_examples=40)
 @given(images, st.sampled_from([3, 7, 13]))
 def test_the_median_is_that_of_a_plain_filter(image: np.ndarray, length: int) -> None:
     down = ndimage.median_filter(image, size=(length, 1), mode="reflect")
     both = ndimage.median_filter(down, size=(1, length), mode="reflect")
     assert (lidar.median_cross(image, length) == both).all()
+
+
+def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
+    image = np.full((30, 30), 250.0)
+    image[:, 12:] = 150.0
+    expected = image.copy()
+    image[10, 20] = 0.0
+    assert (lidar.median_cross(image) == expected).all()
+
+
+def test_filling_needs_a_value() -> None:
+    with pytest.raises(InputError, match="saw nothing"):
+        lidar.fill_missing(np.ones((1, 5)), np.zeros((1, 5), bool))
 
 
 def flat_wall(distance: float) -> np.ndarray:
@@ -88,13 +112,24 @@ def test_warping_moves_levels_and_validity_together() -> None:
     assert (moved[~seen] == 0).all()
 
 
+scans = hnp.arrays(np.int32, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.integers(0, 9))
+
+
+@given(scans)
+def test_what_it_writes_it_reads(
+    tmp_path_factory: pytest.TempPathFactory, ranges: np.ndarray
+) -> None:
+    path = tmp_path_factory.mktemp("scan") / "lidar_rng_00000.bin"
+    lidar.write_ranges(path, ranges)
+    assert (lidar.read_ranges(path) == ranges).all()
+    np.save(path.with_suffix(".npy"), ranges)
+    assert (lidar.read_ranges(path.with_suffix(".npy")) == ranges).all()
+
+
 def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(bytes([1, 0, 0, 0, 2, 0, 0, 0, 0xDC, 5, 0, 0, 1, 0, 0, 0]))
-    ranges = lidar.read_ranges(path)
-    assert ranges.tolist() == [[1500, 1]]
-    np.save(tmp_path / "a.npy", ranges)
-    assert lidar.read_ranges(tmp_path / "a.npy").tolist() == [[1500, 1]]
+    assert lidar.read_ranges(path).tolist() == [[1500, 1]]
 
 
 @pytest.mark.parametrize(
@@ -102,6 +137,7 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
     [
         (b"", "no header"),
         (np.array([64, 2048], "<u4").tobytes() + b"\0" * 400, "disagrees with the file"),
+        (np.array([1, 2], "<u4").tobytes() + b"\0" * 12, "disagrees with the file"),
         (np.array([1, 2], ">u4").tobytes() + np.array([7, 8], ">i4").tobytes(), "big-endian"),
         (np.array([1, 2, 7], "<u4").tobytes() + np.array([-8], "<i4").tobytes(), "not ranges"),
         (np.array([0, 0], "<u4").tobytes(), "not ranges"),
@@ -132,8 +168,10 @@ def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
+        ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
         ("beam,altitude_deg,azimuth_deg,azimuth_index\n", "no rows with the columns"),
         ("altitude_deg,azimuth_deg,azimuth_index\nnan,3.1,18\n", "not degrees up to 90"),
+        ("altitude_deg,azimuth_deg,azimuth_index\n900,3.1,18\n", "not degrees up to 90"),
         (
             f"altitude_deg,azimuth_deg,azimuth_index\n1,2,{10**30}\n1,2,{10**30}\n",
             r"not whole numbers up to 65536 \(.*: line 2, and 1 more lines\)",
@@ -147,3 +185,13 @@ def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str)
         lidar.read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
         lidar.read_beams(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9", "(2, -9)"])
+def test_a_head_that_claims_what_the_file_does_not_hold(tmp_path: Path, shape: str) -> None:
+    np.save(tmp_path / "a.npy", np.ones((64, 64), np.int64))
+    content = (tmp_path / "a.npy").read_bytes()
+    head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    (tmp_path / "a.npy").write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
+    with pytest.raises(SourceError, match="not a NumPy array"):
+        lidar.read_ranges(tmp_path / "a.npy")

@@ -3,6 +3,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.datasets.rendered import FAR, NEAR
+from dfdbench.errors import InputError
+from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import depth
 from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.unseen import draw_camera
@@ -53,3 +55,10 @@ def test_no_positional_prior_beats_the_median() -> None:
         error = np.std(shares, ddof=1) / len(shares) ** 0.5
         print(f"{name} prior: {100 * np.mean(shares):.2f} % better, +- {196 * error:.2f} %")
         assert np.mean(shares) < 2 * error
+
+
+def test_a_seed_without_a_room_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rooms, "_fits", lambda _: False)
+    monkeypatch.setattr(rooms, "_MOST_ATTEMPTS", 2)
+    with pytest.raises(InputError, match="no room of this seed"):
+        draw_room(1, 0)
