@@ -129,14 +129,14 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     above = (np.maximum.accumulate(sigmas[level:]) for level in range(len(sigmas)))
     below = (np.maximum.accumulate(sigmas[level::-1])[:0:-1] for level in range(len(sigmas)))
     grown = np.array([np.concatenate(sides) for sides in zip(below, above, strict=True)])
-    best = grown[(np.square(grown - sigmas) @ (pixels + 1)).argmin()]
-    found = np.asarray(sigmas, np.float64).copy()
-    # Views, each from the middle to an end.
-    for side, held in ((found, best), (found[::-1], best[::-1])):
+    focus = int((np.square(grown - sigmas) @ (pixels + 1)).argmin())
+    best, found = grown[focus], np.asarray(sigmas, np.float64).copy()
+    # Views, each from the focus to an end.
+    for side, held in ((found[focus:], best[focus:]), (found[focus::-1], best[focus::-1])):
         if held[-1] > _TURNED_BACK * side[-1]:
             turn = int((held == held[-1]).argmax())
-            start = max(turn - _STRAIGHT, int(side[:turn].argmin()))
-            slope = (side[turn] - side[start]) / (turn - start)
+            start = max(turn - _STRAIGHT, 0)
+            slope = (side[turn] - side[start]) / max(turn - start, 1)
             straight = side[turn] + slope * np.arange(len(side) - turn)
             side[turn:] = np.minimum(straight, max(side[turn], LADDER[-1]))
     return found

@@ -1,14 +1,16 @@
 import hashlib
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.datasets.catalog import released_manifests
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
@@ -37,8 +39,29 @@ def test_released_manifests_never_change() -> None:
         if entry.name.endswith(".toml")
     }
     assert hashes == RELEASED
+
+
+def test_the_file_is_named_by_name_and_version() -> None:
     for manifest in released_manifests():
-        assert seeded(manifest.name) or manifest.sha256 == RELEASED[manifest.stem]
+        if not seeded(manifest.name):
+            assert manifest.sha256 == RELEASED[manifest.stem]
+        assert manifest.recipe is None or manifest.recipe in RECIPES
+
+
+def test_only_simulated_captures_are_marked_so() -> None:
+    marked = {manifest.stem for manifest in released_manifests() if manifest.simulated}
+    assert marked == {"realworld-sim-1"}
+    assert find_manifest("realworld-sim").label == "realworld-sim-1 (SIMULATED)"
+    assert find_manifest("demo").label == "demo-1"
+
+
+@pytest.mark.parametrize("name", ["middlebury", "middlebury-default"])
+def test_checksums_are_those_of_the_shared_files(shared_data: Path, name: str) -> None:
+    folder = shared_data / "middlebury" / "ThirdSize"
+    manifest = find_manifest(name)
+    assert len(manifest.checksums) > 80
+    for file, expected in manifest.checksums.items():
+        assert hashlib.sha256((folder / file).read_bytes()).hexdigest() == expected, file
 
 
 @given(
@@ -64,6 +87,10 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
     assert set(manifest.pairs("train")) | set(manifest.pairs("test")) == set(pairs)
     assert not set(manifest.pairs("train")) & set(manifest.pairs("test"))
     assert len({pair.id for pair in pairs}) == len(pairs)
+
+
+def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
+    assert training_of(tiny_manifest, "K2") == ("One", "Two")
 
 
 def test_a_sigma_turns_with_its_depth_and_is_above_0_at_and_beyond_the_ends(
