@@ -234,7 +234,7 @@ def tiny_store(tiny_set: Path, tmp_path: Path) -> Dataset:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ask a server a few times in quick succession."""
-    for name, value in {"_TRIES": 4, "_PAUSE": 0.01, "_SILENCE": 0.5}.items():
+    for name, value in {"_TRIES": 4, "_PAUSE": 0.01, "_SILENCE": 2.0}.items():
         monkeypatch.setattr(fetching, name, value)
 
 
