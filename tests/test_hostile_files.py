@@ -198,9 +198,8 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
 
 def test_a_store_names_no_codec_that_runs_code(tiny_store: Dataset, trap: Trap) -> None:
     folder = Path(str(tiny_store.path)) / "One/images"
-    for chunk in (folder / "c").rglob("*"):
-        if chunk.is_file():
-            chunk.write_bytes(as_pickle(trap))
+    for chunk in folder.glob("c*"):
+        chunk.write_bytes(as_pickle(trap))
     content = json.loads((folder / "zarr.json").read_text())
     for name in ("pickle", "numcodecs.pickle", "numcodecs.Pickle"):
         content["codecs"] = [{"name": name, "configuration": {"id": "pickle"}}]

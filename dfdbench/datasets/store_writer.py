@@ -9,7 +9,9 @@ from typing import Any, Self
 
 import xarray
 import zarr
+import zarr.storage
 from upath import UPath
+from zarr.abc.buffer import Buffer
 
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import (
@@ -63,26 +65,25 @@ class SceneWriter:
     def write(self, scene: str, dataset: xarray.Dataset, signature: str) -> str:
         """Write one scene; return its digest. A scene counts as written once it bears it."""
         digests = scene_digests(dataset)
+        record = {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
+        # Made in memory and written at once: through zarr each file takes milliseconds.
+        made: dict[str, Buffer] = {}
+        dataset.assign_attrs(record).to_zarr(
+            zarr.storage.MemoryStore(made),
+            mode="w",
+            zarr_format=3,
+            consolidated=False,
+            # Not to be confused with what was lost: see `WholeArrays`.
+            write_empty_chunks=True,
+            encoding={
+                str(name): {"chunks": _chunks(variable), "chunk_key_encoding": location.CHUNK_KEYS}
+                for name, variable in dataset.variables.items()
+            },
+        )
+        files = {name: content.to_bytes() for name, content in made.items()}
         with disk_errors(self.path):
             location.remove(self.partial / scene)
-            dataset.to_zarr(
-                location.zarr_store(self.partial),
-                group=scene,
-                mode="w",
-                zarr_format=3,
-                consolidated=False,
-                # Not to be confused with what was lost: see `WholeArrays`.
-                write_empty_chunks=True,
-                encoding={
-                    str(name): {"chunks": _image_chunks(variable)}
-                    for name, variable in dataset.data_vars.items()
-                },
-            )
-            store = location.zarr_store(self.partial)
-            group = zarr.open_group(store, path=scene, mode="r+", zarr_format=3)
-            group.attrs.update(
-                {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
-            )
+            location.write_folder(self.partial / scene, files, _METADATA)
         return combine(digests)
 
     def _verified(self, place: UPath, scene: str, signature: str) -> str | None:
@@ -234,7 +235,7 @@ def disk_errors(place: UPath) -> Iterator[None]:
         raise StoreError(what, where=str(place), got=reason_of(error), fix=fix) from error
 
 
-def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
+def _chunks(variable: xarray.Variable) -> tuple[int, ...]:
     whole = {"y", "x", "channel"} & set(map(str, variable.dims))
     if not whole:
         return variable.shape

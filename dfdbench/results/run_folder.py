@@ -19,7 +19,7 @@ from dfdbench.errors import ResultError
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import whole_files, write_whole
-from dfdbench.system.location import Place, as_location, is_local
+from dfdbench.system.location import CHUNK_KEYS, Place, as_location, is_local
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
 
@@ -175,6 +175,7 @@ class Predictions:
                 chunks=(*(1 for _ in axes), *shape),
                 dtype="float32",
                 fill_value=math.nan,
+                chunk_key_encoding=CHUNK_KEYS,
                 dimension_names=(*axes, "y", "x"),
                 attributes={"axes": {axis: list(values) for axis, values in axes.items()}},
             )

@@ -1,7 +1,9 @@
 """A place that holds a data set: a local folder, or the URL of an object store."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import zarr.abc.store
 import zarr.storage
@@ -11,6 +13,9 @@ from dfdbench.errors import InputError, reason_of
 
 #: What a place may be given as.
 Place = str | Path | UPath
+
+#: How zarr names an array's chunks: side by side, where by default each axis is a folder more.
+CHUNK_KEYS: dict[str, Any] = {"name": "default", "configuration": {"separator": "."}}
 
 _LOCAL = ("", "file", "local")
 
@@ -93,6 +98,28 @@ def remove(location: UPath) -> None:
         shutil.rmtree(location.path, ignore_errors=True)
     elif exists(location):
         location.fs.rm(location.path, recursive=True)
+
+
+def write_folder(folder: UPath, files: Mapping[str, bytes], last: str) -> None:
+    """Write files below a folder, by their paths from there; the one named `last` after all others.
+
+    Parameters
+    ----------
+    folder : UPath
+        Made where it is not there.
+    files : mapping of str to bytes
+        What they hold.
+    last : str
+        The file without which the folder is not taken for a whole.
+    """
+    for names in ([name for name in files if name != last], [last]):
+        if not is_local(folder):
+            root = folder.path.rstrip("/")
+            folder.fs.pipe({f"{root}/{name}": files[name] for name in names})
+            continue
+        for path, name in ((Path(folder.path) / name, name) for name in names):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(files[name])
 
 
 def copy_folder(source: UPath, target: UPath, last: str = "") -> None:

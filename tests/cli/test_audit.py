@@ -1,5 +1,4 @@
 import json
-import shutil
 import tomllib
 from pathlib import Path
 
@@ -161,7 +160,8 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
 
 
 def test_a_damaged_store_has_no_verdict(dfdbench: Command, uneven: str) -> None:
-    shutil.rmtree(Path(uneven) / "Two/depth/c")
+    for chunk in (Path(uneven) / "Two/depth").glob("c*"):
+        chunk.unlink()
     for verb in ("coverage", "coverage --each scene", "split --folds 2", "difficulty --split all"):
         dfdbench.refused("Two/depth", f"audit {verb}", uneven)
     assert not Path("results").exists()

@@ -100,8 +100,7 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("build FILE --source mine --store out.zarr --workers 1",),
     ),
     "store": (
-        "tiny.zarr/zarr.json tiny.zarr/*/zarr.json tiny.zarr/*/*/zarr.json "
-        "tiny.zarr/*/*/c/**/[0-9]",
+        "tiny.zarr/zarr.json tiny.zarr/*/zarr.json tiny.zarr/*/*/zarr.json tiny.zarr/*/*/c*",
         _STORES,
     ),
     "result": ("run/result.json", _REPORTS),
