@@ -46,7 +46,7 @@ ON_SERVERS = pytest.mark.xdist_group("servers")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, and all that need a server on one, as slow ones."""
+    """Keep the tests of a file on one worker; those that need a server, or captures, are slow."""
     for item in items:
         if {"cluster", "object_store"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(ON_SERVERS)
@@ -55,6 +55,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         elif "captures" in getattr(item, "fixturenames", ()):
             # Made once, for which the other worker would wait.
             item.add_marker(pytest.mark.xdist_group("captures"))
+            item.add_marker(pytest.mark.slow)
         elif not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
 

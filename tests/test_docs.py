@@ -39,6 +39,7 @@ def test_a_source_of_ones_own_is_built_as_shown(
     assert capsys.readouterr().out == "162 pairs\n"
 
 
+@pytest.mark.slow
 def test_the_pages_table_of_tracks_is_that_of_the_board(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,6 +103,7 @@ def test_the_tracks_are_as_far_from_rays_as_is_said(
     assert capsys.readouterr().out in (DOCS / "tracks.md").read_text()
 
 
+@pytest.mark.slow
 def test_cameras_are_compared_on_the_same_rooms(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

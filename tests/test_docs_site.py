@@ -305,6 +305,7 @@ def test_every_page_is_described_small_and_listed_for_language_models(site: Path
     assert {"licence/", "datasets/", "datasets/demo/"} <= set(about)
 
 
+@pytest.mark.slow
 def test_pages_have_the_addresses_that_the_package_names(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

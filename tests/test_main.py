@@ -54,6 +54,7 @@ def test_a_closed_stream_is_no_mistake(closed: str) -> None:
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kilobytes", [60_000, 150_000, 250_000])
 def test_too_little_memory_is_told_without_a_traceback(kilobytes: int) -> None:
     command = f'ulimit -v {kilobytes}; exec "{sys.executable}" -m dfdbench run --method constant'
@@ -68,6 +69,7 @@ def test_no_variable_names_a_screen_for_figures() -> None:
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_gone_and_a_name_that_is_no_text_are_told(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()

@@ -171,6 +171,7 @@ def test_a_fitted_method_is_fitted_anew(stores: dict[str, Dataset], tmp_path: Pa
     assert [pair.same_map for pair in found.pairs] == [True] * 3
 
 
+@pytest.mark.slow
 def test_runs_on_tracks_are_run_as_they_were(stores: dict[str, Dataset], tmp_path: Path) -> None:
     results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
     row = row_of(results, ["tracks-1"])

@@ -68,6 +68,7 @@ def test_other_processes_say_the_same_sigma(dfdbench: Command, tiny_store: Datas
     assert one == two
 
 
+@pytest.mark.slow
 def test_what_leaves_pixels_out_has_no_rank(dfdbench: Command, tiny_store: Dataset) -> None:
     store = str(tiny_store.path)
     entries = []

@@ -244,6 +244,7 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Pa
     assert told.startswith("all levels between 0 and 1; levels go from 0 (far) to 255 (near)")
 
 
+@pytest.mark.slow
 def test_it_is_warmed_up_here_before_workers_start(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "warm.py").write_text(
         "import os\n"

@@ -70,6 +70,7 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1
 
 
+@pytest.mark.slow
 def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
     depth = np.full((64, 80), 70, np.uint8)
     depth[:, 40:] = 180

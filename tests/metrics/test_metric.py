@@ -76,6 +76,7 @@ def run_constant(store: Dataset, folder: Path) -> Result:
     return run_method(store, load_for(store, "constant", {}), "all", folder).result
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("with_a_fourth")
 def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_path: Path) -> None:
     folder = tmp_path / "run"

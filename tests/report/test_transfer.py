@@ -22,6 +22,7 @@ def dark_store(tiny_folder: Path, tmp_path: Path) -> Dataset:
     return dfdbench.build(str(manifest), tiny_folder, store=tmp_path / "dark.zarr")
 
 
+@pytest.mark.slow
 def test_a_fit_costs_elsewhere(tiny_store: Dataset, dark_store: Dataset, tmp_path: Path) -> None:
     run = partial(dfdbench.run_transfer, write_mean(tmp_path), [tiny_store, dark_store])
     found = run(out=tmp_path / "runs")

@@ -97,6 +97,7 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole() -> None:
     assert np.abs(wide - small).mean() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["Market", "Library"])
 def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     surfaces, photographs = demo_scene(scene)
@@ -110,6 +111,7 @@ def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     assert np.allclose(depth(pack(surfaces, photographs), taken), view.distance, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unlit")
 def test_rays_are_many_enough() -> None:
     wide, room = draw_camera(3), draw_room(3, 1)
@@ -120,6 +122,7 @@ def test_rays_are_many_enough() -> None:
         assert np.abs(few - many).mean() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unlit")
 def test_no_tile_leaves_out_what_its_rays_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     taken = replace(draw_camera(5), shape=(48, 64))
@@ -182,6 +185,7 @@ def _overlap(a: float, b: float, apart: float) -> float:
     return float(((x - apart) ** 2 + y * y <= b * b)[inside].mean())
 
 
+@pytest.mark.slow
 def test_colour_errors_move_and_widen_channels_as_stated() -> None:
     scene = dot(2.0, x=0.03, pixels=3)
     taken = camera(1.0, 4.0, lateral=(0.05, 0.0, -0.05))

@@ -3,6 +3,8 @@ import re
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.process import python
 
 PACKAGE = Path(__file__).parents[2] / "dfdbench"
@@ -33,6 +35,7 @@ def call(folder: Path, cache: Path) -> subprocess.CompletedProcess[str]:
     return python("-c", CALL, cwd=None, HOME="/dev/null", PYTHONPATH=path, **caches)
 
 
+@pytest.mark.slow
 def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) -> None:
     done = call(tmp_path, Path("/dev/null"))
     assert done.stdout == "6 6 None\n"
@@ -41,6 +44,7 @@ def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) 
     assert "DFDBENCH_CACHE" in done.stderr
 
 
+@pytest.mark.slow
 def test_beside_a_source_that_is_read_only_it_caches_in_our_own_folder(tmp_path: Path) -> None:
     place = tmp_path / "cache"
     done = call(tmp_path, place)

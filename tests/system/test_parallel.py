@@ -175,6 +175,7 @@ for _ in range(20):
 """
 
 
+@pytest.mark.slow
 def test_a_store_with_several_damaged_scenes_is_one_error(tiny_store: Dataset) -> None:
     path = tiny_store.path
     first, *others = tiny_store.scenes

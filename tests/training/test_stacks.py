@@ -83,6 +83,7 @@ def test_however_a_crop_is_turned_images_and_truth_lie_over_each_other() -> None
         assert last[near].mean() > last[~near & truth.isfinite()].mean()
 
 
+@pytest.mark.slow
 def test_it_learns_to_tell_two_surfaces_apart(tmp_path: Path) -> None:
     cameras = {"stack-00": [stack(0)], stacks.HELD_OUT[0]: [stack(1)]}
     path, card, log = train_stack_net(cameras, tmp_path, steps=40)

@@ -69,6 +69,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: P
     assert sum(int(row["present"]) for row in levels) == 4 * 24 * 30
 
 
+@pytest.mark.slow
 def test_seeds_differ_and_repeat_and_the_card_keeps_the_precision_that_auto_came_to(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -126,6 +126,7 @@ def evaluated(
     return evaluate(((0, 1), position_of(FILTERS["original"], crop=12)))
 
 
+@pytest.mark.slow
 def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_path: Path) -> None:
     outcome = evaluated(tiny_store, tmp_path)
     assert outcome is not None
