@@ -11,7 +11,7 @@ from typer import Argument, Option
 from dfdbench.audit import coverage as cover
 from dfdbench.audit import difficulty as hardness
 from dfdbench.audit import run_errors, splits
-from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes
+from dfdbench.audit.leaks import LeakError, leaks_between
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
 from dfdbench.board.row_file import read_row
@@ -65,8 +65,7 @@ def depths(
             raise InputError("a run says itself which split it is of", where="--split")
         tables = _errors(store, result, figure)
     else:
-        scenes = store.manifest.scenes_of(split or ALL_PAIRS)
-        side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
+        side = side_of(store, split or ALL_PAIRS)
         if figure is not None:
             screen.save_figure(audits.depths_figure(side), figure)
         tables = [run_errors.level_count_table(side)]
@@ -316,14 +315,11 @@ def _answer_each(
     tests = folds if each == "fold" else {name: (name,) for name in histograms}
     if not tests:
         raise InputError(f"{manifest.stem} has no folds", where="--each", fix="--each scene")
-    hashes = scene_hashes(store, histograms)
     records = {}
     for name, scenes in tests.items():
         if any(scene in histograms for scene in scenes):
-            train, test = all_but(store, histograms, name), side_of(store, histograms, name, scenes)
-            of_train, of_test = ({s: hashes[s] for s in side.scenes} for side in (train, test))
-            leaks = find_leaks(manifest, of_train, manifest, of_test)
-            records[name] = compare(train, test, leaks=tuple(leaks))
+            train, test = all_but(store, name), side_of(store, name, scenes)
+            records[name] = compare(train, test, leaks=leaks_between(train, test))
     bad = sum(not record.covered for record in records.values())
     criterion = compare.keywords["criterion"]
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
