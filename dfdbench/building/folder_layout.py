@@ -303,15 +303,6 @@ def _with_depth(groups: tuple[Group, ...]) -> int:
     return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
-def _read(form: str, path: str) -> tuple[str, str] | None:
-    """Return a file's pattern and its scene; None if it has none."""
-    match = re.fullmatch(form, path, re.DOTALL)
-    if match is None or match["scene"] == "{split}":
-        return None
-    start, end = match.span("scene")
-    return f"{path[:start]}{{scene}}{path[end:]}", match["scene"]
-
-
 def _split_of(path: str) -> tuple[str, str]:
     parts = path.split("/")
     for level, part in enumerate(parts[:-1]):
@@ -334,12 +325,7 @@ def _layouts(
 def _layout(
     paths: tuple[str, ...], form: str, least: int, images: Mapping[str, tuple[str, ...]]
 ) -> Layout | None:
-    found: dict[str, dict[Key, str]] = defaultdict(dict)
-    for path in paths:
-        told, split = _split_of(path)
-        if read := _read(form, told):
-            found[read[0]][split, read[1]] = path
-    found = _endings_joined(found)
+    found = _kinds(paths, form)
     times = Counter(key for files in found.values() for key in files)
     scenes = tuple(sorted(key for key, count in times.items() if count >= least))
     stacked = {key for files in found.values() for key in scenes if files.get(key) in images}
@@ -355,6 +341,18 @@ def _layout(
     depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
     return layout if scenes and len(limited) <= _MOST_GROUPS else None
+
+
+def _kinds(paths: tuple[str, ...], form: str) -> dict[str, dict[Key, str]]:
+    """Return the files by their pattern and their scene, where a form tells both."""
+    found: dict[str, dict[Key, str]] = defaultdict(dict)
+    for path in paths:
+        told, split = _split_of(path)
+        match = re.fullmatch(form, told, re.DOTALL)
+        if match and match["scene"] != "{split}":
+            start, end = match.span("scene")
+            found[f"{told[:start]}{{scene}}{told[end:]}"][split, match["scene"]] = path
+    return _endings_joined(found)
 
 
 def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str]]:
@@ -374,12 +372,7 @@ def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str
 
 
 def _by_order(paths: tuple[str, ...]) -> Layout | None:
-    named: dict[str, dict[Key, str]] = defaultdict(dict)
-    for path in paths:
-        told, split = _split_of(path)
-        if read := _read(_FORMS[0], told):
-            named[read[0]][split, read[1]] = path
-    found = _endings_joined(named)
+    found = _kinds(paths, _FORMS[0])
     sizes = Counter(map(_sizes, found.values()))
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
     if times < _ROLES:
