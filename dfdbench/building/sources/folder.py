@@ -77,8 +77,7 @@ class FolderScenes(Whole):
         assert manifest.files is not None  # reading the manifest checked that
         super().__init__(manifest)
         self._files: CapturedFiles = manifest.files
-        inside = folder / (manifest.files.inside or "")
-        self._folder = inside if inside.is_dir() else folder
+        self._folder = manifest.files.folder_in(folder)
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
