@@ -46,9 +46,15 @@ Finding = tuple[str, str]
 
 def _contradictions(manifest: Manifest) -> Iterator[Finding]:
     """Yield what contradicts itself in a manifest whose fields are sound."""
-    checks = (_check_scenes, _check_axes, _check_exclusions, _check_names, _check_splits)
-    checks += (_check_folds, _check_metres, _check_files, _check_patterns, _check_checksums)
-    for check in checks:
+    sets = (
+        _check_scenes,
+        _check_axes,
+        _check_exclusions,
+        _check_names,
+        _check_splits,
+        _check_folds,
+    )
+    for check in (*sets, _check_metres, _check_files, _check_patterns, _check_checksums):
         yield from check(manifest)
 
 
@@ -124,12 +130,13 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
 
 
 def _check_names(manifest: Manifest) -> Iterator[Finding]:
-    names = {ALL_PAIRS, *manifest.scene_names}
-    for kind, parts in (("split", manifest.splits), ("fold", manifest.folds)):
-        for number, part in enumerate(parts):
-            if part.name in names:
-                yield f"{kind}s[{number}].name", f"{kind} name is taken: {part.name}"
-            names.add(part.name)
+    taken = {ALL_PAIRS, *manifest.scene_names}
+    splits, folds = [s.name for s in manifest.splits], [fold.name for fold in manifest.folds]
+    for kind, names in (("split", splits), ("fold", folds)):
+        for number, name in enumerate(names):
+            if name in taken:
+                yield f"{kind}s[{number}].name", f"{kind} name is taken: {name}"
+            taken.add(name)
 
 
 def _check_splits(manifest: Manifest) -> Iterator[Finding]:
