@@ -259,9 +259,9 @@ def as_json(record: CoverageRecord) -> str:
 
 
 def _side_record(side: Side) -> SideRecord:
-    histogram = side.histogram
+    histogram, manifest = side.histogram, side.store.manifest
     return SideRecord(
-        dataset=side.dataset,
+        dataset=manifest.stem,
         fingerprint=side.store.fingerprint,
         split=side.name,
         scenes=list(side.scenes),
@@ -272,7 +272,7 @@ def _side_record(side: Side) -> SideRecord:
         inverted=side.inverted,
         counts=histogram.counts.tolist(),
         expanded=np.round(histogram.expanded, 3).tolist(),
-        simulated=side.store.manifest.simulated,
+        simulated=manifest.simulated,
     )
 
 

@@ -138,7 +138,6 @@ def split_difficulty(
         If a depth map is damaged.
     """
     manifest, recipe = store.manifest, store.recipe
-    manifest.scenes_of(split)
     pairs = store.pairs(split)
     if recipe is None:
         why = "its track gives none" if manifest.on_track else "captured images"

@@ -330,8 +330,8 @@ def level_count_table(side: Side) -> Table:
     ]
     if side.absent:
         notes.append(f"not in the store, so not counted: {', '.join(side.absent)}")
-    scenes = counted(len(side.scenes), "scene")
-    title = f"depths of {side.label}, {side.name} ({counted(histogram.pairs, 'pair')} of {scenes})"
+    held = f"{counted(histogram.pairs, 'pair')} of {counted(len(side.scenes), 'scene')}"
+    title = f"depths of {side.store.manifest.label}, {side.name} ({held})"
     columns = ("levels", "pixels", "share", "do not occur")
     records = tuple(
         {"level": level, "pixels": count, "share": count / known}

@@ -164,16 +164,6 @@ class Side:
     inverted: bool = False
 
     @property
-    def dataset(self) -> str:
-        """The manifest's name and version."""
-        return self.store.manifest.stem
-
-    @property
-    def label(self) -> str:
-        """The data set's name in tables and figures; simulated captures say so."""
-        return self.store.manifest.label
-
-    @property
     def histogram(self) -> DepthHistogram:
         """The histogram of all its scenes."""
         return DepthHistogram.total(self.scenes.values())

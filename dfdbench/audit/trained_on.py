@@ -133,8 +133,9 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
     counts = test.histogram.counts
     levels = uncovered(train.histogram.counts, counts, Criterion.either)
     if levels.any():
+        trained = f"{train.store.manifest.stem}, {train.name}"
         warnings.append(
             f"{percent(share_of(counts, levels))} of the test's known pixels lie on depth levels "
-            f"that {train.dataset}, {train.name}, leaves missing or scarce: {as_ranges(levels)}"
+            f"that {trained}, leaves missing or scarce: {as_ranges(levels)}"
         )
     return warnings

@@ -80,7 +80,9 @@ def depths_figure(side: Side) -> Figure:
     shown = f"{counted(histogram.pairs, 'pair')} of {counted(len(side.scenes), 'scene')}"
     known = f"{histogram.known:,} pixels of known depth, {shown}"
     level = f"depth level, grows with {side.store.manifest.depth.grows_with}"
-    axis.set(title=f"depths of {side.label}, {side.name}: {known}", xlim=(-1, LEVELS))
+    axis.set(
+        title=f"depths of {side.store.manifest.label}, {side.name}: {known}", xlim=(-1, LEVELS)
+    )
     axis.set(xlabel=level, ylabel="pixels of all pairs")
     axis.yaxis.set_major_formatter("{x:,.0f}")
     return figure
