@@ -42,25 +42,18 @@ _COLOURS = 3
 _STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
 Finding = tuple[str, str]
+Known = Collection[str]
 
 
 def _contradictions(manifest: Manifest) -> Iterator[Finding]:
     """Yield what contradicts itself in a manifest whose fields are sound."""
-    sets = (
-        _check_scenes,
-        _check_axes,
-        _check_exclusions,
-        _check_names,
-        _check_splits,
-        _check_folds,
-    )
-    for check in (*sets, _check_metres, _check_files, _check_patterns, _check_checksums):
+    named = (_check_scenes, _check_axes, _check_exclusions, _check_names, _check_splits)
+    others = (_check_folds, _check_metres, _check_files, _check_patterns, _check_checksums)
+    for check in named + others:
         yield from check(manifest)
 
 
-def _unknown(
-    field: str, kind: str, named: Iterable[str], known: Collection[str]
-) -> Iterator[Finding]:
+def _unknown(field: str, kind: str, named: Iterable[str], known: Known) -> Iterator[Finding]:
     for name in named:
         if name not in known:
             near = unknown_name(kind, name, known).problems[0]
