@@ -238,21 +238,18 @@ def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
     return found
 
 
-@dataclass(frozen=True)
-class Folds:
-    """A cross validation: each scene in one fold, in the order of their scenes."""
+#: A cross validation: each scene in one fold, in the order of their scenes.
+Folds = tuple[Candidate, ...]
 
-    folds: tuple[Candidate, ...]
 
-    @property
-    def not_covered(self) -> int:
-        """How many folds are not covered."""
-        return sum(not fold.covered for fold in self.folds)
+def not_covered(folds: Folds) -> int:
+    """Return how many folds are not covered."""
+    return sum(not fold.covered for fold in folds)
 
-    @property
-    def cost(self) -> tuple[int, float]:
-        """The rank of a partition: folds not covered, then the sum of their shares."""
-        return self.not_covered, round(math.fsum(fold.uncovered for fold in self.folds), 12)
+
+def cost(folds: Folds) -> tuple[int, float]:
+    """Return the rank of a partition: folds not covered, then the sum of their shares."""
+    return not_covered(folds), round(math.fsum(fold.uncovered for fold in folds), 12)
 
 
 def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
@@ -275,14 +272,13 @@ def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
         tests = [_in_order(scenes, fold) for fold in folds]
         unknown = [test for test in tests if test not in known]
         known.update(zip(unknown, scenes.judge(unknown), strict=True))
-        return Folds(tuple(known[test] for test in tests))
+        return tuple(known[test] for test in tests)
 
-    proposals: dict[tuple[Group, ...], Folds] = {}
+    proposals: set[Folds] = set()
     for _ in range(_RESTARTS):
         best = _improve(_random_folds(scenes, number, random), judge)
-        folds = tuple(sorted(best.folds, key=lambda f: scenes.names.index(f.test[0])))
-        proposals[tuple(fold.test for fold in folds)] = Folds(folds)
-    return sorted(proposals.values(), key=lambda p: (p.cost, [fold.test for fold in p.folds]))
+        proposals.add(tuple(sorted(best, key=lambda fold: scenes.names.index(fold.test[0]))))
+    return sorted(proposals, key=lambda folds: (cost(folds), [fold.test for fold in folds]))
 
 
 def _random_folds(scenes: Scenes, number: int, random: np.random.Generator) -> list[list[Group]]:
@@ -300,16 +296,16 @@ def _improve(
     while better:
         better = False
         for a, b in itertools.combinations(range(len(folds)), 2):
-            least = judge([folds[a], folds[b]]).cost
+            least = cost(judge([folds[a], folds[b]]))
             if least == (0, 0.0):
                 continue
             for i, j in itertools.product(range(len(folds[a])), range(len(folds[b]))):
                 if len(folds[a][i]) != len(folds[b][j]):
                     continue
                 folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
-                cost = judge([folds[a], folds[b]]).cost
-                if cost < least:
-                    least, better = cost, True
+                swapped = cost(judge([folds[a], folds[b]]))
+                if swapped < least:
+                    least, better = swapped, True
                 else:
                     folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
     return judge(folds)
@@ -354,18 +350,18 @@ def folds_table(
     best = proposals[0]
     rows = tuple(
         (_fold_name(number), *_cells(manifest, fold), "yes" if fold.covered else "no")
-        for number, fold in enumerate(best.folds, 1)
+        for number, fold in enumerate(best, 1)
     )
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
-    if published.folds:
-        ahead = sum(proposal.cost < published.cost for proposal in proposals)
+    if published:
+        ahead = sum(cost(proposal) < cost(published) for proposal in proposals)
         score = _score("published folds", published)
         notes.append(f"{score}: {ahead} of {len(proposals)} found are better")
     if hopeless:
-        largest = max(len(fold.test) for fold in best.folds)
+        largest = max(len(fold.test) for fold in best)
         notes.append(
             f"{len(hopeless)} scenes leave their fold uncovered whatever else is in it; they fill "
-            f"at least {math.ceil(len(hopeless) / largest)} of {len(best.folds)} folds"
+            f"at least {math.ceil(len(hopeless) / largest)} of {len(best)} folds"
         )
     for item in hopeless:
         why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
@@ -389,7 +385,7 @@ def folds_fragment(folds: Folds, why: str) -> str:
     """Return folds as the lines of a manifest, instead of those that it has."""
     tables = [
         f'[[folds]]\nname = "{_fold_name(number)}"\ntest_scenes = {json.dumps(list(fold.test))}\n'
-        for number, fold in enumerate(folds.folds, 1)
+        for number, fold in enumerate(folds, 1)
     ]
     return "\n".join([f"# {why}\n# They replace the manifest's own folds.\n", *tables])
 
@@ -478,14 +474,14 @@ def _proposed_folds(
 ) -> Proposal:
     proposals = propose_folds(scenes, number, seed)
     best = proposals[0]
-    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best})
     tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
-    published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    kept = [{"not_covered": p.not_covered, "folds": p.folds} for p in (published, *proposals)]
+    published = tuple(scenes.judge([test for test in tests if test]))
+    kept = [{"not_covered": not_covered(p), "folds": p} for p in (published, *proposals)]
     content = as_json(
         "split, folds",
         **settings,
-        published=kept[0] if published.folds else None,
+        published=kept[0] if published else None,
         proposals=kept[1 : SHOWN + 1],
         cannot_be_covered=hopeless,
     )
@@ -524,9 +520,9 @@ def _fold_name(number: int) -> str:
 
 
 def _score(what: str, folds: Folds) -> str:
-    worst: Candidate = max(folds.folds, key=lambda fold: fold.uncovered)
+    worst = max(folds, key=lambda fold: fold.uncovered)
     return (
-        f"{what}: {folds.not_covered} of {len(folds.folds)} not covered, at worst "
+        f"{what}: {not_covered(folds)} of {len(folds)} not covered, at worst "
         f"{percent(worst.uncovered)} ({', '.join(worst.test)})"
     )
 
