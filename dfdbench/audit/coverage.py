@@ -300,7 +300,7 @@ def coverage_table(record: CoverageRecord) -> Table:
             percent(item.share),
             f"{item.test_pixels:,}",
             f"{item.train_pixels:,}",
-            _scenes_of(item),
+            listed((f"{name} {percent(s)}" for name, s in item.scenes.items()), _SCENES_NAMED),
         )
         for item in record.ranges
     )
@@ -388,9 +388,3 @@ def _notes(record: CoverageRecord) -> list[str]:
 def _name(side: SideRecord) -> str:
     scenes = counted(len(side.scenes), "scene")
     return f"{side.label}, {side.split} ({counted(side.pairs, 'pair')} of {scenes})"
-
-
-def _scenes_of(item: RangeRecord) -> str:
-    named = [f"{name} {percent(share)}" for name, share in item.scenes.items()]
-    more = len(named) - _SCENES_NAMED
-    return ", ".join(named[:_SCENES_NAMED]) + (f", {more} more" if more > 0 else "")
