@@ -4,7 +4,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.folder import read_table
@@ -86,7 +86,7 @@ class Layout:
     scenes: tuple[Key, ...]
     by_order: bool
     left: tuple[str, ...]
-    images: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    images: Mapping[str, tuple[str, ...]]
 
     @property
     def stacks(self) -> tuple[Group, ...]:
@@ -162,7 +162,8 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    whole = _layouts(paths, (*_folders(paths), *_FORMS))
+    forms = (*_folders(paths), *_FORMS)
+    whole = [layout for form in forms if (layout := _layout(paths, form))]
     # A scene with a depth file and two others cannot be a kind of files read as a scene.
     order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
     return whole[order.index(max(order))] if whole else _by_order(paths)
@@ -203,7 +204,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
             images[template] = members
             taken.update(members)
     left = tuple(sorted({*paths, *images} - taken))
-    layouts = _layouts(left, _folders(left), 1, images)
+    layouts = [one for form in _folders(left) if (one := _layout(left, form, 1, images))]
     if len(images) == 1:
         key = ("", folder.resolve().name)
         groups = tuple(Group(path, {key: path}) for path in left)
@@ -312,18 +313,11 @@ def _split_of(path: str) -> tuple[str, str]:
     return path, ""
 
 
-def _layouts(
+def _layout(
     paths: tuple[str, ...],
-    forms: tuple[str, ...],
+    form: str,
     least: int = _ROLES,
     images: Mapping[str, tuple[str, ...]] = _NO_STACK,
-) -> list[Layout]:
-    layouts = (_layout(paths, form, least, images) for form in forms)
-    return [layout for layout in layouts if layout]
-
-
-def _layout(
-    paths: tuple[str, ...], form: str, least: int, images: Mapping[str, tuple[str, ...]]
 ) -> Layout | None:
     found = _kinds(paths, form)
     times = Counter(key for files in found.values() for key in files)
