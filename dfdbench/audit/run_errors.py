@@ -47,12 +47,6 @@ class LevelErrors:
     absolute: NDArray[np.float64]
     squared: NDArray[np.float64]
 
-    @classmethod
-    def total(cls, parts: Iterable[LevelErrors]) -> LevelErrors:
-        """Return the sum of several."""
-        none = cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), np.zeros(LEVELS))
-        return field_sums(none, *parts)
-
     def share(self, levels: Mask) -> float:
         """Return the share of the known pixels on some levels."""
         return float(self.pixels[levels].sum() / max(self.pixels.sum(), 1))
@@ -128,13 +122,13 @@ class ErrorJoin:
     @property
     def total(self) -> LevelErrors:
         """The errors of all pairs."""
-        return LevelErrors.total(self.pairs.values())
+        return field_sums(*self.pairs.values())
 
     def of_scenes(self) -> dict[str, LevelErrors]:
         """Return the errors by scene."""
         names = dict.fromkeys(pair.scene for pair in self.pairs)
         return {
-            name: LevelErrors.total(e for pair, e in self.pairs.items() if pair.scene == name)
+            name: field_sums(*(e for pair, e in self.pairs.items() if pair.scene == name))
             for name in names
         }
 
@@ -398,9 +392,9 @@ def _summed(name: str, found: Iterable[Told], scale: DepthScale | None) -> Depth
         answer = np.clip(np.rint(prediction[valid]), 0, LAST_LEVEL).astype(np.int64)
         known = depth[valid].astype(np.int64)
         answers += np.bincount(known * LEVELS + answer, minlength=LEVELS * LEVELS)
-    in_metres = LevelErrors.total(metres) if scale is not None else None
-    total = LevelErrors.total(levels)
-    return DepthErrors(name, tuple(ids), total, in_metres, answers.reshape(LEVELS, LEVELS))
+    in_metres = field_sums(*metres) if metres else None
+    by_answer = answers.reshape(LEVELS, LEVELS)
+    return DepthErrors(name, tuple(ids), field_sums(*levels), in_metres, by_answer)
 
 
 def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors]) -> list[Table]:
