@@ -82,8 +82,8 @@ class Rooms(Whole):
         """Photograph one room."""
         number, focus = scene_number(scene), self._sharp_focus
         pair = render_pair(SEED, number, self._camera, sharp_focus=focus)
-        images = np.stack([pair.infocus, pair.defocus])
-        return SceneImages(images[np.newaxis], pair.depth, np.ones(1, bool), found=pair.facts)
+        images = pair.images[np.newaxis]
+        return SceneImages(images, pair.depth, np.ones(1, bool), found=pair.facts)
 
 
 def built(name: str, folder: Path) -> Dataset:

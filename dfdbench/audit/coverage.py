@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Literal
 
@@ -43,16 +43,27 @@ class Criterion(StrEnum):
 
 
 @dataclass(frozen=True)
-class DensityBound:
-    """When a level is too dense in the test for its density in training.
+class Rule:
+    """When a level of the test is not covered, and when the test is.
 
     Parameters
     ----------
-    factor : float
+    criterion : Criterion
+        `thesis`: the test has more pixels of the level than training (5.4.2), so that a missing
+        level is always among them. `density`: the level is too dense in the test for its density in
+        training. `either` applies both.
+    allowed_share : float
+        Share of the test's known pixels that may be on uncovered levels.
+    density_factor : float
         The level's share of the test's known pixels exceeds this many times its share of the
         training set's.
-    floor : float
+    density_floor : float
         Levels with a smaller share of the test raise no alarm.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its range.
 
     Notes
     -----
@@ -61,54 +72,49 @@ class DensityBound:
     keeps to about that for tests of any size.
     """
 
-    factor: float = 8.0
-    floor: float = 0.001
+    criterion: Criterion = Criterion.either
+    allowed_share: float = 0.0
+    density_factor: float = 8.0
+    density_floor: float = 0.001
 
     def __post_init__(self) -> None:
-        if not 1 <= self.factor < math.inf:
-            raise InputError(f"a density factor is a number from 1 up, not {self.factor}")
-        if not 0 <= self.floor <= 1:
-            raise InputError(f"a density floor is 0 to 1, not {self.floor}")
+        if not 0 <= self.allowed_share <= 1:
+            what = f"an allowed share is 0 to 1, not {self.allowed_share}"
+            raise InputError(what, where="allow")
+        if not 1 <= self.density_factor < math.inf:
+            raise InputError(f"a density factor is a number from 1 up, not {self.density_factor}")
+        if not 0 <= self.density_floor <= 1:
+            raise InputError(f"a density floor is 0 to 1, not {self.density_floor}")
+
+    def uncovered(self, train: Counts, test: Counts, criterion: Criterion | None = None) -> Mask:
+        """Return which levels are not covered, for counts of shape (..., 256).
+
+        Examples
+        --------
+        >>> train, test = np.zeros(256), np.zeros(256)
+        >>> train[[8, 9]], test[[8, 9]] = (900, 1), (100, 2)
+        >>> np.flatnonzero(Rule().uncovered(train, test, Criterion.thesis)).tolist()
+        [9]
+        """
+        criterion = criterion or self.criterion
+        by_count = np.asarray(test > train)
+        if criterion is Criterion.thesis:
+            return by_count
+        in_test = test / np.maximum(test.sum(axis=-1, keepdims=True), 1)
+        in_train = train / np.maximum(train.sum(axis=-1, keepdims=True), 1)
+        by_density = (in_test > self.density_factor * in_train) & (test > 0)
+        by_density &= in_test >= self.density_floor
+        return np.asarray(by_density if criterion is Criterion.density else by_count | by_density)
 
 
-#: The bound where nothing else is asked for.
-USUAL = DensityBound()
-
-
-def uncovered(
-    train: Counts, test: Counts, criterion: Criterion, bound: DensityBound = USUAL
-) -> Mask:
-    """Return which levels are not covered, for counts of shape (..., 256).
-
-    `thesis`: the test has more pixels of the level than training (5.4.2), so that a missing level
-    is always among them. `density`: see `DensityBound`.
-
-    Examples
-    --------
-    >>> train, test = np.zeros(256), np.zeros(256)
-    >>> train[[8, 9]], test[[8, 9]] = (900, 1), (100, 2)
-    >>> np.flatnonzero(uncovered(train, test, Criterion.thesis)).tolist()
-    [9]
-    """
-    by_count = np.asarray(test > train)
-    if criterion is Criterion.thesis:
-        return by_count
-    in_test = test / np.maximum(test.sum(axis=-1, keepdims=True), 1)
-    in_train = train / np.maximum(train.sum(axis=-1, keepdims=True), 1)
-    by_density = (in_test > bound.factor * in_train) & (in_test >= bound.floor) & (test > 0)
-    return np.asarray(by_density if criterion is Criterion.density else by_count | by_density)
+#: The rule where nothing else is asked for.
+USUAL = Rule()
 
 
 def share_of(counts: Counts, levels: Mask) -> float:
     """Return the share of the pixels on some levels."""
     total = counts.sum()
     return float(counts[levels].sum() / total) if total else 0.0
-
-
-def check_allowance(share: float) -> None:
-    """Raise if the share of the test that may be uncovered is outside 0..1."""
-    if not 0 <= share <= 1:
-        raise InputError(f"an allowed share is 0 to 1, not {share}", where="allow")
 
 
 class SideRecord(Record):
@@ -196,12 +202,7 @@ class CoverageRecord(Record):
 
 
 def compare_depths(
-    train: Side,
-    test: Side,
-    bound: DensityBound = USUAL,
-    criterion: Criterion = Criterion.either,
-    allowed_share: float = 0.0,
-    leaks: tuple[Leak, ...] = (),
+    train: Side, test: Side, rule: Rule = USUAL, leaks: tuple[Leak, ...] = ()
 ) -> CoverageRecord:
     """Compare the depths of a test with those of its training.
 
@@ -209,24 +210,14 @@ def compare_depths(
     ----------
     train, test : Side
         From `dfdbench.audit.sides.sides_of`.
-    bound : DensityBound
-        Of the density criterion.
-    criterion : Criterion
-        Decides whether the test is covered; the record has both.
-    allowed_share : float
-        Share of the test's known pixels that may be on uncovered levels.
+    rule : Rule
+        Decides whether the test is covered; the record has both criteria.
     leaks : tuple of Leak
         What both sides share.
-
-    Raises
-    ------
-    InputError
-        If the allowed share is outside 0..1.
     """
-    check_allowance(allowed_share)
     seen, tested = train.histogram, test.histogram
-    by_criterion = {c: uncovered(seen.counts, tested.counts, c, bound) for c in Criterion}
-    as_crops = {c: uncovered(seen.expanded, tested.expanded, c, bound) for c in Criterion}
+    by_criterion = {c: rule.uncovered(seen.counts, tested.counts, c) for c in Criterion}
+    as_crops = {c: rule.uncovered(seen.expanded, tested.expanded, c) for c in Criterion}
     either = by_criterion[Criterion.either]
     missing = (tested.counts > 0) & (seen.counts == 0)
     masks: dict[str, Mask] = {str(c): mask for c, mask in by_criterion.items()}
@@ -237,11 +228,8 @@ def compare_depths(
         for m, u, pixels in zip(missing, either, tested.counts, strict=True)
     ]
     return CoverageRecord(
-        covered=shares[criterion] <= allowed_share and not leaks,
-        criterion=criterion,
-        allowed_share=allowed_share,
-        density_factor=bound.factor,
-        density_floor=bound.floor,
+        covered=shares[rule.criterion] <= rule.allowed_share and not leaks,
+        **asdict(rule),
         weights=WEIGHTS,
         train=_side_record(train),
         test=_side_record(test),
@@ -259,9 +247,9 @@ def as_json(record: CoverageRecord) -> str:
 
 
 def _side_record(side: Side) -> SideRecord:
-    histogram = side.histogram
+    histogram, manifest = side.histogram, side.store.manifest
     return SideRecord(
-        dataset=side.dataset,
+        dataset=manifest.stem,
         fingerprint=side.store.fingerprint,
         split=side.name,
         scenes=list(side.scenes),
@@ -272,7 +260,7 @@ def _side_record(side: Side) -> SideRecord:
         inverted=side.inverted,
         counts=histogram.counts.tolist(),
         expanded=np.round(histogram.expanded, 3).tolist(),
-        simulated=side.store.manifest.simulated,
+        simulated=manifest.simulated,
     )
 
 
@@ -312,7 +300,7 @@ def coverage_table(record: CoverageRecord) -> Table:
             percent(item.share),
             f"{item.test_pixels:,}",
             f"{item.train_pixels:,}",
-            _scenes_of(item),
+            listed((f"{name} {percent(s)}" for name, s in item.scenes.items()), _SCENES_NAMED),
         )
         for item in record.ranges
     )
@@ -400,9 +388,3 @@ def _notes(record: CoverageRecord) -> list[str]:
 def _name(side: SideRecord) -> str:
     scenes = counted(len(side.scenes), "scene")
     return f"{side.label}, {side.split} ({counted(side.pairs, 'pair')} of {scenes})"
-
-
-def _scenes_of(item: RangeRecord) -> str:
-    named = [f"{name} {percent(share)}" for name, share in item.scenes.items()]
-    more = len(named) - _SCENES_NAMED
-    return ", ".join(named[:_SCENES_NAMED]) + (f", {more} more" if more > 0 else "")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,6 @@ def split_difficulty(
         If a depth map is damaged.
     """
     manifest, recipe = store.manifest, store.recipe
-    manifest.scenes_of(split)
     pairs = store.pairs(split)
     if recipe is None:
         why = "its track gives none" if manifest.on_track else "captured images"
@@ -156,9 +156,7 @@ def split_difficulty(
     return found
 
 
-def difficulty_rows(
-    manifest: Manifest, found: Mapping[Pair, Difficulty]
-) -> list[dict[str, object]]:
+def difficulty_rows(manifest: Manifest, found: Mapping[Pair, Difficulty]) -> list[dict[str, Any]]:
     """Return mean shares and median steps by scene and lighting, views taken together."""
     lighting = _lighting(manifest)
     groups: dict[tuple[str, tuple[int, ...]], list[Difficulty]] = {}
@@ -177,7 +175,7 @@ def difficulty_rows(
     ]
 
 
-def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: int) -> Table:
+def difficulty_table(manifest: Manifest, rows: list[dict[str, Any]], noise: int) -> Table:
     """Return the rows as a table."""
     lighting = _lighting(manifest)
     columns = ("scene", *lighting, "1 apart", f"{COARSE} apart", "median step")
@@ -202,7 +200,7 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: i
 
 
 def difficulty_as_json(
-    manifest: Manifest, fingerprint: str, noise: int, rows: list[dict[str, object]]
+    manifest: Manifest, fingerprint: str, noise: int, rows: list[dict[str, Any]]
 ) -> str:
     """Return the rows as JSON."""
     return as_json(
@@ -228,10 +226,9 @@ def _mean(values: list[float]) -> float:
     return math.fsum(defined) / len(defined) if defined else math.nan
 
 
-def _percent(value: object) -> str:
-    assert isinstance(value, float)
+def _percent(value: float) -> str:
     return NOTHING if math.isnan(value) else percent(value)
 
 
-def _step(value: object) -> str:
+def _step(value: int | None) -> str:
     return NOTHING if value is None else "none" if value == UNSEEN else str(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import re
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
@@ -126,6 +127,8 @@ def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
     return hashes
 
 
+# One scene is on many sides where each is tested against all others.
+@functools.lru_cache(maxsize=1024)
 def _hashes_of(store: Dataset, scene: str) -> Hashes:
     manifest = store.manifest
     views = manifest.depth.axes
@@ -197,23 +200,14 @@ def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list
     ]
 
 
-def find_leaks(
-    train: Manifest,
-    train_hashes: Mapping[str, Hashes],
-    test: Manifest,
-    test_hashes: Mapping[str, Hashes],
-) -> list[Leak]:
-    """Return everything that both sides share; the hashes say which scenes are on which side."""
-    leaks = manifest_leaks(train, tuple(train_hashes), test, tuple(test_hashes))
-    shared = {leak.test for leak in leaks if leak.kind is LeakKind.scene}
-    rest = {scene: images for scene, images in test_hashes.items() if scene not in shared}
-    return leaks + image_leaks(train_hashes, rest)
-
-
 def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
     """Return everything that the two sides of a comparison share."""
-    of_train, of_test = (scene_hashes(side.store, side.scenes) for side in (train, test))
-    return tuple(find_leaks(train.store.manifest, of_train, test.store.manifest, of_test))
+    one, other = train.store.manifest, test.store.manifest
+    leaks = manifest_leaks(one, tuple(train.scenes), other, tuple(test.scenes))
+    shared = {leak.test for leak in leaks if leak.kind is LeakKind.scene}
+    rest = [scene for scene in test.scenes if scene not in shared]
+    hashes = scene_hashes(train.store, train.scenes), scene_hashes(test.store, rest)
+    return (*leaks, *image_leaks(*hashes))
 
 
 def scenes_alike(manifest: Manifest, hashes: Mapping[str, Hashes]) -> list[tuple[str, ...]]:

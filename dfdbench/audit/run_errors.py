@@ -16,6 +16,7 @@ from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import answer_digest, read_prediction, require_pairs_of
@@ -23,6 +24,8 @@ from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, counted, percent
 
+#: An evaluated pair, its depth levels, where they are known and answered, and the answer.
+Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
 #: Below this share of the error, uncovered levels are not what is wrong.
 _SMALL = 0.1
 WHOLE = np.ones(LEVELS, bool)
@@ -43,12 +46,6 @@ class LevelErrors:
     pixels: NDArray[np.int64]
     absolute: NDArray[np.float64]
     squared: NDArray[np.float64]
-
-    @classmethod
-    def total(cls, parts: Iterable[LevelErrors]) -> LevelErrors:
-        """Return the sum of several."""
-        none = cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), np.zeros(LEVELS))
-        return field_sums(none, *parts)
 
     def share(self, levels: Mask) -> float:
         """Return the share of the known pixels on some levels."""
@@ -108,16 +105,13 @@ class ErrorJoin:
 
     Parameters
     ----------
-    pairs : dict of str to LevelErrors
-        By the pair's id, in the result's order.
-    scenes : dict of str to str
-        The scene of each pair.
+    pairs : dict of Pair to LevelErrors
+        In the result's order.
     levels : dict of Verdict to ndarray of bool, shape (256,)
         The levels of each verdict, in the ground truth's sense of depth.
     """
 
-    pairs: dict[str, LevelErrors]
-    scenes: dict[str, str]
+    pairs: dict[Pair, LevelErrors]
     levels: dict[Verdict, Mask]
 
     @property
@@ -128,13 +122,13 @@ class ErrorJoin:
     @property
     def total(self) -> LevelErrors:
         """The errors of all pairs."""
-        return LevelErrors.total(self.pairs.values())
+        return field_sums(*self.pairs.values())
 
     def of_scenes(self) -> dict[str, LevelErrors]:
         """Return the errors by scene."""
-        names = dict.fromkeys(self.scenes.values())
+        names = dict.fromkeys(pair.scene for pair in self.pairs)
         return {
-            name: LevelErrors.total(e for id_, e in self.pairs.items() if self.scenes[id_] == name)
+            name: field_sums(*(e for pair, e in self.pairs.items() if pair.scene == name))
             for name in names
         }
 
@@ -147,19 +141,17 @@ def join_errors(store: Dataset, result: Result, folder: Path, record: CoverageRe
     ResultError
         As by `kept_predictions`.
     """
-    errors, scenes = {}, {}
-    for pair, depth, valid, prediction in kept_predictions(store, result, folder):
-        errors[pair.id] = level_errors(depth, valid, prediction)
-        scenes[pair.id] = pair.scene
+    errors = {
+        pair.pair: level_errors(depth, valid, prediction)
+        for pair, depth, valid, prediction in kept_predictions(store, result, folder)
+    }
     levels = {verdict: record.levels(verdict) for verdict in Verdict}
     if record.test.inverted:
         levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
-    return ErrorJoin(errors, scenes, levels)
+    return ErrorJoin(errors, levels)
 
 
-def kept_predictions(
-    store: Dataset, result: Result, folder: Path
-) -> Iterator[tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]]:
+def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[Told]:
     """Yield each evaluated pair of a run, its depth, where that is known, and the prediction.
 
     Parameters
@@ -332,8 +324,8 @@ def level_count_table(side: Side) -> Table:
     ]
     if side.absent:
         notes.append(f"not in the store, so not counted: {', '.join(side.absent)}")
-    scenes = counted(len(side.scenes), "scene")
-    title = f"depths of {side.label}, {side.name} ({counted(histogram.pairs, 'pair')} of {scenes})"
+    held = f"{counted(histogram.pairs, 'pair')} of {counted(len(side.scenes), 'scene')}"
+    title = f"depths of {side.store.manifest.label}, {side.name} ({held})"
     columns = ("levels", "pixels", "share", "do not occur")
     records = tuple(
         {"level": level, "pixels": count, "share": count / known}
@@ -376,37 +368,33 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
         As by `dfdbench.audit.run_errors.kept_predictions`.
     """
     found = kept_predictions(store, result, folder)
-    pairs = ((pair.id, depth, valid, answer) for pair, depth, valid, answer in found)
-    return _summed(name, pairs, store.manifest.depth.scale)
+    return _summed(name, found, store.manifest.depth.scale)
 
 
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors that one level everywhere makes on the pairs of a run."""
-    depths = ((pair.id, *store.read_levels(pair.pair)) for pair in result.evaluated)
-    pairs = (
-        (i, depth, valid, np.full(depth.shape, level, np.float32)) for i, depth, valid in depths
+    depths = ((pair, *store.read_levels(pair.pair)) for pair in result.evaluated)
+    found = (
+        (pair, depth, valid, np.full(depth.shape, level, np.float32))
+        for pair, depth, valid in depths
     )
-    return _summed(name, pairs, store.manifest.depth.scale)
+    return _summed(name, found, store.manifest.depth.scale)
 
 
-def _summed(
-    name: str,
-    pairs: Iterable[tuple[str, NDArray[np.uint8], Mask, NDArray[np.float32]]],
-    scale: DepthScale | None,
-) -> DepthErrors:
+def _summed(name: str, found: Iterable[Told], scale: DepthScale | None) -> DepthErrors:
     ids, levels, metres = [], [], []
     answers = np.zeros(LEVELS * LEVELS, np.int64)
-    for id_, depth, valid, prediction in pairs:
-        ids.append(id_)
+    for pair, depth, valid, prediction in found:
+        ids.append(pair.id)
         levels.append(level_errors(depth, valid, prediction))
         if scale is not None:
             metres.append(level_errors(depth, valid, prediction, scale))
         answer = np.clip(np.rint(prediction[valid]), 0, LAST_LEVEL).astype(np.int64)
         known = depth[valid].astype(np.int64)
         answers += np.bincount(known * LEVELS + answer, minlength=LEVELS * LEVELS)
-    in_metres = LevelErrors.total(metres) if scale is not None else None
-    total = LevelErrors.total(levels)
-    return DepthErrors(name, tuple(ids), total, in_metres, answers.reshape(LEVELS, LEVELS))
+    in_metres = field_sums(*metres) if metres else None
+    by_answer = answers.reshape(LEVELS, LEVELS)
+    return DepthErrors(name, tuple(ids), field_sums(*levels), in_metres, by_answer)
 
 
 def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors]) -> list[Table]:

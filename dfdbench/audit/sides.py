@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TypeVar
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.fingerprint import array_digest, scene_record
+from dfdbench.datasets.fingerprint import scene_record, variable_digest
 from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 
@@ -106,9 +106,8 @@ def expected_uses(shape: tuple[int, ...], crop_size: int = CROP_SIZE) -> NDArray
     uses = []
     for extent in shape:
         crop = min(crop_size, extent)
-        places = np.arange(extent)
-        count = np.minimum(np.minimum(places + 1, extent - places), min(crop, extent - crop + 1))
-        uses.append(count / (extent - crop + 1))
+        starts = extent - crop + 1
+        uses.append(np.convolve(np.ones(starts), np.ones(crop)) / starts)
     return np.outer(*uses)
 
 
@@ -165,23 +164,14 @@ class Side:
     inverted: bool = False
 
     @property
-    def dataset(self) -> str:
-        """The manifest's name and version."""
-        return self.store.manifest.stem
-
-    @property
-    def label(self) -> str:
-        """The data set's name in tables and figures; simulated captures say so."""
-        return self.store.manifest.label
-
-    @property
     def histogram(self) -> DepthHistogram:
         """The histogram of all its scenes."""
         return DepthHistogram.total(self.scenes.values())
 
 
-def scene_histograms(store: Dataset) -> dict[str, DepthHistogram]:
-    """Count each scene's depth levels over the pairs that the manifest gives it.
+@functools.lru_cache(maxsize=4)
+def scene_histograms(store: Dataset) -> Mapping[str, DepthHistogram]:
+    """Count each scene's depth levels over the pairs that the manifest gives it, once a store.
 
     The weights are the manifest's pairs, not the store's, so that a store with one lighting a
     scene leads to the same verdicts as the whole set. A depth map without a known pixel stands
@@ -217,29 +207,40 @@ def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     # Lost parts of an array read as zeros: only the digest tells them from depths.
     with store.reading(f"{scene}/depth"):
         arrays = store.stored(scene)
-        depth = np.asarray(arrays["depth"].values)
+        depth = arrays["depth"].load()
     recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
-    if array_digest("depth", tuple(map(str, arrays["depth"].dims)), depth) != recorded["depth"]:
+    if variable_digest(depth) != recorded["depth"]:
         what = "the store is damaged: an array holds other values than were built"
         fix = f"dfdbench verify {store.path} lists all that is damaged"
         raise StoreError(what, where=f"{store.path}, {scene}/depth", fix=fix)
-    return store.manifest.depth.levels_of(depth), np.isfinite(depth)
+    return store.manifest.depth.levels_of(depth.values), np.isfinite(depth.values)
 
 
 def side_of(
-    store: Dataset,
-    histograms: dict[str, DepthHistogram],
-    name: str,
-    scenes: tuple[str, ...],
-    inverted: bool = False,
+    store: Dataset, name: str, scenes: tuple[str, ...] | None = None, inverted: bool = False
 ) -> Side:
     """Return one side of a comparison: some scenes of a store, under a name.
 
+    Parameters
+    ----------
+    store : Dataset
+        What holds the scenes.
+    name : str
+        What the side is called.
+    scenes : tuple of str, optional
+        By default those of the split of that name.
+    inverted : bool
+        Whether levels are turned round (Eq. 7.1).
+
     Raises
     ------
+    UnknownNameError
+        If no scenes are given, and there is no such split.
     StoreError
         If the store holds none of the scenes.
     """
+    scenes = store.manifest.scenes_of(name) if scenes is None else scenes
+    histograms = scene_histograms(store)
     chosen = {
         scene: histograms[scene].inverted() if inverted else histograms[scene]
         for scene in scenes
@@ -252,7 +253,7 @@ def side_of(
     return Side(store, name, chosen, absent, inverted)
 
 
-def all_but(store: Dataset, histograms: dict[str, DepthHistogram], fold: str) -> Side:
+def all_but(store: Dataset, fold: str) -> Side:
     """Return the training side that leaves out a fold, or a single scene.
 
     Raises
@@ -263,7 +264,7 @@ def all_but(store: Dataset, histograms: dict[str, DepthHistogram], fold: str) ->
         If the store holds none of the other scenes.
     """
     require_fold(store.manifest, fold)
-    return side_of(store, histograms, f"all but {fold}", training_of(store.manifest, fold))
+    return side_of(store, f"all but {fold}", training_of(store.manifest, fold))
 
 
 def sides_of(
@@ -298,15 +299,9 @@ def sides_of(
     if fold is not None and (train or test or other):
         fix = "leave out --train, --test and --test-dataset"
         raise InputError("a fold says both what trains and what tests", where="--fold", fix=fix)
-    histograms = scene_histograms(store)
-    manifest = store.manifest
     if fold is not None:
-        tested = side_of(store, histograms, fold, manifest.scenes_of(fold))
-        return all_but(store, histograms, fold), tested
-    tester, found = (store, histograms) if other is None else (other, scene_histograms(other))
-    train, test = train or "train", test or ("test" if other is None else "all")
-    inverted = manifest.depth.grows_with != tester.manifest.depth.grows_with
-    return (
-        side_of(store, histograms, train, manifest.scenes_of(train)),
-        side_of(tester, found, test, tester.manifest.scenes_of(test), inverted),
-    )
+        tested = side_of(store, fold)
+        return all_but(store, fold), tested
+    tester, test = (store, test or "test") if other is None else (other, test or "all")
+    inverted = store.manifest.depth.grows_with != tester.manifest.depth.grows_with
+    return side_of(store, train or "train"), side_of(tester, test, inverted=inverted)

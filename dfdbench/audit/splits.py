@@ -4,12 +4,12 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import USUAL, Criterion, DensityBound, check_allowance, uncovered
+from dfdbench.audit.coverage import USUAL, Criterion, Rule
 from dfdbench.audit.leaks import scene_hashes, scenes_alike
 from dfdbench.audit.sides import as_ranges, scene_histograms
 from dfdbench.datasets.dataset import Dataset
@@ -92,21 +92,14 @@ class Scenes:
         Known pixels of each level, weighted by pairs.
     groups : tuple of tuple of str
         Scenes to keep together (`dfdbench.audit.leaks.scenes_alike`).
-    criterion, bound
-        What makes a level uncovered.
-    allowed : float
-        Uncovered share that still counts as covered.
+    rule : Rule
+        What makes a level uncovered, and a test.
     """
 
     names: Group
     counts: NDArray[np.int64]
     groups: tuple[Group, ...]
-    criterion: Criterion = Criterion.either
-    bound: DensityBound = USUAL
-    allowed: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_allowance(self.allowed)
+    rule: Rule = USUAL
 
     def judge(self, tests: Sequence[Group]) -> list[Candidate]:
         """Return a candidate for each test set."""
@@ -120,22 +113,22 @@ class Scenes:
                 member[row, [place[name] for name in test]] = 1
             in_test = member @ self.counts
             in_train = total - in_test
-            levels = uncovered(in_train, in_test, self.criterion, self.bound)
+            levels = self.rule.uncovered(in_train, in_test)
             known = np.maximum(in_test.sum(axis=1), 1)
             shares = np.where(levels, in_test, 0).sum(axis=1) / known
             trained = np.maximum(in_train.sum(axis=1), 1)
             overlaps = np.minimum(in_test / known[:, None], in_train / trained[:, None]).sum(axis=1)
             numbers = zip(part, shares.tolist(), overlaps.tolist(), strict=True)
             judged += [
-                Candidate(test, share, round(overlap, 12), share <= self.allowed)
+                Candidate(test, share, round(overlap, 12), share <= self.rule.allowed_share)
                 for test, share, overlap in numbers
             ]
         return judged
 
-    def alone(self, name: str) -> NDArray[np.bool_]:
+    def alone(self, name: str, criterion: Criterion | None = None) -> NDArray[np.bool_]:
         """Return the levels that a scene's fellows do not cover when it is tested alone."""
         own = self.counts[self.names.index(name)]
-        return uncovered(self.counts.sum(axis=0) - own, own, self.criterion, self.bound)
+        return self.rule.uncovered(self.counts.sum(axis=0) - own, own, criterion)
 
 
 def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ranking:
@@ -237,29 +230,26 @@ def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
                 least[name] = min(least[name], candidate.uncovered)
     found = []
     for name in scenes.names:
-        by_count = replace(scenes, criterion=Criterion.thesis).alone(name)
-        proven = scenes.criterion is not Criterion.density and by_count.any()
-        if least[name] > scenes.allowed if exhaustive else proven:
+        by_count = scenes.alone(name, Criterion.thesis)
+        proven = scenes.rule.criterion is not Criterion.density and by_count.any()
+        if least[name] > scenes.rule.allowed_share if exhaustive else proven:
             levels = by_count if proven else scenes.alone(name)
             found.append(Hopeless(name, as_ranges(levels), least[name]))
     return found
 
 
-@dataclass(frozen=True)
-class Folds:
-    """A cross validation: each scene in one fold, in the order of their scenes."""
+#: A cross validation: each scene in one fold, in the order of their scenes.
+Folds = tuple[Candidate, ...]
 
-    folds: tuple[Candidate, ...]
 
-    @property
-    def not_covered(self) -> int:
-        """How many folds are not covered."""
-        return sum(not fold.covered for fold in self.folds)
+def not_covered(folds: Folds) -> int:
+    """Return how many folds are not covered."""
+    return sum(not fold.covered for fold in folds)
 
-    @property
-    def cost(self) -> tuple[int, float]:
-        """The rank of a partition: folds not covered, then the sum of their shares."""
-        return self.not_covered, round(math.fsum(fold.uncovered for fold in self.folds), 12)
+
+def cost(folds: Folds) -> tuple[int, float]:
+    """Return the rank of a partition: folds not covered, then the sum of their shares."""
+    return not_covered(folds), round(math.fsum(fold.uncovered for fold in folds), 12)
 
 
 def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
@@ -282,14 +272,13 @@ def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
         tests = [_in_order(scenes, fold) for fold in folds]
         unknown = [test for test in tests if test not in known]
         known.update(zip(unknown, scenes.judge(unknown), strict=True))
-        return Folds(tuple(known[test] for test in tests))
+        return tuple(known[test] for test in tests)
 
-    proposals: dict[tuple[Group, ...], Folds] = {}
+    proposals: set[Folds] = set()
     for _ in range(_RESTARTS):
         best = _improve(_random_folds(scenes, number, random), judge)
-        folds = tuple(sorted(best.folds, key=lambda f: scenes.names.index(f.test[0])))
-        proposals[tuple(fold.test for fold in folds)] = Folds(folds)
-    return sorted(proposals.values(), key=lambda p: (p.cost, [fold.test for fold in p.folds]))
+        proposals.add(tuple(sorted(best, key=lambda fold: scenes.names.index(fold.test[0]))))
+    return sorted(proposals, key=lambda folds: (cost(folds), [fold.test for fold in folds]))
 
 
 def _random_folds(scenes: Scenes, number: int, random: np.random.Generator) -> list[list[Group]]:
@@ -307,16 +296,16 @@ def _improve(
     while better:
         better = False
         for a, b in itertools.combinations(range(len(folds)), 2):
-            least = judge([folds[a], folds[b]]).cost
+            least = cost(judge([folds[a], folds[b]]))
             if least == (0, 0.0):
                 continue
             for i, j in itertools.product(range(len(folds[a])), range(len(folds[b]))):
                 if len(folds[a][i]) != len(folds[b][j]):
                     continue
                 folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
-                cost = judge([folds[a], folds[b]]).cost
-                if cost < least:
-                    least, better = cost, True
+                swapped = cost(judge([folds[a], folds[b]]))
+                if swapped < least:
+                    least, better = swapped, True
                 else:
                     folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
     return judge(folds)
@@ -361,18 +350,18 @@ def folds_table(
     best = proposals[0]
     rows = tuple(
         (_fold_name(number), *_cells(manifest, fold), "yes" if fold.covered else "no")
-        for number, fold in enumerate(best.folds, 1)
+        for number, fold in enumerate(best, 1)
     )
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
-    if published.folds:
-        ahead = sum(proposal.cost < published.cost for proposal in proposals)
+    if published:
+        ahead = sum(cost(proposal) < cost(published) for proposal in proposals)
         score = _score("published folds", published)
         notes.append(f"{score}: {ahead} of {len(proposals)} found are better")
     if hopeless:
-        largest = max(len(fold.test) for fold in best.folds)
+        largest = max(len(fold.test) for fold in best)
         notes.append(
             f"{len(hopeless)} scenes leave their fold uncovered whatever else is in it; they fill "
-            f"at least {math.ceil(len(hopeless) / largest)} of {len(best.folds)} folds"
+            f"at least {math.ceil(len(hopeless) / largest)} of {len(best)} folds"
         )
     for item in hopeless:
         why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
@@ -396,7 +385,7 @@ def folds_fragment(folds: Folds, why: str) -> str:
     """Return folds as the lines of a manifest, instead of those that it has."""
     tables = [
         f'[[folds]]\nname = "{_fold_name(number)}"\ntest_scenes = {json.dumps(list(fold.test))}\n'
-        for number, fold in enumerate(folds.folds, 1)
+        for number, fold in enumerate(folds, 1)
     ]
     return "\n".join([f"# {why}\n# They replace the manifest's own folds.\n", *tables])
 
@@ -408,10 +397,7 @@ def settings_of(
     return {
         "dataset": manifest.stem,
         "fingerprint": fingerprint,
-        "criterion": scenes.criterion,
-        "allowed_share": scenes.allowed,
-        "density_factor": scenes.bound.factor,
-        "density_floor": scenes.bound.floor,
+        **asdict(scenes.rule),
         "seed": seed,
         "absent_scenes": [name for name in manifest.scene_names if name not in scenes.names],
         "kept_together": [list(group) for group in scenes.groups if len(group) > 1],
@@ -427,15 +413,7 @@ class Proposal:
     files: dict[str, str]
 
 
-def propose(
-    store: Dataset,
-    size: int | None,
-    folds: int | None,
-    criterion: Criterion = Criterion.either,
-    bound: DensityBound = USUAL,
-    allowed: float = 0.0,
-    seed: int = 0,
-) -> Proposal:
+def propose(store: Dataset, size: int | None, folds: int | None, rule: Rule, seed: int) -> Proposal:
     """Propose test sets of a size, or folds, of the scenes whose depth a store holds.
 
     Parameters
@@ -444,7 +422,7 @@ def propose(
         The data set; scenes that look alike stay together.
     size, folds : int or None
         How many scenes are tested, or how many folds there are: one of them.
-    criterion, bound, allowed
+    rule : Rule
         As of `Scenes`.
     seed : int
         Of what is drawn.
@@ -459,7 +437,7 @@ def propose(
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])
-    scenes = Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allowed)
+    scenes = Scenes(tuple(histograms), counts, tuple(groups), rule)
     settings = settings_of(store.manifest, store.fingerprint, scenes, seed)
     if size is not None:
         return _proposed_tests(store.manifest, scenes, settings, size, seed)
@@ -487,7 +465,7 @@ def _proposed_tests(
     )
     verb = f"dfdbench audit split {manifest.short} --test-scenes {size}"
     fragment = split_fragment(manifest, best, train, f"{verb}: {why}")
-    table = ranked_splits_table(manifest, ranking, published, scenes.criterion)
+    table = ranked_splits_table(manifest, ranking, published, scenes.rule.criterion)
     return Proposal(f"test-{size}", table, {"split.json": content, "split.toml": fragment})
 
 
@@ -496,14 +474,14 @@ def _proposed_folds(
 ) -> Proposal:
     proposals = propose_folds(scenes, number, seed)
     best = proposals[0]
-    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best})
     tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
-    published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    kept = [{"not_covered": p.not_covered, "folds": p.folds} for p in (published, *proposals)]
+    published = tuple(scenes.judge([test for test in tests if test]))
+    kept = [{"not_covered": not_covered(p), "folds": p} for p in (published, *proposals)]
     content = as_json(
         "split, folds",
         **settings,
-        published=kept[0] if published.folds else None,
+        published=kept[0] if published else None,
         proposals=kept[1 : SHOWN + 1],
         cannot_be_covered=hopeless,
     )
@@ -515,11 +493,13 @@ def _proposed_folds(
 
 
 def _chosen_by(manifest: Manifest, scenes: Scenes, seed: int) -> str:
-    said = f"criterion {scenes.criterion}, seed {seed}"
-    if scenes.criterion is not Criterion.thesis and scenes.bound != USUAL:
-        said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
-    if scenes.allowed:
-        said += f", allowed share {scenes.allowed:g}"
+    rule, factor, floor = scenes.rule, scenes.rule.density_factor, scenes.rule.density_floor
+    said = f"criterion {rule.criterion}, seed {seed}"
+    usual = (factor, floor) == (USUAL.density_factor, USUAL.density_floor)
+    if rule.criterion is not Criterion.thesis and not usual:
+        said += f", density factor {factor:g}, floor {floor:g}"
+    if rule.allowed_share:
+        said += f", allowed share {rule.allowed_share:g}"
     absent = [name for name in manifest.scene_names if name not in scenes.names]
     return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
@@ -540,9 +520,9 @@ def _fold_name(number: int) -> str:
 
 
 def _score(what: str, folds: Folds) -> str:
-    worst: Candidate = max(folds.folds, key=lambda fold: fold.uncovered)
+    worst = max(folds, key=lambda fold: fold.uncovered)
     return (
-        f"{what}: {folds.not_covered} of {len(folds.folds)} not covered, at worst "
+        f"{what}: {not_covered(folds)} of {len(folds)} not covered, at worst "
         f"{percent(worst.uncovered)} ({', '.join(worst.test)})"
     )
 

@@ -2,9 +2,9 @@
 
 from enum import StrEnum
 
-from dfdbench.audit.coverage import Criterion, share_of, uncovered
+from dfdbench.audit.coverage import USUAL, share_of
 from dfdbench.audit.leaks import FORM, NAMED, is_called, scenes_said, scenes_seen
-from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
+from dfdbench.audit.sides import Side, all_but, as_ranges, side_of
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import training_of
 from dfdbench.errors import DfdbenchError, InputError
@@ -61,17 +61,16 @@ def sides_of_run(
     Without a name, the split ``"train"`` is taken for training, or all other scenes if a fold
     was tested, or a scene in ``"train"``.
     """
-    histograms, scenes_of = scene_histograms(store), store.manifest.scenes_of
-    test = side_of(store, histograms, split, scenes_of(split))
+    test = side_of(store, split)
     if fold:
-        return all_but(store, histograms, fold), test, Training.known
+        return all_but(store, fold), test, Training.known
     if train:
-        return side_of(store, histograms, train, scenes_of(train)), test, Training.known
+        return side_of(store, train), test, Training.known
     if trained_on and (named := training_side(trained_on, store)):
         return named, test, Training.known
     name, scenes = _usual_training(store, split)
     training = Training.unknown if trained_on else Training.none
-    return side_of(store, histograms, name, scenes), test, training
+    return side_of(store, name, scenes), test, training
 
 
 def _usual_training(store: Dataset, split: str) -> tuple[str, tuple[str, ...]]:
@@ -111,7 +110,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
     inverted = training.manifest.depth.grows_with != own.depth.grows_with
     scenes = scenes_said(training.manifest, said)
-    return side_of(training, scene_histograms(training), name, scenes, inverted)
+    return side_of(training, name, scenes, inverted)
 
 
 def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> list[str]:
@@ -128,14 +127,15 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
         train = training_side(trained_on, store)
         if train is None:
             return [*warnings, f"depths not compared with training: trained_on is not {FORM}"]
-        test = side_of(store, scene_histograms(store), split, store.manifest.scenes_of(split))
+        test = side_of(store, split)
     except DfdbenchError as error:
         return [*warnings, f"depths not compared with training: {error.problems[0].what}"]
     counts = test.histogram.counts
-    levels = uncovered(train.histogram.counts, counts, Criterion.either)
+    levels = USUAL.uncovered(train.histogram.counts, counts)
     if levels.any():
+        trained = f"{train.store.manifest.stem}, {train.name}"
         warnings.append(
             f"{percent(share_of(counts, levels))} of the test's known pixels lie on depth levels "
-            f"that {train.dataset}, {train.name}, leaves missing or scarce: {as_ranges(levels)}"
+            f"that {trained}, leaves missing or scarce: {as_ranges(levels)}"
         )
     return warnings

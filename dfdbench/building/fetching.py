@@ -4,11 +4,10 @@ import hashlib
 import re
 import threading
 import zipfile
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -116,8 +115,8 @@ class Fetcher:
         self._done = self._files = self._received = 0
         #: Files that were set aside, each content of a name once.
         self.refused = 0
-        self._failures: Counter[str] = Counter()
-        self._why: dict[str, str] = {}
+        #: Why the last files in a row were not fetched, by server.
+        self._failures: defaultdict[str, list[str]] = defaultdict(list)
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
             _TRIES - 1,
@@ -215,19 +214,19 @@ class Fetcher:
             host = urlsplit(address).netloc
         except ValueError as error:
             raise _unreachable(address, requests.exceptions.InvalidURL(error)) from error
-        if self._failures[host] >= _FAILURES_TO_GIVE_UP:
-            got = f"{self._failures[host]} files in a row not fetched: {self._why[host]}"
+        failures = self._failures[host]
+        if len(failures) >= _FAILURES_TO_GIVE_UP:
+            got = f"{len(failures)} files in a row not fetched: {failures[-1]}"
             raise _UnreachableError("the server was given up", where=address, got=got, fix=_LATER)
         try:
             part.parent.mkdir(parents=True, exist_ok=True)
             self._receive(address, part)
         except _UnreachableError as error:
-            self._failures[host] += 1
-            self._why[host] = error.problems[0].got or error.problems[0].what
+            failures.append(error.problems[0].got or error.problems[0].what)
             raise
         except OSError as error:
             raise cannot_keep(part, error) from error
-        self._failures[host] = 0
+        failures.clear()
 
     def _receive(self, address: str, part: Path) -> None:
         reason = ""
@@ -383,17 +382,17 @@ def lock_name(manifest: Manifest) -> str:
     return f"{manifest.file_stem}.lock"
 
 
-def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str, str]:
+def known_checksums(manifest: Manifest, folder: Path) -> dict[str, str]:
     """Return the SHA-256 of files by their names, ``SCENE/...``.
 
-    The manifest's own come first, then those of the lock file released with it, then those of
-    the lock file that the first complete download wrote.
+    The manifest's own come first, then those of the lock file that the first complete download
+    wrote.
 
     Parameters
     ----------
     manifest : Manifest
         The data set.
-    folder : Path, optional
+    folder : Path
         Where its downloads lie.
 
     Raises
@@ -401,17 +400,11 @@ def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str,
     SourceError
         Where a lock file is damaged.
     """
-    known: dict[str, str] = {}
-    if folder is not None:
-        known |= read_checksums(folder / lock_name(manifest))
-    released = resources.files("dfdbench.manifests") / lock_name(manifest)
-    if released.is_file():
-        known |= parse_checksums(released.read_text(encoding="utf-8"), lock_name(manifest))
-    return known | manifest.checksums
+    return read_checksums(folder / lock_name(manifest)) | manifest.checksums
 
 
 def read_checksums(path: Path) -> dict[str, str]:
-    """Return the SHA-256 by name of a lock file; none where there is no such file.
+    """Return the SHA-256 by name of a lock file, as ``sha256sum`` writes it; none without a file.
 
     Raises
     ------
@@ -421,31 +414,14 @@ def read_checksums(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     text = read_text_as(SourceError, path, "the lock file", "delete it")
-    return parse_checksums(text, str(path))
-
-
-def parse_checksums(text: str, where: str) -> dict[str, str]:
-    """Return the SHA-256 by name from text as ``sha256sum`` writes it.
-
-    Raises
-    ------
-    SourceError
-        With every line that is not of that form.
-
-    Examples
-    --------
-    >>> parse_checksums("0" * 64 + "  Art/disp1.png", "here")["Art/disp1.png"][:4]
-    '0000'
-    """
     known, problems = {}, []
     for number, line in enumerate(text.splitlines(), 1):
         if match := _LINE.fullmatch(line):
             known[match[2]] = match[1]
         else:
             what = f"not SHA-256, two blanks and a name: {line[:80]}"
-            problems.append(
-                Problem(what, where=f"{where}, line {number}", fix="delete the lock file")
-            )
+            where = f"{path}, line {number}"
+            problems.append(Problem(what, where=where, fix="delete the lock file"))
     SourceError.raise_if(problems)
     return known
 

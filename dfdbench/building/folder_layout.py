@@ -4,7 +4,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.folder import read_table
@@ -86,7 +86,7 @@ class Layout:
     scenes: tuple[Key, ...]
     by_order: bool
     left: tuple[str, ...]
-    images: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    images: Mapping[str, tuple[str, ...]]
 
     @property
     def stacks(self) -> tuple[Group, ...]:
@@ -162,7 +162,8 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    whole = _layouts(paths, (*_folders(paths), *_FORMS))
+    forms = (*_folders(paths), *_FORMS)
+    whole = [layout for form in forms if (layout := _layout(paths, form))]
     # A scene with a depth file and two others cannot be a kind of files read as a scene.
     order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
     return whole[order.index(max(order))] if whole else _by_order(paths)
@@ -203,7 +204,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
             images[template] = members
             taken.update(members)
     left = tuple(sorted({*paths, *images} - taken))
-    layouts = _layouts(left, _folders(left), 1, images)
+    layouts = [one for form in _folders(left) if (one := _layout(left, form, 1, images))]
     if len(images) == 1:
         key = ("", folder.resolve().name)
         groups = tuple(Group(path, {key: path}) for path in left)
@@ -303,15 +304,6 @@ def _with_depth(groups: tuple[Group, ...]) -> int:
     return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
-def _read(form: str, path: str) -> tuple[str, str] | None:
-    """Return a file's pattern and its scene; None if it has none."""
-    match = re.fullmatch(form, path, re.DOTALL)
-    if match is None or match["scene"] == "{split}":
-        return None
-    start, end = match.span("scene")
-    return f"{path[:start]}{{scene}}{path[end:]}", match["scene"]
-
-
 def _split_of(path: str) -> tuple[str, str]:
     parts = path.split("/")
     for level, part in enumerate(parts[:-1]):
@@ -321,25 +313,13 @@ def _split_of(path: str) -> tuple[str, str]:
     return path, ""
 
 
-def _layouts(
+def _layout(
     paths: tuple[str, ...],
-    forms: tuple[str, ...],
+    form: str,
     least: int = _ROLES,
     images: Mapping[str, tuple[str, ...]] = _NO_STACK,
-) -> list[Layout]:
-    layouts = (_layout(paths, form, least, images) for form in forms)
-    return [layout for layout in layouts if layout]
-
-
-def _layout(
-    paths: tuple[str, ...], form: str, least: int, images: Mapping[str, tuple[str, ...]]
 ) -> Layout | None:
-    found: dict[str, dict[Key, str]] = defaultdict(dict)
-    for path in paths:
-        told, split = _split_of(path)
-        if read := _read(form, told):
-            found[read[0]][split, read[1]] = path
-    found = _endings_joined(found)
+    found = _kinds(paths, form)
     times = Counter(key for files in found.values() for key in files)
     scenes = tuple(sorted(key for key, count in times.items() if count >= least))
     stacked = {key for files in found.values() for key in scenes if files.get(key) in images}
@@ -355,6 +335,18 @@ def _layout(
     depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
     return layout if scenes and len(limited) <= _MOST_GROUPS else None
+
+
+def _kinds(paths: tuple[str, ...], form: str) -> dict[str, dict[Key, str]]:
+    """Return the files by their pattern and their scene, where a form tells both."""
+    found: dict[str, dict[Key, str]] = defaultdict(dict)
+    for path in paths:
+        told, split = _split_of(path)
+        match = re.fullmatch(form, told, re.DOTALL)
+        if match and match["scene"] != "{split}":
+            start, end = match.span("scene")
+            found[f"{told[:start]}{{scene}}{told[end:]}"][split, match["scene"]] = path
+    return _endings_joined(found)
 
 
 def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str]]:
@@ -374,12 +366,7 @@ def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str
 
 
 def _by_order(paths: tuple[str, ...]) -> Layout | None:
-    named: dict[str, dict[Key, str]] = defaultdict(dict)
-    for path in paths:
-        told, split = _split_of(path)
-        if read := _read(_FORMS[0], told):
-            named[read[0]][split, read[1]] = path
-    found = _endings_joined(named)
+    found = _kinds(paths, _FORMS[0])
     sizes = Counter(map(_sizes, found.values()))
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
     if times < _ROLES:

@@ -138,8 +138,7 @@ def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
     # Reading the manifest checked that they are there.
     assert manifest.files is not None
     assert manifest.files.infocus is not None
-    inside = folder / (manifest.files.inside or "")
-    inside = inside if inside.is_dir() else folder
+    inside = manifest.files.folder_in(folder)
     head, _, tail = manifest.files.infocus.partition("{file}")
     ending = r"\.[^./]+" if tail == ANY_ENDING else re.escape(tail)
     fitting = re.compile(f"{re.escape(head)}([^/]+?){ending}")

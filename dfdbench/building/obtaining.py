@@ -69,7 +69,7 @@ def obtain(
             if folder is not None:
                 what = "--source reads a copy on disk: nothing is fetched"
             raise InputError(what, where=" and ".join(given), fix="leave it out")
-        return open_source(manifest, folder, known_checksums(manifest), steps), None
+        return open_source(manifest, folder, manifest.checksums, steps), None
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())

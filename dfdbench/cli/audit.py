@@ -1,7 +1,6 @@
 """The verbs of `audit`: coverage, depths, split, difficulty."""
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from typer import Argument, Option
 from dfdbench.audit import coverage as cover
 from dfdbench.audit import difficulty as hardness
 from dfdbench.audit import run_errors, splits
-from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes
+from dfdbench.audit.leaks import LeakError, leaks_between
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import Training, sides_of_run
 from dfdbench.board.row_file import read_row
@@ -65,8 +64,7 @@ def depths(
             raise InputError("a run says itself which split it is of", where="--split")
         tables = _errors(store, result, figure)
     else:
-        scenes = store.manifest.scenes_of(split or ALL_PAIRS)
-        side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
+        side = side_of(store, split or ALL_PAIRS)
         if figure is not None:
             screen.save_figure(audits.depths_figure(side), figure)
         tables = [run_errors.level_count_table(side)]
@@ -205,8 +203,8 @@ def split_command(
     folds: Annotated[int | None, Option(min=2, help="Propose this many folds instead.")] = None,
     criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = cover.DensityBound.factor,
-    density_floor: FloorOption = cover.DensityBound.floor,
+    density_factor: FactorOption = cover.Rule.density_factor,
+    density_floor: FloorOption = cover.Rule.density_floor,
     seed: Annotated[
         int, Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
@@ -215,8 +213,8 @@ def split_command(
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     store = open_dataset(dataset)
-    bound = cover.DensityBound(density_factor, density_floor)
-    found = splits.propose(store, test_scenes, folds, criterion, bound, allow, seed)
+    rule = cover.Rule(criterion, allow, density_factor, density_floor)
+    found = splits.propose(store, test_scenes, folds, rule, seed)
     screen.give([found.table], format, _place(out, store, "splits", found.name), found.files)
 
 
@@ -242,29 +240,28 @@ def coverage(
     ] = None,
     criterion: CriterionOption = cover.Criterion.either,
     allow: AllowOption = 0.0,
-    density_factor: FactorOption = cover.DensityBound.factor,
-    density_floor: FloorOption = cover.DensityBound.floor,
+    density_factor: FactorOption = cover.Rule.density_factor,
+    density_floor: FloorOption = cover.Rule.density_floor,
     out: Out = None,
     format: Printed = Format.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
-    bound = cover.DensityBound(density_factor, density_floor)
-    compare = partial(cover.compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
+    rule = cover.Rule(criterion, allow, density_factor, density_floor)
     run = load_result(result) if result else None
     named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
     store = open_dataset(dataset or (run.dataset.name if run else ""))
     if each:
-        _answer_each(store, each, compare, out, format)
+        _answer_each(store, each, rule, out, format)
     elif run and result:
         saw = run.method.trained_on or run.method.fitted_on
         side, tested, known = sides_of_run(store, run.dataset.split, saw, train, fold)
-        record = compare(side, tested, leaks=leaks_between(side, tested))
+        record = cover.compare_depths(side, tested, rule, leaks_between(side, tested))
         _answer_errors(store, run, _folder_of(result), known, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
-        record = compare(*both, leaks=leaks_between(*both))
+        record = cover.compare_depths(*both, rule, leaks_between(*both))
         figure = audits.coverage_figure(record)
         place = _place(out, store, "coverage", _compared(record))
         files: screen.Files = {"coverage.json": cover.as_json(record), "coverage.png": figure}
@@ -305,28 +302,20 @@ def _refuse_mixtures(
 
 
 def _answer_each(
-    store: Dataset,
-    each: Each,
-    compare: partial[cover.CoverageRecord],
-    out: str | None,
-    format: Format,
+    store: Dataset, each: Each, rule: cover.Rule, out: str | None, format: Format
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
     tests = folds if each == "fold" else {name: (name,) for name in histograms}
     if not tests:
         raise InputError(f"{manifest.stem} has no folds", where="--each", fix="--each scene")
-    hashes = scene_hashes(store, histograms)
     records = {}
     for name, scenes in tests.items():
         if any(scene in histograms for scene in scenes):
-            train, test = all_but(store, histograms, name), side_of(store, histograms, name, scenes)
-            of_train, of_test = ({s: hashes[s] for s in side.scenes} for side in (train, test))
-            leaks = find_leaks(manifest, of_train, manifest, of_test)
-            records[name] = compare(train, test, leaks=tuple(leaks))
+            train, test = all_but(store, name), side_of(store, name, scenes)
+            records[name] = cover.compare_depths(train, test, rule, leaks_between(train, test))
     bad = sum(not record.covered for record in records.values())
-    criterion = compare.keywords["criterion"]
-    verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
+    verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
     files = {"coverage.json": cover.each_as_json(records, each)}
     place = _place(out, store, "coverage", f"each-{each}")
     screen.give([cover.each_table(records, each)], format, place, files, verdict)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -128,6 +129,11 @@ class CapturedFiles(StrictRecord):
             axis: self.axis_names.get(axis, {}).get(str(v), str(v)) for axis, v in axes.items()
         }
         return {**names, "scene": scene, **places}
+
+    def folder_in(self, folder: Path) -> Path:
+        """Return the folder that patterns begin in: `inside` where that is there."""
+        below = folder / (self.inside or "")
+        return below if below.is_dir() else folder
 
     @property
     def table_columns(self) -> set[str] | None:

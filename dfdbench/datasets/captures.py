@@ -223,9 +223,8 @@ def capture_of(stack: xarray.DataArray) -> Capture:
     )
     about = LEVELS
     if stack.attrs.get("unit") == "metres":
-        near, far = (float(stack.attrs[key]) for key in ("near", "far"))
-        scale = DepthScale(near=near, far=far)
-        about = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=scale)
+        scale = DepthScale(near=float(stack.attrs["near"]), far=float(stack.attrs["far"]))
+        about = LEVELS.model_copy(update={"unit": "metres", "scale": scale})
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
     return Capture(Pair("stack", ()), stack.values, depth, facts, about)
 

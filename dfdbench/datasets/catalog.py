@@ -3,11 +3,12 @@
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from functools import cache
 from importlib import resources
 from pathlib import Path, PurePath
 from typing import Any
+
+from pydantic import BaseModel
 
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
@@ -120,8 +121,7 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
         raise StoreError(what, where=where, fix=fix) from error
 
 
-@dataclass(frozen=True)
-class Heading:
+class Heading(BaseModel, frozen=True):
     """What a released manifest says above its sections; fields as `Manifest` has them."""
 
     name: str
@@ -130,7 +130,7 @@ class Heading:
     title: str
     scene_count: int
     pair_count: int
-    recipe: str | None
+    recipe: str | None = None
 
     @property
     def stem(self) -> str:
@@ -157,9 +157,7 @@ def released_headings() -> tuple[Heading, ...]:
     folder = resources.files("dfdbench.manifests")
     files = (entry for entry in folder.iterdir() if entry.name.endswith(".toml"))
     texts = [*(entry.read_text("utf-8") for entry in files), *(unseen_text(f, 0) for f in FAMILIES)]
-    stated: list[Any] = [parse_toml(text.partition("\n[")[0]) for text in texts]
-    known = [field.name for field in fields(Heading)]
-    headings = (Heading(**{name: each.get(name) for name in known}) for each in stated)
+    headings = (Heading.model_validate(parse_toml(text.partition("\n[")[0])) for text in texts)
     return tuple(sorted(headings, key=lambda heading: (heading.name, heading.version)))
 
 

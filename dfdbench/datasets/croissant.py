@@ -2,10 +2,11 @@
 
 import json
 import tomllib
-from collections.abc import Iterator
 from datetime import date
 from importlib import resources
 from typing import Any
+
+from pydantic import Field
 
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.catalog import released_manifests
@@ -21,15 +22,15 @@ class Datasheet(StrictRecord):
     The rest are texts for people, as the Responsible-AI part of Croissant asks for them.
     """
 
-    published: date
-    synthetic: bool
+    published: date = Field(serialization_alias="datePublished")
+    limitations: str = Field(serialization_alias="rai:dataLimitations")
+    biases: str = Field(serialization_alias="rai:dataBiases")
+    personal: str = Field(serialization_alias="rai:personalSensitiveInformation")
+    use_cases: str = Field(serialization_alias="rai:dataUseCases")
+    social_impact: str = Field(serialization_alias="rai:dataSocialImpact")
+    synthetic: bool = Field(serialization_alias="rai:hasSyntheticData")
     derived_from: list[str]
     generated_by: str
-    limitations: str
-    biases: str
-    personal: str
-    use_cases: str
-    social_impact: str
 
 
 def datasheets() -> dict[str, Datasheet]:
@@ -104,20 +105,16 @@ def croissant_of(manifest: Manifest) -> dict[str, Any]:
         # Scenes that are found are not known before the set is built.
         **({"recordSet": [_records(manifest)]} if manifest.scenes else {}),
     }
-    return content | (dict(_responsible(sheet)) if sheet else {})
+    return content | (_responsible(sheet) if sheet else {})
 
 
-def _responsible(sheet: Datasheet) -> Iterator[tuple[str, Any]]:
-    yield "datePublished", sheet.published.isoformat()
-    yield "rai:dataLimitations", sheet.limitations
-    yield "rai:dataBiases", sheet.biases
-    yield "rai:personalSensitiveInformation", sheet.personal
-    yield "rai:dataUseCases", sheet.use_cases
-    yield "rai:dataSocialImpact", sheet.social_impact
-    yield "rai:hasSyntheticData", sheet.synthetic
-    yield "prov:wasDerivedFrom", [{"@id": address} for address in sheet.derived_from]
+def _responsible(sheet: Datasheet) -> dict[str, Any]:
+    own = {"derived_from", "generated_by"}
     building = {"@type": "prov:Activity", "prov:label": "dfdbench build"}
-    yield "prov:wasGeneratedBy", {**building, "description": sheet.generated_by}
+    return sheet.model_dump(mode="json", by_alias=True, exclude=own) | {
+        "prov:wasDerivedFrom": [{"@id": address} for address in sheet.derived_from],
+        "prov:wasGeneratedBy": {**building, "description": sheet.generated_by},
+    }
 
 
 def _file(manifest: Manifest) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -39,6 +38,7 @@ from dfdbench.errors import (
 )
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.system.thumbnails import gallery, heading
+from dfdbench.tables.table import Table, as_html
 
 if TYPE_CHECKING:
     import xarray
@@ -243,19 +243,14 @@ class Dataset:
 
     def _repr_html_(self) -> str:
         splits = ", ".join(f"{split.name} ({split.pairs} pairs)" for split in self.manifest.splits)
-        facts = {
-            "what": self.manifest.title,
-            "splits": splits or "none",
-            "defocus": self.recipe_name or "captured",
-            "fingerprint": self.fingerprint,
-            "place": str(self.path),
-        }
-        listed = "".join(
-            f"<tr><th style='text-align:left'>{name}</th>"
-            f"<td style='text-align:left'>{escape(value)}</td></tr>"
-            for name, value in facts.items()
+        facts = (
+            ("splits", splits or "none"),
+            ("defocus", self.recipe_name or "captured"),
+            ("fingerprint", self.fingerprint),
+            ("place", str(self.path)),
         )
-        return f"<table>{listed}</table>{self.captures()._repr_html_()}"
+        table = Table(self.manifest.title, ("fact", "value"), facts, "ll")
+        return as_html(table) + self.captures()._repr_html_()
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[UPath]]:
         # Another process opens it anew, perhaps in another working directory.

@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from importlib import resources
 from pathlib import Path, PurePosixPath
 
@@ -42,18 +42,22 @@ _COLOURS = 3
 _STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
 Finding = tuple[str, str]
+Known = Collection[str]
 
 
 def _contradictions(manifest: Manifest) -> Iterator[Finding]:
     """Yield what contradicts itself in a manifest whose fields are sound."""
-    checks = (_check_scenes, _check_axes, _check_exclusions, _check_splits, _check_folds)
-    for check in (*checks, _check_metres, _check_files, _check_patterns, _check_checksums):
+    named = (_check_scenes, _check_axes, _check_exclusions, _check_names, _check_splits)
+    others = (_check_folds, _check_metres, _check_files, _check_patterns, _check_checksums)
+    for check in named + others:
         yield from check(manifest)
 
 
-def _unknown(field: str, kind: str, got: str, known: Iterable[str]) -> Finding:
-    near = unknown_name(kind, got, known).problems[0]
-    return field, f"unknown {kind} {got}: {near.fix or near.expected}"
+def _unknown(field: str, kind: str, named: Iterable[str], known: Known) -> Iterator[Finding]:
+    for name in named:
+        if name not in known:
+            near = unknown_name(kind, name, known).problems[0]
+            yield field, f"unknown {kind} {name}: {near.fix or near.expected}"
 
 
 def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
@@ -65,8 +69,7 @@ def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
             yield "scenes", f"scene {name} is named as a file of the store"
     sources = [source.name for source in manifest.sources]
     for number, scene in enumerate(manifest.scenes):
-        if scene.source not in sources:
-            yield _unknown(f"scenes[{number}].source", "source", scene.source, sources)
+        yield from _unknown(f"scenes[{number}].source", "source", [scene.source], sources)
     if manifest.find_scenes:
         if not manifest.files or not manifest.files.infocus:
             yield "find_scenes", "nothing says where scenes are found: state files.infocus"
@@ -87,15 +90,12 @@ def _check_axes(manifest: Manifest) -> Iterator[Finding]:
             f"and none of {others}"
         if len(set(values)) != len(values):
             yield f"axes.{axis}", f"a value is listed twice: {values}"
-    table = manifest.table
-    named = [("depth.axes", axis) for axis in manifest.depth.axes]
-    named += [("table.blocks", table.blocks)]
-    named += [("table.rows", table.rows)] if table.rows else []
-    named += [("default_lighting", axis) for axis in manifest.default_lighting or {}]
-    for field, axis in named:
-        if axis not in axes:
-            yield _unknown(field, "axis", axis, axes)
-    for axis, value in (manifest.default_lighting or {}).items():
+    lighting = manifest.default_lighting or {}
+    yield from _unknown("depth.axes", "axis", manifest.depth.axes, axes)
+    yield from _unknown("table.blocks", "axis", [manifest.table.blocks], axes)
+    yield from _unknown("table.rows", "axis", filter(None, [manifest.table.rows]), axes)
+    yield from _unknown("default_lighting", "axis", lighting, axes)
+    for axis, value in lighting.items():
         if value not in axes.get(axis, [value]):
             yield f"default_lighting.{axis}", f"no such value: {value}, only {axes[axis]}"
 
@@ -106,9 +106,7 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
     seen: set[Pair] = set()
     for number, exclusion in enumerate(manifest.exclusions):
         field = f"exclusions[{number}]"
-        for axis in exclusion.coordinates:
-            if axis not in axes:
-                yield _unknown(f"{field}.coordinates", "axis", axis, axes)
+        yield from _unknown(f"{field}.coordinates", "axis", exclusion.coordinates, axes)
         pairs = list(excluded_pairs([exclusion], axes))
         for pair in pairs:
             if pair not in real:
@@ -124,20 +122,25 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
         yield "pair_count", f"{left} pairs are left after the exclusions, not {stated}"
 
 
+def _check_names(manifest: Manifest) -> Iterator[Finding]:
+    taken = {ALL_PAIRS, *manifest.scene_names}
+    splits, folds = [s.name for s in manifest.splits], [fold.name for fold in manifest.folds]
+    for kind, names in (("split", splits), ("fold", folds)):
+        for number, name in enumerate(names):
+            if name in taken:
+                yield f"{kind}s[{number}].name", f"{kind} name is taken: {name}"
+            taken.add(name)
+
+
 def _check_splits(manifest: Manifest) -> Iterator[Finding]:
     axes, scenes = manifest.axes, manifest.scene_names
     excluded = Counter(pair.scene for pair in excluded_pairs(manifest.exclusions, axes))
     grid = Counter(pair.scene for pair in grid_of_pairs(scenes, axes))
     taken: dict[tuple[str, str], str] = {}
-    names: set[str] = {ALL_PAIRS, *scenes}
     for number, split in enumerate(manifest.splits):
         field = f"splits[{number}]"
-        if split.name in names:
-            yield f"{field}.name", f"split name is taken: {split.name}"
-        names.add(split.name)
+        yield from _unknown(f"{field}.scenes", "scene", split.scenes, scenes)
         for scene in split.scenes:
-            if scene not in scenes:
-                yield _unknown(f"{field}.scenes", "scene", scene, scenes)
             other = taken.setdefault((split.partition, scene), split.name)
             if other != split.name:
                 both = f"{other} and {split.name}, of partition {split.partition}"
@@ -154,24 +157,16 @@ def _check_folds(manifest: Manifest) -> Iterator[Finding]:
         return
     scenes = manifest.scene_names
     tested = Counter(scene for fold in manifest.folds for scene in fold.test_scenes)
-    for scene in tested:
-        if scene not in scenes:
-            yield _unknown("folds", "scene", scene, scenes)
+    yield from _unknown("folds", "scene", tested, scenes)
     for scene in scenes:
         if tested[scene] != 1:
             yield "folds", f"{scene} is not in one fold, but in {tested[scene]}"
-    names = {split.name for split in manifest.splits} | {ALL_PAIRS, *scenes}
-    for number, fold in enumerate(manifest.folds):
-        if fold.name in names:
-            yield f"folds[{number}].name", f"name is taken: {fold.name}"
-        names.add(fold.name)
 
 
 def _check_checksums(manifest: Manifest) -> Iterator[Finding]:
     scenes = manifest.scene_names
     for path in manifest.checksums:
-        if path.split("/")[0] not in scenes:
-            yield _unknown(f'checksums."{path}"', "scene", path.split("/")[0], scenes)
+        yield from _unknown(f'checksums."{path}"', "scene", [path.split("/")[0]], scenes)
 
 
 def _check_metres(manifest: Manifest) -> Iterator[Finding]:

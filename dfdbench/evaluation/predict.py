@@ -18,6 +18,7 @@ from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import SUFFIXES, read_photograph
 from dfdbench.building.sources.matching import matching_of
+from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import open_dataset
@@ -247,7 +248,8 @@ class DepthPredictor:
             if not needed.measured:
                 fix = "align them yourself and say --no-align"
                 raise InputError("the photographs cannot be aligned", fix=fix)
-            infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
+            asked = CapturedFiles(align=needed.align, match_gain=needed.match_gain)
+            infocus, defocus, _, _ = matched(infocus, defocus, asked)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)

@@ -19,6 +19,7 @@ from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Pair
 from dfdbench.figures import style
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction
@@ -79,7 +80,9 @@ def depths_figure(side: Side) -> Figure:
     shown = f"{counted(histogram.pairs, 'pair')} of {counted(len(side.scenes), 'scene')}"
     known = f"{histogram.known:,} pixels of known depth, {shown}"
     level = f"depth level, grows with {side.store.manifest.depth.grows_with}"
-    axis.set(title=f"depths of {side.label}, {side.name}: {known}", xlim=(-1, LEVELS))
+    axis.set(
+        title=f"depths of {side.store.manifest.label}, {side.name}: {known}", xlim=(-1, LEVELS)
+    )
     axis.set(xlabel=level, ylabel="pixels of all pairs")
     axis.yaxis.set_major_formatter("{x:,.0f}")
     return figure
@@ -208,16 +211,16 @@ def _beside_images(
 
 
 def _most_uncovered(result: Result, join: ErrorJoin) -> list[PairResult]:
-    records = {pair.id: pair for pair in result.pairs if pair.id in join.pairs}
+    records = {pair.pair: pair for pair in result.pairs if pair.pair in join.pairs}
 
-    def weight(identity: str) -> tuple[float, float]:
-        errors = join.pairs[identity]
+    def weight(pair: Pair) -> tuple[float, float]:
+        errors = join.pairs[pair]
         return errors.share(join.uncovered), errors.mean(np.ones(LEVELS, bool))
 
-    best: dict[str, str] = {}
-    for identity in sorted(records, key=weight, reverse=True):
-        best.setdefault(join.scenes[identity], identity)
-    return [records[identity] for identity in list(best.values())[:_PANELS]]
+    best: dict[str, Pair] = {}
+    for pair in sorted(records, key=weight, reverse=True):
+        best.setdefault(pair.scene, pair)
+    return [records[pair] for pair in list(best.values())[:_PANELS]]
 
 
 def _percent(counts: Sequence[float]) -> NDArray[np.float64]:

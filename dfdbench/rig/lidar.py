@@ -15,7 +15,7 @@ from scipy import ndimage
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import InputError, Problem, SourceError, reason_of
 from dfdbench.system.array_files import UNREADABLE, load_array
-from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole
+from dfdbench.system.files import LARGEST_ARRAY, read_text_as, read_whole
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -374,12 +374,9 @@ def read_beams(path: Path | None = None) -> Beams:
     (64, -19, 19)
     """
     where = str(path or _OS1)
-    try:
-        shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
-        text = read_text(path) if path else shipped.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error)
-        raise SourceError("cannot read the beam calibration", where=where, got=got) from error
+    shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
+    what = "the beam calibration"
+    text = read_text_as(SourceError, path, what) if path else shipped.read_text("utf-8")
     reader = csv.DictReader(text.splitlines())
     rows = list(reader)
     if not rows or not {*_LIMITS} <= {*(reader.fieldnames or ())}:

@@ -67,7 +67,11 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
     out = np.zeros(int(seen.sum()))
     shining = np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in lamps])
     places = (_balls_around(scene), points[seen], facing[seen])
-    sources = (shining.reshape(-1, 5), _ball_points(), ambient, _REACH, _sky())
+    # Points spread over a unit sphere, and directions around (0, 0, 1), as dense as the cosine of
+    # their angle to it.
+    ball = _spiral(1 - (2 * np.arange(_LAMP_POINTS) + 1) / _LAMP_POINTS)
+    sky = _spiral(np.sqrt(1 - (np.arange(_SKY_RAYS) + 0.5) / _SKY_RAYS))
+    sources = (shining.reshape(-1, 5), ball, ambient, _REACH, sky)
     tracing.fall(scene.kinds, scene.rows, *places, *sources, out)
     lightmap = np.full(len(points), ambient, np.float32)
     lightmap[seen] = np.rint(out * _LIGHT_FINE) / _LIGHT_FINE
@@ -149,16 +153,6 @@ def _inside(scene: Scene, surface: int) -> bool:
     if scene.kinds[surface] == tracing.CYLINDER:
         square -= float((row[:3] * row[tracing.DOWN : tracing.DOWN + 3]).sum()) ** 2
     return bool(square < row[tracing.HALF_WIDTH] ** 2)
-
-
-def _ball_points() -> Floats:
-    """Return points spread over a unit sphere."""
-    return _spiral(1 - (2 * np.arange(_LAMP_POINTS) + 1) / _LAMP_POINTS)
-
-
-def _sky() -> Floats:
-    """Return directions around (0, 0, 1), as dense as the cosine of their angle to it."""
-    return _spiral(np.sqrt(1 - (np.arange(_SKY_RAYS) + 0.5) / _SKY_RAYS))
 
 
 def _spiral(height: Floats) -> Floats:

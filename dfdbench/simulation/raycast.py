@@ -65,7 +65,7 @@ class Board:
         x0, y0, z0 = self.centre
         normal = np.array([self.slant, self.tilt, -1.0])
         reach = np.array([x0, y0, z0]) - origin
-        falling = _dot(directions, normal)
+        falling = dot(directions, normal)
         distance = np.where(falling < 0, float(reach @ normal) / np.minimum(falling, -1e-12), -1.0)
         u = origin[0] + distance * directions[..., 0] - x0
         v = origin[1] + distance * directions[..., 1] - y0
@@ -111,8 +111,8 @@ class Ball:
         """Return where rays meet the near side."""
         axes = np.array([1.0, 0.0 if self.upright else 1.0, 1.0])
         reach = origin - np.array(self.centre)
-        a = _dot(directions, directions * axes)
-        b = _dot(directions, reach * axes)
+        a = dot(directions, directions * axes)
+        b = dot(directions, reach * axes)
         c = float(reach @ (reach * axes)) - self.radius**2
         root = b * b - a * c
         distance = np.where(root >= 0, (-b - np.sqrt(np.maximum(root, 0))) / a, -1.0)
@@ -228,7 +228,8 @@ def reflectance(
     return colour
 
 
-def _dot(left: Floats, right: Floats) -> Floats:
+def dot(left: Floats, right: Floats) -> Floats:
+    """Return the sums of products over the last axis, which has three."""
     # Written out: BLAS may sum in another order on another machine.
     return np.asarray(
         left[..., 0] * right[..., 0] + left[..., 1] * right[..., 1] + left[..., 2] * right[..., 2]

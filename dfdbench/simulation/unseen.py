@@ -43,28 +43,16 @@ _BRIGHTEST = 0.98
 _TEXTURE_WINDOW, _TEXTURE_LEVELS = 9, 4.0
 
 
-class Pair(NamedTuple):
-    """Two photographs of a room, its depth and what is known of the camera.
+class Photographs(NamedTuple):
+    """Photographs of a room, its depth and what is known of the camera.
 
-    `infocus` and `defocus` are RGB, shape (y, x, 3); `depth` is float32 in metres along the axis,
-    shape (y, x); `facts` fit for JSON.
-    """
-
-    infocus: Image
-    defocus: Image
-    depth: NDArray[np.float32]
-    facts: dict[str, Any]
-
-
-class Stack(NamedTuple):
-    """Photographs of a room, each with its focus distance, beside what a `Pair` has.
-
-    `images` has shape (image, y, x, 3); `focus_distances` are in metres, ascending.
+    `images` are RGB, shape (image, y, x, 3): the first at f/8, then one with the wide aperture at
+    each of `focus_distances`, in metres, ascending. `depth` is in metres along the axis, shape
+    (y, x), as the first image sees it; `facts` fit for JSON.
     """
 
     images: Image
     focus_distances: tuple[float, ...]
-    infocus: Image
     depth: NDArray[np.float32]
     facts: dict[str, Any]
 
@@ -118,7 +106,7 @@ def render_pair(
     rays: int = _RAYS,
     threads: int = 1,
     sharp_focus: float | None = None,
-) -> Pair:
+) -> Photographs:
     """Photograph a room twice: at f/8, and with the wide aperture of a camera.
 
     Parameters
@@ -143,8 +131,9 @@ def render_pair(
     blurred = render(room, wide, rays, (seed, scene, 1), threads)
     gain = _gain(sharp, seed, scene)
     infocus = develop(gain * sharp, small, (seed, scene, 2))
-    defocus = develop(gain * blurred, wide, (seed, scene, 3))
-    return Pair(infocus, defocus, depth(room, small), _facts(wide, room, infocus))
+    images = np.stack([infocus, develop(gain * blurred, wide, (seed, scene, 3))])
+    focus = (wide.lens.focus_distance,)
+    return Photographs(images, focus, depth(room, small), _facts(wide, room, infocus))
 
 
 def render_stack(
@@ -154,7 +143,7 @@ def render_stack(
     rays: int = _STACK_RAYS,
     threads: int = 1,
     camera: Camera | None = None,
-) -> Stack:
+) -> Photographs:
     """Photograph a room at several focus distances with one aperture, and once at f/8.
 
     Parameters
@@ -172,16 +161,15 @@ def render_stack(
     room = draw_room(seed, scene)
     sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
     gain = _gain(sharp, seed, scene)
-    infocus = develop(gain * sharp, small, (seed, scene, 2))
-    images = np.empty((len(distances), *wide.shape, 3), np.uint8)
+    images = [develop(gain * sharp, small, (seed, scene, 2))]
     for plane, distance in enumerate(distances):
         lens = replace(wide.lens, focus_distance=distance)
         # In register, as after an alignment.
         seen = replace(wide, lens=lens, view_focus=wide.lens.focus_distance)
         light = render(room, seen, rays, (seed, scene, 4, plane), threads)
-        images[plane] = develop(gain * light, seen, (seed, scene, 5, plane))
-    facts = _facts(wide, room, infocus)
-    return Stack(images, tuple(distances), infocus, depth(room, small), facts)
+        images.append(develop(gain * light, seen, (seed, scene, 5, plane)))
+    facts = _facts(wide, room, images[0])
+    return Photographs(np.stack(images), tuple(distances), depth(room, small), facts)
 
 
 def textured(image: Image) -> NDArray[np.bool_]:

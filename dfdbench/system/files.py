@@ -88,13 +88,8 @@ def read_as(
         raise kind(f"cannot read {what}: {reason_of(error)}", where=str(path), fix=fix) from error
 
 
-def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
+def read_text(path: Path) -> str:
     """Return what a file of text in UTF-8 says, with every line end as a newline.
-
-    Parameters
-    ----------
-    path, largest
-        As of `read_whole`.
 
     Raises
     ------
@@ -103,7 +98,7 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
     UnicodeDecodeError
         Where it is no such text.
     """
-    text = read_whole(path, largest).decode("utf-8")
+    text = read_whole(path).decode("utf-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

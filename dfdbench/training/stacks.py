@@ -103,7 +103,7 @@ def _rendered(number: int) -> dict[str, NDArray[Any]]:
     found = 1 / np.array(stack.focus_distances[::-1])
     truth = 1 / stack.depth.astype(np.float64)
     places, depths = found.astype(np.float32), truth.astype(np.float32)
-    return {"images": stack.images[::-1], "places": places, "truth": depths}
+    return {"images": stack.images[:0:-1], "places": places, "truth": depths}
 
 
 #: How many crops a step has, their rows and columns, and the fewest images.

@@ -149,7 +149,7 @@ def _through_lens(number: int) -> list[Capture]:
     captures = []
     for room in rooms_of("lens", number, LENSES[1]):
         pair = render_pair(0, room, camera, _RAYS)
-        captures.append(_capture([pair.infocus, pair.defocus], _SCALE.to_levels(pair.depth)))
+        captures.append(_capture([*pair.images], _SCALE.to_levels(pair.depth)))
     return captures
 
 
@@ -159,8 +159,8 @@ def _stacks(number: int) -> list[Capture]:
     captures = []
     for room in rooms_of("stack", number, STACKS[1]):
         stack = render_stack(number + 1, room, _PLANES[number], rays=_RAYS)
-        images, focus = [stack.infocus, *stack.images], [np.nan, *stack.focus_distances]
-        captures.append(_capture(images, _SCALE.to_levels(stack.depth), focus))
+        focus = [np.nan, *stack.focus_distances]
+        captures.append(_capture([*stack.images], _SCALE.to_levels(stack.depth), focus))
     return captures
 
 

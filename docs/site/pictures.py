@@ -27,7 +27,7 @@ from dfdbench.board.cards import Card, load_cards
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import DfdbenchError
 from dfdbench.figures.style import depth_scales
-from dfdbench.simulation.unseen import Pair, render_pair
+from dfdbench.simulation.unseen import Photographs, render_pair
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs/assets/pictures"
@@ -92,11 +92,11 @@ def _keep_captures(name: str, captures: Sequence[Capture]) -> str:
     return _keep(f"datasets/{name}", np.vstack(rows))
 
 
-def _room(pair: Pair) -> NDArray[np.uint8]:
+def _room(pair: Photographs) -> NDArray[np.uint8]:
     near, far = float(pair.depth.min()), float(pair.depth.max())
     scale = {"cmap": "viridis_r", "vmin": near, "vmax": far}
     depth = _coloured(pair.depth.astype(np.float64), scale)
-    return np.hstack([pair.infocus, pair.defocus, depth])
+    return np.hstack([*pair.images, depth])
 
 
 def measure_datasets() -> Iterator[str]:

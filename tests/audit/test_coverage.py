@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from dfdbench.audit import coverage
-from dfdbench.audit.coverage import Criterion, DensityBound, Verdict, compare_depths, uncovered
+from dfdbench.audit.coverage import Criterion, Rule, Verdict, compare_depths
 from dfdbench.audit.sides import DepthHistogram, Side, as_ranges, sides_of
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
@@ -29,7 +29,7 @@ def side(store: Dataset, **levels: int) -> Side:
 def test_each_verdict_and_each_criterion_has_its_case(tiny_store: Dataset) -> None:
     train = side(tiny_store, l10=100_000, l20=5, l30=9_000, l50=40, l60=7)
     test = side(tiny_store, l10=1_000, l20=6, l30=1_000, l40=1, l50=40, l60=7)
-    record = compare_depths(train, test, DensityBound(factor=4, floor=0.01))
+    record = compare_depths(train, test, Rule(density_factor=4, density_floor=0.01))
     # 20: six pixels against five, too few for the density criterion; 30: the other way round;
     # 60: as many as in training.
     assert record.ranges_of(Verdict.missing) == "40"
@@ -44,21 +44,21 @@ def test_each_verdict_and_each_criterion_has_its_case(tiny_store: Dataset) -> No
 
 @given(COUNTS, COUNTS)
 def test_criteria_agree_with_each_other(train: NDArray[np.int64], test: NDArray[np.int64]) -> None:
-    bound = DensityBound()
-    by = {c: uncovered(train, test, c, bound) for c in Criterion}
+    rule = Rule()
+    by = {c: rule.uncovered(train, test, c) for c in Criterion}
     assert ((by[Criterion.thesis] | by[Criterion.density]) == by[Criterion.either]).all()
     missing = (test > 0) & (train == 0)
     assert not (missing & ~by[Criterion.thesis]).any()
     assert not (by[Criterion.either] & (test == 0)).any()
     # The density criterion does not depend on the sizes of the sets, the thesis's does.
-    assert (uncovered(3 * train, test, Criterion.density, bound) == by[Criterion.density]).all()
+    assert (rule.uncovered(3 * train, test, Criterion.density) == by[Criterion.density]).all()
 
 
-def test_what_is_no_bound_or_share_is_refused(tiny_store: Dataset) -> None:
+def test_what_is_no_bound_or_share_is_refused() -> None:
     with pytest.raises(InputError, match="density floor"):
-        DensityBound(floor=float("nan"))
+        Rule(density_floor=float("nan"))
     with pytest.raises(InputError, match="allowed share"):
-        compare_depths(*sides_of(tiny_store), allowed_share=1.5)
+        Rule(allowed_share=1.5)
 
 
 def test_the_published_schema_is_that_of_the_model() -> None:
@@ -77,8 +77,9 @@ def test_ranges_and_shares_add_up_and_criterion_and_allowance_decide(tiny_store:
     rows = coverage.coverage_table(record).rows
     assert [row[0] for row in rows] == [item.levels for item in record.ranges]
     assert coverage.verdict_line(record).startswith("NOT covered: ")
-    assert "100.0 % allowed" in coverage.verdict_line(compare_depths(*sides, allowed_share=1.0))
+    allowed = compare_depths(*sides, Rule(allowed_share=1.0))
+    assert "100.0 % allowed" in coverage.verdict_line(allowed)
     share = record.shares["thesis"]
     assert 0 < share < 1
-    assert not compare_depths(*sides, criterion=Criterion.thesis).covered
-    assert compare_depths(*sides, criterion=Criterion.thesis, allowed_share=share).covered
+    assert not compare_depths(*sides, Rule(Criterion.thesis)).covered
+    assert compare_depths(*sides, Rule(Criterion.thesis, share)).covered

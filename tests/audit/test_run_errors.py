@@ -11,6 +11,7 @@ from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import RunDone, run_method
@@ -46,10 +47,10 @@ def join_of(scarce: float, share: int = 20) -> run_errors.ErrorJoin:
     of_level[Verdict.scarce][9] = True
     of_level[Verdict.covered][100] = True
     pairs = {
-        "a/1": errors_of({9: (share, scarce), 100: (100 - share, 2.0)}),
-        "b/1": errors_of({100: (100, 2.0)}),
+        Pair("a", ()): errors_of({9: (share, scarce), 100: (100 - share, 2.0)}),
+        Pair("b", ()): errors_of({100: (100, 2.0)}),
     }
-    return run_errors.ErrorJoin(pairs, {"a/1": "a", "b/1": "b"}, of_level)
+    return run_errors.ErrorJoin(pairs, of_level)
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +101,7 @@ def test_only_a_runs_own_predictions_are_joined(
     tiny_store: Dataset, tmp_path: Path, run: RunDone, record: CoverageRecord
 ) -> None:
     join = run_errors.join_errors(tiny_store, run.result, run.folder, record)
-    assert list(join.pairs) == [pair.id for pair in run.result.pairs]
+    assert list(join.pairs) == [pair.pair for pair in run.result.pairs]
     truth = [tiny_store.read_levels(pair)[1].sum() for pair in tiny_store.pairs("test")]
     assert join.total.pixels.sum() == sum(truth)
     first = run.result.pairs[0].model_copy(update={"prediction_sha256": "0" * 64})

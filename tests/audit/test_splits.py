@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.audit import splits
-from dfdbench.audit.coverage import Criterion, DensityBound, uncovered
+from dfdbench.audit.coverage import USUAL, Criterion, Rule
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError
@@ -12,7 +12,7 @@ from tests.conftest import TINY_TOML
 
 
 def make(
-    number: int = 8, seed: int = 0, groups: tuple[tuple[str, ...], ...] = (), **more: float
+    number: int = 8, seed: int = 0, groups: tuple[tuple[str, ...], ...] = (), rule: Rule = USUAL
 ) -> splits.Scenes:
     random = np.random.default_rng(seed)
     names = tuple("ABCDEFGHIJKLMNOP"[:number])
@@ -20,7 +20,7 @@ def make(
     for row in counts:
         first = random.integers(0, 150)
         row[first : first + 100] = random.integers(1, 500, 100)
-    return splits.Scenes(names, counts, groups or tuple((name,) for name in names), **more)  # type: ignore[arg-type]
+    return splits.Scenes(names, counts, groups or tuple((name,) for name in names), rule)
 
 
 def test_every_choice_is_judged_as_one_by_one() -> None:
@@ -32,7 +32,7 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
         rows = [scenes.names.index(name) for name in candidate.test]
         test = scenes.counts[rows].sum(axis=0)
         train = scenes.counts.sum(axis=0) - test
-        levels = uncovered(train, test, Criterion.either)
+        levels = Rule().uncovered(train, test)
         assert candidate.uncovered == pytest.approx(test[levels].sum() / test.sum())
         assert 0 <= candidate.overlap <= 1
         assert candidate.covered == (not levels.any())
@@ -41,7 +41,9 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
     worst = ranking.candidates[-1].test
     assert ranking.rank(worst[::-1]) == 56
     assert ranking.rank(("A",)) is None
-    assert splits.rank_tests(make(allowed=1.0), 3, 0).covered == 56 > ranking.covered
+    assert (
+        splits.rank_tests(make(rule=Rule(allowed_share=1.0)), 3, 0).covered == 56 > ranking.covered
+    )
 
 
 def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
@@ -74,9 +76,9 @@ def test_folds_part_the_scenes_and_repeat_for_a_seed() -> None:
     proposals = splits.propose_folds(scenes, 3, seed=5)
     assert proposals == splits.propose_folds(scenes, 3, seed=5)
     for proposal in proposals:
-        assert sorted(itertools.chain(*(fold.test for fold in proposal.folds))) == list("ABCDEFGHI")
-        assert {len(fold.test) for fold in proposal.folds} == {3}
-    costs = [proposal.cost for proposal in proposals]
+        assert sorted(itertools.chain(*(fold.test for fold in proposal))) == list("ABCDEFGHI")
+        assert {len(fold.test) for fold in proposal} == {3}
+    costs = [splits.cost(proposal) for proposal in proposals]
     assert costs == sorted(costs)
     with pytest.raises(InputError, match="10 folds of 9 groups"):
         splits.propose_folds(scenes, 10)
@@ -90,7 +92,7 @@ def test_the_search_finds_the_best_of_all_partitions() -> None:
         for b in itertools.combinations([n for n in scenes.names if n not in a], 2)
         for judged in [scenes.judge([a, b, tuple(n for n in scenes.names if n not in a + b)])]
     )
-    assert splits.propose_folds(scenes, 3)[0].cost == pytest.approx(best)
+    assert splits.cost(splits.propose_folds(scenes, 3)[0]) == pytest.approx(best)
 
 
 def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,9 +105,7 @@ def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -
     # Where there are too many choices to try, the scene alone is the proof.
     monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 10)
     assert [item.scene for item in splits.hopeless_scenes(scenes, {2})] == ["C"]
-    uncovered_folds = [
-        fold for fold in splits.propose_folds(scenes, 3)[0].folds if not fold.covered
-    ]
+    uncovered_folds = [fold for fold in splits.propose_folds(scenes, 3)[0] if not fold.covered]
     assert [("C" in fold.test) for fold in uncovered_folds] == [True]
 
 
@@ -128,8 +128,8 @@ def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) ->
 
 def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
     counts = scenes().counts[:2]
-    bound = DensityBound(4.0, 0.01)
-    chosen = splits.Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
+    rule = Rule(Criterion.density, 0.1, 4.0, 0.01)
+    chosen = splits.Scenes(("One", "Two"), counts, (("One", "Two"),), rule)
     kept = splits.settings_of(tiny_manifest, "f" * 64, chosen, 7)
     assert (kept["fingerprint"], kept["criterion"], kept["seed"]) == ("f" * 64, "density", 7)
     assert (kept["density_factor"], kept["density_floor"], kept["allowed_share"]) == (4, 0.01, 0.1)

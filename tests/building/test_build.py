@@ -9,7 +9,6 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store, refuse_another_set, scene_dataset
-from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.dataset import Dataset
@@ -144,7 +143,7 @@ def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
 def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None:
     manifest, folder = find_manifest("middlebury-default"), shared_data / "middlebury"
     assert len(open_source(find_manifest("middlebury"), folder).available_pairs()) == 4
-    source = open_source(manifest, folder, known_checksums(manifest))
+    source = open_source(manifest, folder, manifest.checksums)
     report = build_store(manifest, source, tmp_path / "m.zarr", pool=Threads(2))
     assert (report.pairs, report.missing) == (54, ())
     assert report.fingerprint == MIDDLEBURY_DEFAULT_FINGERPRINT

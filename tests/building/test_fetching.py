@@ -184,12 +184,13 @@ def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
         fetching.read_member(tmp_path / "a.zip", "Art/view1.png")
 
 
-def test_every_bad_line_is_named() -> None:
-    text = "0" * 64 + "  good\nbad\n" + "0" * 63 + "  short\n"
+def test_every_bad_line_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.lock"
+    path.write_text("0" * 64 + "  good\nbad\n" + "0" * 63 + "  short\n")
     with pytest.raises(SourceError) as caught:
-        fetching.parse_checksums(text, "a.lock")
+        fetching.read_checksums(path)
     where = [problem.where for problem in caught.value.problems]
-    assert where == ["a.lock, line 2", "a.lock, line 3"]
+    assert where == [f"{path}, line 2", f"{path}, line 3"]
 
 
 def test_the_manifest_counts_more_than_a_lock_file(tiny_manifest: Manifest, tmp_path: Path) -> None:
@@ -198,4 +199,4 @@ def test_the_manifest_counts_more_than_a_lock_file(tiny_manifest: Manifest, tmp_
         tmp_path / fetching.lock_name(manifest), {"a": "2" * 64, "b": "3" * 64}
     )
     assert fetching.known_checksums(manifest, tmp_path) == {"a": "1" * 64, "b": "3" * 64}
-    assert fetching.known_checksums(manifest) == {"a": "1" * 64}
+    assert fetching.known_checksums(manifest, tmp_path / "empty") == {"a": "1" * 64}

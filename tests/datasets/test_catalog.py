@@ -1,4 +1,3 @@
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ from tests.conftest import TINY_TOML
 def test_a_manifest_is_found_by_each_of_its_names_and_its_heading_says_the_same() -> None:
     manifests = catalog.released_manifests()
     for heading, manifest in zip(catalog.released_headings(), manifests, strict=True):
-        for name, value in asdict(heading).items():
+        for name, value in heading:
             assert getattr(manifest, name) == value
         assert heading.stem == manifest.stem
         for name in (manifest.stem, manifest.name, manifest.short):

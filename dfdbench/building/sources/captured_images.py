@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources import gathered
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
-from dfdbench.building.sources.matching import Motion, find_gain, find_placement, place
+from dfdbench.building.sources.matching import find_gain, find_placement, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.depth_scale import DepthScale
@@ -226,16 +226,13 @@ def _laid_on_the_first(
     read: list[tuple[Image, str]], files: CapturedFiles
 ) -> tuple[list[Image], Mask, tuple[dict[str, float], ...]]:
     first, where_first = read[0]
-    flat_field = files.flat_field or ()
     covered = np.ones(first.shape[:2], bool)
     others: list[Image] = []
     told: list[dict[str, float]] = []
     problems: list[Problem] = []
     for image, where in read[1:]:
         try:
-            first, other, both, found = matched(
-                read[0][0], image, files.align, files.match_gain, files.moved, flat_field
-            )
+            first, other, both, found = matched(read[0][0], image, files)
             others.append(other)
             told.append(found)
             covered &= both
@@ -247,12 +244,7 @@ def _laid_on_the_first(
 
 
 def matched(
-    infocus: Image,
-    defocus: Image,
-    align: Literal["none"] | Motion,
-    match_gain: bool,
-    moved: Literal["infocus", "defocus"] = "defocus",
-    flat_field: Sequence[Sequence[float]] = (),
+    infocus: Image, defocus: Image, files: CapturedFiles
 ) -> tuple[Image, Image, Mask, dict[str, float]]:
     """Lay two photographs, shape (y, x, 3), on each other and match their brightness.
 
@@ -260,8 +252,8 @@ def matched(
     ----------
     infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
         The photographs.
-    align, match_gain, moved, flat_field
-        As of `CapturedFiles`.
+    files : CapturedFiles
+        Its `align`, `match_gain`, `moved` and `flat_field`.
 
     Returns
     -------
@@ -277,18 +269,18 @@ def matched(
         If no alignment is found, or the brightness differs too much.
     """
     images = {"infocus": infocus, "defocus": defocus}
-    if flat_field:
+    if files.flat_field:
         white = np.iinfo(defocus.dtype).max / 255
-        level = ViewChange(falloff=tuple(map(tuple, flat_field))).undone(defocus / white)
+        level = ViewChange(falloff=tuple(map(tuple, files.flat_field))).undone(defocus / white)
         images["defocus"] = _rounded(level * white, defocus.dtype)
     covered = np.ones(infocus.shape[:2], bool)
     found: dict[str, float] = {}
-    if align != "none":
-        fixed = infocus if moved == "defocus" else defocus
-        at = find_placement(eight_bits(fixed), eight_bits(images[moved]), align).rounded()
-        images[moved], covered = place(images[moved].astype(np.float64), at)
+    if files.align != "none":
+        fixed, moved = infocus if files.moved == "defocus" else defocus, images[files.moved]
+        at = find_placement(eight_bits(fixed), eight_bits(moved), files.align).rounded()
+        images[files.moved], covered = place(moved.astype(np.float64), at)
         found |= asdict(at)
-    if match_gain:
+    if files.match_gain:
         sharp, blurred = (
             images[role] * np.float64(255 / np.iinfo(each.dtype).max)
             for role, each in (("infocus", infocus), ("defocus", defocus))

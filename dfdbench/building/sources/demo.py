@@ -12,7 +12,7 @@ from dfdbench.building.sources import SceneImages, Whole
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
-from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, View, look
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, View, dot, look
 from dfdbench.tables.table import listed
 
 _WARM, _COOL = (1.0, 0.85, 0.7), (0.75, 0.88, 1.0)
@@ -224,8 +224,7 @@ def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
 
 def _lit(view: View, illumination: int) -> Floats:
     direction, colour, ambient = _LIGHTS[illumination]
-    x, y, z = direction
-    facing = view.normal[..., 0] * x + view.normal[..., 1] * y + view.normal[..., 2] * z
+    facing = dot(view.normal, np.array(direction))
     shade = ambient + (1 - ambient) * np.maximum(facing, 0)
     return np.asarray(view.reflectance * shade[..., np.newaxis] * np.array(colour))
 

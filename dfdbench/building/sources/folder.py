@@ -77,8 +77,7 @@ class FolderScenes(Whole):
         assert manifest.files is not None  # reading the manifest checked that
         super().__init__(manifest)
         self._files: CapturedFiles = manifest.files
-        inside = folder / (manifest.files.inside or "")
-        self._folder = inside if inside.is_dir() else folder
+        self._folder = manifest.files.folder_in(folder)
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
@@ -100,8 +99,7 @@ class FolderScenes(Whole):
                 content = self._content(path)
                 check_checksum(f"{scene}/{path}", content, self._checksums, self._where(path))
                 digest.update(f"{path}\n{sha256(content)}\n".encode())
-        if problems:
-            raise SceneError.of(_missing_together(dict.fromkeys(problems)))
+        SceneError.raise_if(_missing_together(dict.fromkeys(problems)))
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
@@ -125,8 +123,7 @@ class FolderScenes(Whole):
             got = "; ".join(f"{name} {kind[0][:3]}, {kind[1]}" for name, kind in kinds.items())
             what = "captures of a scene differ in the number, size, bits or roles of their images"
             problems.append(Problem(what, where=scene, got=got))
-        if problems:
-            raise SceneError.of(dict.fromkeys(problems))
+        SceneError.raise_if(dict.fromkeys(problems))
         return self._gathered(captured, taken)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:

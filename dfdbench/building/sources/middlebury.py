@@ -321,8 +321,10 @@ def download_middlebury(
             known = fetching.known_checksums(manifest, folder)
             site = _Site(manifest, folder, tuple(mirrors), known)
             # The site's archives hold the default lighting and no other.
-            default_lighting = set(manifest.axes) == {"view"}
-            fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
+            if set(manifest.axes) == {"view"}:
+                fates = _bring_default(site, fetcher)
+            else:
+                fates = _bring_each(site, fetcher, manifest.scenes)
             lock = _write_lock(manifest, folder, fates)
         lacking = fetching.mirrors_lacking(fates, mirrors)
         _refuse(fates, folder, lacking)
@@ -396,9 +398,10 @@ def _inspect_archive(file: Path, content: bytes, where: str) -> None:
     archive_members(file, where)
 
 
-def _bring_all(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate]:
+def _bring_each(
+    site: _Site, fetcher: fetching.Fetcher, scenes: Sequence[Scene]
+) -> list[fetching.Fate]:
     # Depth maps first: an image is checked against the size of its own.
-    scenes = site.manifest.scenes
     depths = [file for scene in scenes for file in site.depths(scene)]
     images = [file for scene in scenes for file in site.images(scene)]
     fates = fetcher.bring(depths, len(images))
@@ -416,9 +419,7 @@ def _bring_default(site: _Site, fetcher: fetching.Fetcher) -> list[fetching.Fate
     fates = fetcher.bring([site.archive(scene) for scene in packed])
     had = [fate for fate in fates if fate.is_there]
     alone = [scene for scene, fate in zip(packed, fates, strict=True) if fate not in had] + alone
-    depths = [file for scene in alone for file in site.depths(scene)]
-    images = [file for scene in alone for file in site.images(scene)]
-    return had + fetcher.bring(depths, len(images)) + fetcher.bring(images)
+    return had + _bring_each(site, fetcher, alone)
 
 
 def _write_lock(manifest: Manifest, folder: Path, fates: list[fetching.Fate]) -> Path | None:

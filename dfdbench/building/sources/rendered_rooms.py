@@ -36,15 +36,8 @@ class Rooms(Whole):
         """Render one scene."""
         from dfdbench.simulation.unseen import render_pair, render_stack  # they compile
 
-        number = scene_number(scene)
-        if self._family == "unseen":
-            pair = render_pair(self._seed, number)
-            images, depth, about = [pair.infocus, pair.defocus], pair.depth, pair.facts
-            focus = [about["focus_distance"]]
-        else:
-            stack = render_stack(self._seed, number)
-            images, depth, about = [stack.infocus, *stack.images], stack.depth, stack.facts
-            focus = [*stack.focus_distances]
+        render = render_pair if self._family == "unseen" else render_stack
+        images, focus, depth, about = render(self._seed, scene_number(scene))
         distance = np.array([np.nan, *focus])
         facts = ImageFacts(
             PAIR[:1] + PAIR[1:] * len(focus),
@@ -54,4 +47,4 @@ class Rooms(Whole):
             focal_length=np.array(about["focal_length"]),
             pixel_pitch=np.array(about["pixel_pitch"]),
         )
-        return SceneImages(np.stack(images)[np.newaxis], depth, np.ones(1, bool), facts, about)
+        return SceneImages(images[np.newaxis], depth, np.ones(1, bool), facts, about)

@@ -57,9 +57,8 @@ class SimulatedRig:
     captures_defocus = True
 
     def __init__(self, manifest: Manifest) -> None:
-        problems = tuple(_problems_of(manifest))
-        if problems or manifest.capture is None:
-            raise SourceError.of(problems)
+        SourceError.raise_if(_problems_of(manifest))
+        assert manifest.capture is not None  # it would be one of the problems
         self._manifest = manifest
         self._capture = manifest.capture
         height, width = self._capture.frame_size

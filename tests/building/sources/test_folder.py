@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dfdbench.blur.light import decode
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
-from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import SceneError, open_source
 from dfdbench.building.sources.folder import read_table
 from dfdbench.datasets.catalog import find_manifest
@@ -111,7 +110,7 @@ def test_the_fingerprint_of_dfd_indoor(shared_data: Path, tmp_path: Path) -> Non
     manifest, folder = find_manifest("dfd-indoor"), shared_data / "dfd_indoor"
     if not folder.is_dir():
         pytest.skip("no copy of DFD indoor beside the shared Middlebury images")
-    source = open_source(manifest, folder, known_checksums(manifest))
+    source = open_source(manifest, folder, manifest.checksums)
     report = build_store(manifest, source, tmp_path / "dfd.zarr", pool=Threads(2))
     board = Path(__file__).parents[3] / "leaderboard"
     assert report.fingerprint in known_fingerprints(board)["dfd-indoor-1"]
