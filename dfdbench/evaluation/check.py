@@ -253,14 +253,14 @@ def _try_fit(method: Method) -> tuple[Check, Learned | None]:
     handed = [array for pair in pairs for array in (pair.images, pair.depth)]
     before = [array.copy() for array in handed]
     try:
-        lesson = teach(method, pairs, _SEED)
+        learned, seconds = teach(method, pairs, _SEED)
     except DfdbenchError as error:
         return Check(_FIT, 0, " ".join(str(error).split())), None
     same = partial(np.array_equal, equal_nan=True)
     odd = [] if all(map(same, handed, before)) else ["changes the pairs it is handed"]
-    if lesson.learned is None:
+    if learned is None:
         odd.append("returns None: it is called again when a run goes on, and not with --workers")
-    return Check(_FIT, lesson.seconds, warning="; ".join(odd)), lesson.learned
+    return Check(_FIT, seconds, warning="; ".join(odd)), learned
 
 
 def _slope(height: int, width: int) -> Image:

@@ -307,27 +307,20 @@ class TrainingPair(CaptureImages, Protocol):
         """True where the depth is known."""
 
 
-@dataclass(frozen=True)
-class Lesson:
-    """What one call of a fit came to.
-
-    Parameters
-    ----------
-    learned : dict or None
-        Numbers and arrays by name; None where the method keeps what it learned in itself.
-    seconds : float
-        Wall-clock time of the call.
-    """
-
-    learned: Learned | None
-    seconds: float
-
-
-def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesson:
+def teach(
+    method: Method, pairs: Sequence[TrainingPair], seed: int = 0
+) -> tuple[Learned | None, float]:
     """Call a method's fit, check what it returns, and give it back to the method.
 
     `random` and `numpy.random` are seeded for the call; what it prints goes to standard error,
     since a command's tables go to standard output; what it changes of the process is put back.
+
+    Returns
+    -------
+    learned : dict or None
+        Numbers and arrays by name; None where the method keeps what it learned in itself.
+    seconds : float
+        Wall-clock time of the call.
 
     Raises
     ------
@@ -350,7 +343,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     >>> from types import SimpleNamespace
     >>> depth = np.full((2, 2), 90, np.float32)
     >>> pair = SimpleNamespace(depth=depth, valid=depth > 0)
-    >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair]).learned
+    >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair])[0]
     {'level': 90.0}
     """
     fit = method.learner
@@ -374,7 +367,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
         restore(method, learned)
-    return Lesson(learned, seconds)
+    return learned, seconds
 
 
 def restore(method: Method, learned: Learned) -> None:

@@ -31,7 +31,7 @@ from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
 from dfdbench.system.parallel import OnDone
-from dfdbench.training.cameras import Course, cut, kept_examples, loss_of, side_of, turned
+from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss_of, side_of, turned
 
 Array = NDArray[Any]
 
@@ -262,8 +262,6 @@ def _examples(arrays: Mapping[str, Array]) -> list[Example]:
 CROPS, CROP = 3, 320
 #: What the network's levels stand for.
 DEPTHS = torch.from_numpy(levels_of(COUNT) - 0.5).float()
-# Rows and columns that the network's scales divide.
-_MULTIPLE = 32
 # Noise is not always what a law says: costs are made as much larger or smaller, as a logarithm.
 _STRETCH = 0.5
 # A share of crops comes without a prior.
@@ -279,7 +277,7 @@ def draw(examples: Sequence[Example], seed: int, step: int) -> list[Tensor]:
         What the network is given, and levels of float32, shape (n, y, x), -1 unknown.
     """
     random = np.random.default_rng((seed, step))
-    side = side_of((example.levels.shape for example in examples), CROP, _MULTIPLE)
+    side = side_of((example.levels.shape for example in examples), CROP)
     columns = zip(*(_crop(examples, side, random) for _ in range(CROPS)), strict=True)
     return [torch.from_numpy(np.stack(column)) for column in columns]
 
@@ -314,7 +312,7 @@ def _loss(
 
 def error_of(network: VolumeNet, example: Example) -> float:
     """Return the root mean square error over the known pixels, as a part of the scale."""
-    rows, columns = (size // _MULTIPLE * _MULTIPLE for size in example.levels.shape)
+    rows, columns = (size // MULTIPLE * MULTIPLE for size in example.levels.shape)
     half = np.s_[..., : rows // 2, : columns // 2]
     costs = nats_of(example.roots[half]), nats_of(example.paths[half])
     told = example.told[half][np.newaxis] / np.float32(TOLD_STEPS)
@@ -338,7 +336,6 @@ VOLUME_NET = Course(
     steps=12_000,
     crops=CROPS,
     crop=CROP,
-    multiple=_MULTIPLE,
     shape_of=lambda example: example.levels.shape,
     loss=_loss,
     error=error_of,
