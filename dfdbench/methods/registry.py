@@ -5,9 +5,11 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -83,40 +85,13 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
 # Parameters that options of `predict` stand for, which nobody types by their names there.
 _OPTIONS = {"recipe": ("lens or blur recipe", "--lens"), "weights": ("weights", "--weights")}
 ENTRY_POINT_GROUP = "dfdbench.methods"
-_BUILT_IN = {
-    "constant": "dfdbench.methods.baselines:Constant",
-    "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
-    "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
-    "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
-    "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
-    "guided": "dfdbench.methods.guided:Guided",
-    "local": "dfdbench.methods.baselines:Local",
-    "positional-prior": "dfdbench.methods.baselines:PositionalPrior",
-    "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
-    "s-transform": "dfdbench.methods.s_transform:STransform",
-    "sgm": "dfdbench.methods.sgm:SemiGlobal",
-    "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
-    "stack-net": "dfdbench.methods.stack_net:StackNetMethod",
-    "u-net": "dfdbench.methods.learned:UNetMethod",
-    "volume-net": "dfdbench.methods.volume_net:VolumeNetMethod",
-}
-_WORDS = {
-    "constant": "the mean depth of the training scenes, whatever the images show",
-    "dfd-net": "a network for depth from defocus (Emerson 2019); weights: --param weights=NAME",
-    "favaro-soatto": "orthogonal operators learned from data (Favaro and Soatto 2005)",
-    "graph-cuts": "a Markov random field over blur differences, by graph cuts (the thesis, 4)",
-    "graph-cuts-rounded": "graph cuts whose costs know that grey levels are rounded",
-    "guided": "costs smoothed along edges by a guided filter (Hosni et al. 2013)",
-    "local": "the depth whose blur fits best around each pixel",
-    "positional-prior": "the depth that training captures have at the same place; sees no image",
-    "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
-    "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
-    "sgm": "semi-global matching of blur (Hirschmueller 2008)",
-    "shape-from-focus": "the sharpest image of a stack (Nayar and Nakagawa 1994); needs no fit",
-    "stack-net": "a network that compares a stack's images, whatever their number; needs no fit",
-    "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
-    "volume-net": "a network that reads a volume of costs by the camera's own, fitted blur",
-}
+
+
+@functools.cache
+def _built_in() -> dict[str, dict[str, str]]:
+    """Return entry and words of each method of dfdbench itself, by name."""
+    source = files("dfdbench.methods").joinpath("methods.toml")
+    return tomllib.loads(source.read_text(encoding="utf-8"))
 
 
 def method_words() -> dict[str, str]:
@@ -127,7 +102,8 @@ def method_words() -> dict[str, str]:
     >>> method_words()["local"]
     'the depth whose blur fits best around each pixel'
     """
-    return {name: _WORDS.get(name, "of another package") for name in registered_methods()}
+    words = {name: about["words"] for name, about in _built_in().items()}
+    return {name: words.get(name, "of another package") for name in registered_methods()}
 
 
 def registered_methods() -> dict[str, str]:
@@ -144,7 +120,7 @@ def registered_methods() -> dict[str, str]:
     'dfdbench.methods.baselines:Local'
     """
     offered = {name: point.value for name, point in offered_as(ENTRY_POINT_GROUP).items()}
-    return {**offered, **_BUILT_IN}
+    return offered | built_in_methods()
 
 
 def built_in_methods() -> dict[str, str]:
@@ -155,7 +131,7 @@ def built_in_methods() -> dict[str, str]:
     >>> "local" in built_in_methods()
     True
     """
-    return dict(_BUILT_IN)
+    return {name: about["entry"] for name, about in _built_in().items()}
 
 
 def load(name: str, **params: Any) -> Predict:
