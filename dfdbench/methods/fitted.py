@@ -225,7 +225,8 @@ class Solver(Calibrated):
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        self._settled(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
+        part = (slice(max(32, self._given_window or 0)),) * 2
+        self._settled(infocus[part].copy(), [defocus[part].copy()] * len(self.blurs))
 
     @abstractmethod
     def _solve(

@@ -15,10 +15,9 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
-from dfdbench.methods.blurred import all_blurred
+from dfdbench.methods.blurred import all_blurred, information
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Image, Solver
-from dfdbench.methods.information import information
+from dfdbench.methods.fitted import Image, Solver, number_within, wrong
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
 from dfdbench.methods.spread import Posterior
 
@@ -147,7 +146,7 @@ class GraphCuts(Solver):
         if self._limit > _LARGEST_COST:
             most = (_LARGEST_COST - 1) // (4 * edge)
             expected = f"a largest smoothness of {most}"
-            raise MethodError.of(_wrong("cap and scale", expected, int(self._table.max())))
+            raise MethodError.of(wrong("cap and scale", expected, int(self._table.max())))
         self._weight = weight
         # The middle of each group of levels stands for it.
         self._levels = np.arange(step // 2, self.levels, step)
@@ -278,14 +277,9 @@ def _problems(levels: int, count: Any, weight: Any, cap: Any, scale: Any) -> lis
     problems = []
     if not isinstance(count, int) or count < 2 or count > levels or levels % count:
         divisors = [number for number in range(2, levels + 1) if levels % number == 0]
-        problems.append(_wrong("labels", f"one of {divisors}", count))
-    if not 0 < weight <= 5000:
-        problems.append(_wrong("weight", "above 0, at most 5000", weight))
+        problems.append(wrong("labels", f"one of {divisors}", count))
+    problems += number_within("weight", weight, 0, 5000)
     for name, number in (("cap", cap), ("scale", scale)):
         if not isinstance(number, int) or number < 1:
-            problems.append(_wrong(name, "a whole number above 0", number))
+            problems.append(wrong(name, "a whole number above 0", number))
     return problems
-
-
-def _wrong(name: str, expected: str, got: Any) -> Problem:
-    return Problem("wrong parameter", where=name, expected=expected, got=str(got))

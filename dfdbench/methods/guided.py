@@ -82,12 +82,6 @@ class Guided(Solver):
         self._limit = limit
         self._flatness = np.float32(flatness)
 
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
-        side = max(32, self._given_window or 0)
-        part = [defocus[:side, :side].copy()] * len(self.blurs)
-        self._settled(infocus[:side, :side].copy(), part)
-
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:

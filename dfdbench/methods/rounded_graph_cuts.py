@@ -13,8 +13,8 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, few_kernels
-from dfdbench.methods.data_cost import part_of_pair, require_pair
-from dfdbench.methods.fitted import Image, Solver
+from dfdbench.methods.data_cost import part_of_pair, planes_of, require_pair
+from dfdbench.methods.fitted import Image, Solver, wrong
 from dfdbench.methods.law_cost import add_energy, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
@@ -129,11 +129,7 @@ def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
 
     Returns the rows of the chosen ones and a (chosen, label) float64 matrix.
     """
-    radius = kernels.shape[1] // 2
-    # A tap off an axis stands for its mirror images too, in sums over the kernel.
-    half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
-    planes = np.einsum("ia,ib->iab", half, half).reshape(len(half), -1)
-    return few_kernels(planes, KERNEL_TOLERANCE)
+    return few_kernels(planes_of(kernels), KERNEL_TOLERANCE)
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
@@ -319,9 +315,7 @@ class RoundedGraphCuts(Solver):
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
-            raise MethodError(
-                "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
-            )
+            raise MethodError.of(wrong("truncation", f"1 to {most}", truncation))
         super().__init__(recipe, prior, sure=sure)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 

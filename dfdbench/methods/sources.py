@@ -46,8 +46,9 @@ class Sources:
         self._module: tuple[str, Path] | None = None
         self._own: Path | None = None
         self._base = Path(os.sep)
-        self._read: set[str] = set()
-        self._written: set[str] = set()
+        #: Files that were opened to be read, and those that were written.
+        self.read: set[str] = set()
+        self.written: set[str] = set()
         # What was heard of and counts; None if it does not.
         self._counted: dict[str, Path | None] = {}
         self._hashes: dict[Path, str] = {}
@@ -88,10 +89,6 @@ class Sources:
         finally:
             _listening.remove(self)
 
-    def hear(self, path: str, writes: bool) -> None:
-        """Note a file that is opened."""
-        (self._written if writes else self._read).add(path)
-
     def hashes(self) -> Hashes:
         """Return the SHA-256 of all that was used until now, by label.
 
@@ -104,12 +101,12 @@ class Sources:
             If a module was edited after this process imported it.
         """
         found: Hashes = {**self._modules}
-        for heard in self._read | self._written:
+        for heard in self.read | self.written:
             if heard not in self._counted:
                 path = _source_of(heard)
                 self._counted[heard] = path if self._counts(path) else None
             if counted := self._counted[heard]:
-                own_work = heard in self._written
+                own_work = heard in self.written
                 found[self._label(counted)] = None if own_work else self._hash(counted)
         return dict(sorted(found.items()))
 
@@ -228,7 +225,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
         path = os.path.abspath(os.fsdecode(name))
         writes = flags & (os.O_WRONLY | os.O_RDWR) if mode is None else set(mode) & set("wax+")
         for sources in _listening:
-            sources.hear(path, bool(writes))
+            (sources.written if writes else sources.read).add(path)
 
 
 @functools.cache
