@@ -98,24 +98,19 @@ def check_method(
     on_trial : callable, optional
         Called with the name of each input before it is tried.
     """
-    at = _At(on_trial)
+    here = ""
+
+    def at(name: str) -> None:
+        nonlocal here
+        here = name
+        if on_trial:
+            on_trial(name)
+
     try:
         return _tried(method, load, at)
     except KeyboardInterrupt as stopped:
-        stopped.add_note(f"it was at {at.name}")
+        stopped.add_note(f"it was at {here}")
         raise
-
-
-class _At:
-    """Which input is tried, for whoever waits."""
-
-    def __init__(self, on_trial: Callable[[str], None] | None) -> None:
-        self.name, self._on_trial = "", on_trial
-
-    def __call__(self, name: str) -> None:
-        self.name = name
-        if self._on_trial:
-            self._on_trial(name)
 
 
 def _tried(

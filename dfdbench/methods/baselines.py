@@ -144,7 +144,7 @@ class Local(Solver):
         prior: bool = True,
         sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, window, sure)
+        super().__init__(recipe, window, prior, sure)
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None

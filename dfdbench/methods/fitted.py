@@ -30,11 +30,11 @@ class Choosing(ABC):
 
     Parameters
     ----------
-    prior : bool
-        Let the fit find out whether it helps to know how often training shows each depth.
     window : int or None
         Side of the square window in pixels that costs are summed over, odd; None leaves it to the
         fit.
+    prior : bool
+        Let the fit find out whether it helps to know how often training shows each depth.
     """
 
     #: Whether a median can be read from its costs.
@@ -42,7 +42,7 @@ class Choosing(ABC):
     #: Whether more or less can be smoothed.
     smooths: ClassVar[bool] = True
 
-    def __init__(self, prior: bool, window: int | None) -> None:
+    def __init__(self, window: int | None, prior: bool) -> None:
         self._with_prior = prior
         self._given_window = window
         #: What the fit chose; as usual before.
@@ -90,7 +90,7 @@ class Calibrated(Choosing):
     ----------
     recipe : BlurRecipe, BlurLaw or None
         The blur; None leaves it to the fit.
-    prior, window
+    window, prior
         As of `Choosing`.
 
     Raises
@@ -100,18 +100,16 @@ class Calibrated(Choosing):
     """
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True, window: int | None = None
+        self,
+        recipe: BlurRecipe | BlurLaw | None = None,
+        window: int | None = None,
+        prior: bool = True,
     ) -> None:
         MethodError.raise_if(fit_problems(prior, window))
-        super().__init__(prior, window)
+        super().__init__(window, prior)
         self._told = recipe
         #: What the fit measured of each defocus image; nothing if the blur was given, or before.
         self.calibrations: tuple[Calibration, ...] = ()
-
-    @property
-    def calibration(self) -> Calibration | None:
-        """What the fit measured on pairs."""
-        return self.calibrations[0] if len(self.calibrations) == 1 else None
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
@@ -178,7 +176,7 @@ class Solver(Calibrated):
 
     Parameters
     ----------
-    recipe, prior, window
+    recipe, window, prior
         As of `Calibrated`.
     sure : bool
         Also say how sure it is, in levels: the spread of its costs about the answer, times the
@@ -192,11 +190,11 @@ class Solver(Calibrated):
     def __init__(
         self,
         recipe: BlurRecipe | BlurLaw | None,
-        prior: bool = True,
         window: int | None = None,
+        prior: bool = True,
         sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, window)
+        super().__init__(recipe, window, prior)
         if not isinstance(sure, bool):
             raise MethodError.of(wrong("sure", "true or false", sure))
         self._sure = sure

@@ -127,7 +127,7 @@ class GraphCuts(Solver):
         prior: bool = True,
         sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, sure=sure)
+        super().__init__(recipe, prior=prior, sure=sure)
         for kind, name, known in (
             ("smoothness", smoothness, tuple(SMOOTHNESS)),
             ("color_space", color_space, COLOR_SPACES),

@@ -316,7 +316,7 @@ class RoundedGraphCuts(Solver):
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
             raise MethodError.of(wrong("truncation", f"1 to {most}", truncation))
-        super().__init__(recipe, prior, sure=sure)
+        super().__init__(recipe, prior=prior, sure=sure)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
     def _solve(

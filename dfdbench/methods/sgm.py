@@ -273,7 +273,7 @@ class SemiGlobal(Solver):
             )
         problems += number_within("limit", limit, 0, most)
         MethodError.raise_if(problems)
-        super().__init__(recipe, prior, sure=sure)
+        super().__init__(recipe, prior=prior, sure=sure)
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)
 

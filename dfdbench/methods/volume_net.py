@@ -293,7 +293,7 @@ class VolumeNetMethod(Solver):
         sure: bool = True,
         device: str = "auto",
     ) -> None:
-        super().__init__(None, prior, sure=sure)
+        super().__init__(None, prior=prior, sure=sure)
         if not isinstance(finer, bool):
             raise MethodError.of(wrong("finer", "true or false", finer))
         self._tried = _TRIED if finer else _TRIED[:1]

@@ -7,10 +7,10 @@ law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -55,8 +55,7 @@ _PLANES = (5, 9, 3, 7)
 _SCALE = DepthScale(near=NEAR, far=FAR)
 
 
-@dataclass(frozen=True)
-class Example:
+class Example(NamedTuple):
     """One capture as the network sees it, and the truth.
 
     Parameters
@@ -241,21 +240,15 @@ def _capture(images: Sequence[Array], levels: Array, focus: Sequence[float] = ()
 
 def _arrays(make: Callable[[int], list[Capture]], number: int) -> dict[str, Array]:
     captures = make(number)
-    examples = examples_of(captures)
-    arrays = {
-        name: np.stack([getattr(example, name) for example in examples])
-        for name in Example.__dataclass_fields__
-    }
+    columns = map(np.stack, zip(*examples_of(captures), strict=True))
+    arrays = dict(zip(Example._fields, columns, strict=True))
     infocus = np.stack([capture.infocus for capture in captures])
     return {**arrays, "infocus": infocus, "depth": np.stack([each.levels for each in captures])}
 
 
 def _examples(arrays: Mapping[str, Array]) -> list[Example]:
-    columns = {name: arrays[name] for name in Example.__dataclass_fields__}
-    return [
-        Example(**{name: column[place] for name, column in columns.items()})
-        for place in range(len(columns["levels"]))
-    ]
+    columns = (arrays[name] for name in Example._fields)
+    return [Example(*row) for row in zip(*columns, strict=True)]
 
 
 #: How many crops a step has, and their rows and columns.
