@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.trained_on import coverage_warnings
-from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.dataset import Dataset
@@ -19,6 +18,7 @@ from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.method import Method
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.registry import load_method
 from dfdbench.system.location import is_local
 
@@ -110,7 +110,7 @@ def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
 def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
     """Return what is offered to a class that asks for it, and what instead to one with a fit."""
 
-    def recipe() -> BlurRecipe | BlurLaw | None:
+    def recipe() -> Blur | None:
         return _formation_of(store) if given_blur else store.recipe
 
     offers: Facts = {
@@ -124,7 +124,7 @@ def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
     return offers, {"recipe": recipe}
 
 
-def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
+def _formation_of(store: Dataset) -> Blur | None:
     manifest = store.manifest
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import SUFFIXES, read_photograph
@@ -29,8 +28,8 @@ from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
-from dfdbench.methods.method import Method, Predict, restore
-from dfdbench.methods.parameters import read_fields
+from dfdbench.methods.method import DepthMap, Method, Predict, restore
+from dfdbench.methods.parameters import Blur, read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import find_entry, load_method
 from dfdbench.methods.view_change import ViewChange
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
-Camera = str | Path | Mapping[str, Any] | BlurRecipe | BlurLaw
+Camera = str | Path | Mapping[str, Any] | Blur
 
 
 @dataclass(frozen=True)
@@ -64,10 +63,10 @@ class Estimate:
         where it gives none.
     """
 
-    depth: NDArray[np.float32]
+    depth: DepthMap
     seconds: float
     found: str = ""
-    sigma: NDArray[np.float32] | None = None
+    sigma: DepthMap | None = None
 
 
 class DepthPredictor:
@@ -168,7 +167,7 @@ class DepthPredictor:
             f"level {scale.near_level} is {scale.near:g} m"
         )
 
-    def metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    def metres(self, depth: DepthMap) -> DepthMap:
         """Return a depth map of its own in metres.
 
         Raises
@@ -263,7 +262,7 @@ def predict(
     parameters: Mapping[str, Any] | None = None,
     align: bool = True,
     seed: int = 0,
-) -> NDArray[np.float32]:
+) -> DepthMap:
     """Estimate a depth map from two photographs of one scene, or from a focal stack.
 
     Parameters

@@ -13,6 +13,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, Solver, learned_array, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 
@@ -139,7 +140,7 @@ class Local(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         window: int | None = None,
         prior: bool = True,
         sure: bool = False,

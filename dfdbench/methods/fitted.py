@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import AS_USUAL, Chosen
 
 if TYPE_CHECKING:
@@ -100,10 +100,7 @@ class Calibrated(Choosing):
     """
 
     def __init__(
-        self,
-        recipe: BlurRecipe | BlurLaw | None = None,
-        window: int | None = None,
-        prior: bool = True,
+        self, recipe: Blur | None = None, window: int | None = None, prior: bool = True
     ) -> None:
         MethodError.raise_if(fit_problems(prior, window))
         super().__init__(window, prior)
@@ -130,7 +127,7 @@ class Calibrated(Choosing):
         return LEVELS if self._told is None else self._told.levels
 
     @property
-    def blurs(self) -> tuple[BlurRecipe | BlurLaw, ...]:
+    def blurs(self) -> tuple[Blur, ...]:
         """The blur of each defocus image.
 
         Raises
@@ -145,7 +142,7 @@ class Calibrated(Choosing):
         return tuple(found.law for found in self.calibrations)
 
     @property
-    def blur(self) -> BlurRecipe | BlurLaw:
+    def blur(self) -> Blur:
         """The blur of the only defocus image, or of the first."""
         return self.blurs[0]
 
@@ -188,11 +185,7 @@ class Solver(Calibrated):
     _factor: float | None = None
 
     def __init__(
-        self,
-        recipe: BlurRecipe | BlurLaw | None,
-        window: int | None = None,
-        prior: bool = True,
-        sure: bool = False,
+        self, recipe: Blur | None, window: int | None = None, prior: bool = True, sure: bool = False
     ) -> None:
         super().__init__(recipe, window, prior)
         if not isinstance(sure, bool):

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, information
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Image, Solver, number_within, wrong
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.spread import Posterior
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
@@ -113,7 +114,7 @@ class GraphCuts(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         weight: float = 12,
         smoothness: str = "published",
         cap: int = 255,

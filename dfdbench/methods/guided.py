@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, Solver, channels_of, fit_problems, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.shape_from_focus import guided_lines
 from dfdbench.methods.spread import Posterior
@@ -66,7 +65,7 @@ class Guided(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: Blur | None = None,
         window: int | None = None,
         flatness: float = 100.0,
         limit: float = 15.0,

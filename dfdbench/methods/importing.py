@@ -8,7 +8,6 @@ import os
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -185,19 +184,15 @@ def where_raised(error: BaseException) -> str:
     >>> where_raised(ValueError("never raised"))
     ''
     """
-    frames = list(_frames_of_others(error))
-    own = [frame for frame in frames if not _is_library(frame[0])]
-    for file, line, name in own[-1:] or frames[:1]:
-        return f" ({Path(file).name}:{line} in {name})"
-    return ""
-
-
-def _frames_of_others(error: BaseException) -> Iterator[tuple[str, int, str]]:
     ours = str(Path(__file__).parents[1]) + os.sep
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        code = frame.f_code
-        if not code.co_filename.startswith(ours):
-            yield code.co_filename, line, code.co_name
+    # Without their lines, whose files would be opened.
+    walked = traceback.walk_tb(error.__traceback__)
+    passed = traceback.StackSummary.extract(walked, lookup_lines=False)
+    frames = [frame for frame in passed if not frame.filename.startswith(ours)]
+    own = [frame for frame in frames if not _is_library(frame.filename)]
+    for frame in own[-1:] or frames[:1]:
+        return f" ({Path(frame.filename).name}:{frame.lineno} in {frame.name})"
+    return ""
 
 
 def _is_library(file: str) -> bool:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import xarray
 
 Image = NDArray[np.uint8]
+#: Depth, or how sure a method is of it: shape (y, x).
+DepthMap = NDArray[np.float32]
 Predict = Callable[..., Any]
 
 
@@ -283,12 +285,12 @@ class Prediction:
         The standard deviation that the method gives each pixel, if it gives any.
     """
 
-    depth: NDArray[np.float32] | None
+    depth: DepthMap | None
     seconds: float
     error: str = ""
     printed: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
-    sigma: NDArray[np.float32] | None = None
+    sigma: DepthMap | None = None
 
 
 class TrainingPair(CaptureImages, Protocol):

@@ -25,6 +25,9 @@ from dfdbench.errors import (
 from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_toml
 
+#: How defocus images were made.
+Blur = BlurRecipe | BlurLaw
+
 # Of a folder that a parameter names. All of it is hashed, before every run.
 _MOST_FILES = 10_000
 _MOST_BYTES = 20 * 10**9
@@ -101,7 +104,7 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
+def _recipe_of(given: Any, where: str) -> Blur:
     if isinstance(given, BlurLaw):
         return given
     if not isinstance(given, str | Mapping | BlurRecipe):
@@ -143,7 +146,7 @@ def read_fields(file: str | Path) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     # Fit for JSON, in which runs and results keep it.
-    if isinstance(value, BlurRecipe | BlurLaw):
+    if isinstance(value, Blur):
         return value.as_dict()
     if isinstance(value, Path):
         return str(value)

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, few_kernels
 from dfdbench.methods.data_cost import part_of_pair, planes_of, require_pair
 from dfdbench.methods.fitted import Image, Solver, wrong
 from dfdbench.methods.law_cost import add_energy, law_misfits
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
@@ -308,7 +309,7 @@ class RoundedGraphCuts(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         truncation: int = 8,
         prior: bool = True,
         sure: bool = False,

@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.parameters import Blur
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no
@@ -79,7 +78,7 @@ class STransform:
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: Blur | None = None,
         smoothing: float = 2.5,
         window: int = 9,
         sure: bool = False,

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fitted import Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs_by_rows
+from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
@@ -254,7 +253,7 @@ class SemiGlobal(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: Blur | None = None,
         small_step: float = 0.5,
         large_step: float = 15.0,
         limit: float = 100.0,

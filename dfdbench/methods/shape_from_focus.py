@@ -304,7 +304,7 @@ class ShapeFromFocus:
 
 
 def guided_lines(
-    guide: Floats, planes: Iterable[Floats], window: tuple[int, int], flatness: Floats
+    guide: Floats, planes: Iterable[Floats], window: tuple[int, int], flatness: np.float32
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield of each plane the slopes and starts of a guided filter's lines over the guide's values.
 
@@ -322,7 +322,7 @@ def guided_lines(
         Variance of the guide below which a window is but averaged; epsilon of the paper.
     """
 
-    def box(image: Floats) -> Floats:
+    def box(image: Array) -> Floats:
         return np.asarray(cv2.blur(image, window, borderType=cv2.BORDER_REPLICATE))
 
     mean = box(guide)
