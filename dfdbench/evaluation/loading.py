@@ -19,10 +19,8 @@ from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.method import Method
 from dfdbench.methods.parameters import Blur
-from dfdbench.methods.registry import load_method
+from dfdbench.methods.registry import Facts, load_method
 from dfdbench.system.location import is_local
-
-Facts = dict[str, Callable[[], Any]]
 
 
 def load_for(

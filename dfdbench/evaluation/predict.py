@@ -31,7 +31,7 @@ from dfdbench.methods.calling import call
 from dfdbench.methods.method import DepthMap, Method, Predict, restore
 from dfdbench.methods.parameters import Blur, read_fields
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.registry import find_entry, load_method
+from dfdbench.methods.registry import Facts, find_entry, load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
@@ -411,8 +411,8 @@ def _load(
         fix = "say what the lens is (--lens FILE), or give a recipe (--param recipe=published)"
         raise MethodError("the method needs to be given the blur", where=str(method), fix=fix)
 
-    offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
-    unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: asked.append("recipe")}
+    offers: Facts = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
+    unknown: Facts = {"recipe": lambda: asked.append("recipe")}
     return load_method(method, parameters, offers, unknown), bool(asked)
 
 

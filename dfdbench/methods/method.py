@@ -77,8 +77,6 @@ class Method:
         What the user set, fit for JSON.
     uses : tuple of str
         Which facts of the data set it was handed, of those offered to `load_method`.
-    source_sha256 : str or None
-        Of the file it is defined in.
     images : tuple of int, optional
         The two images of a stack that it gets as a pair.
     sources : Sources
@@ -90,7 +88,6 @@ class Method:
     predict: Predict
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
-    source_sha256: str | None = None
     images: tuple[int, int] | None = None
     sources: Sources = field(default_factory=Sources, compare=False, repr=False)
 
@@ -150,6 +147,11 @@ class Method:
         return units[said]
 
     @property
+    def source_sha256(self) -> str | None:
+        """The SHA-256 of the file that it is defined in; None if it is in no file."""
+        return self.sources.module_sha256
+
+    @property
     def used(self) -> Hashes:
         """The SHA-256 of the modules and files that its answers came from until now.
 
@@ -158,13 +160,13 @@ class Method:
         MethodError
             If a module was edited after this process had imported it.
         """
-        if self.sources.module_sha256 is None:
-            return {self.entry: self.source_sha256}
+        if self.source_sha256 is None:
+            return {self.entry: None}
         return self.sources.hashes()
 
     def used_again(self, labels: Iterable[str]) -> Hashes:
         """Return the SHA-256 that files have now which an earlier call used, by their labels."""
-        if self.sources.module_sha256 is None:
+        if self.source_sha256 is None:
             return self.used
         return self.sources.hashes_again(labels)
 

@@ -7,7 +7,6 @@ import inspect
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +19,10 @@ from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
+    from dfdbench.methods.sources import Sources
+
+#: Facts of a data set by parameter name, worked out when they are asked for.
+Facts = Mapping[str, Callable[[], Any]]
 
 
 def _parameters_of(target: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
@@ -173,8 +176,8 @@ def load(name: str, **params: Any) -> Predict:
 def load_method(
     name: str | Callable[..., Any],
     parameters: Mapping[str, Any],
-    offers: Mapping[str, Callable[[], Any]],
-    for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+    offers: Facts,
+    for_fits: Facts = MappingProxyType({}),
 ) -> Method:
     """Find a method, construct it where it is a class, and say where it came from.
 
@@ -199,28 +202,57 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
-    # Recipes are pydantic's, which reads lists of packages at its first: not the method's files.
-    import dfdbench.blur.recipe  # noqa: F401
+    # Before files are heard of: pydantic, of which recipes are, reads lists of packages at first.
+    # And not at the top, so that a list of the names needs no numpy.
+    from dfdbench.methods.calling import as_method
+    from dfdbench.methods.method import Method
+    from dfdbench.methods.parameters import read_parameters
     from dfdbench.methods.sources import Sources
 
+    sources = Sources()
+    with sources.watch():
+        shown, entry, target = _found(name, sources)
+        fits = hasattr(target, "fit")
+        given, recorded = read_parameters(parameters, fits)
+        offered = {**offers, **for_fits} if fits else offers
+        uses: tuple[str, ...] = ()
+        if isinstance(target, type):
+            accepted = _parameters_of(target) or {}
+            asked = [key for key in offered if key in accepted and key not in given]
+            facts = {key: offered[key]() for key in asked}
+            uses = tuple(key for key in asked if facts[key] is not None)
+            check_parameters(entry, target, given | facts)
+            predict = as_method(_constructed(entry, target, given | facts))
+        else:
+            predict = as_method(target)
+            if given:
+                check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+                predict = functools.partial(predict, **given)
+        if not callable(predict):
+            kind = type(predict).__name__
+            what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+            expected = "something to call as predict(infocus, defocus)"
+            raise MethodError(what, where=entry, expected=expected)
+        method = Method(shown, entry, predict, recorded, uses, sources=sources)
+        # Now, not after the hours of a run.
+        method.require_readable()
+    return method
+
+
+def _found(name: str | Callable[..., Any], sources: Sources) -> tuple[str, str, Any]:
+    """Return how a method is called, its entry and what that names; note where that is defined."""
     if not isinstance(name, str):
         try:
             name = entry_of(name)
         except MethodError:
             kind: Any = name if hasattr(name, "__qualname__") else type(name)
-            made = kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name, None
-            return _made(*made, parameters, offers, for_fits)
+            return kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name
     entry = find_entry(name)
-    sources = Sources()
-    with sources.watch():
-        target, module = import_entry(entry)
-        place = Path(entry.rpartition(":")[0])
-        is_onnx = place.suffix == ONNX
-        sources.begin_at(module, place.parent if is_onnx else None)
-        source = sources.module_sha256
-        shown = place.name if is_onnx else name
-        method = _made(shown, entry, target, source, parameters, offers, for_fits)
-    return replace(method, sources=sources)
+    target, module = import_entry(entry)
+    place = Path(entry.rpartition(":")[0])
+    is_onnx = place.suffix == ONNX
+    sources.begin_at(module, place.parent if is_onnx else None)
+    return place.name if is_onnx else name, entry, target
 
 
 def find_entry(name: str) -> str:
@@ -246,49 +278,6 @@ def find_entry(name: str) -> str:
         own = "a method of your own: file.py:function, module:function or model.onnx"
         raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
     return registered[name]
-
-
-def _made(
-    name: str,
-    entry: str,
-    target: Any,
-    source: str | None,
-    parameters: Mapping[str, Any],
-    offers: Mapping[str, Callable[[], Any]],
-    for_fits: Mapping[str, Callable[[], Any]],
-) -> Method:
-    # Here, so that a list of the names needs no numpy.
-    from dfdbench.methods.calling import as_method
-    from dfdbench.methods.method import Method
-    from dfdbench.methods.parameters import read_parameters
-
-    fits = hasattr(target, "fit")
-    given, recorded = read_parameters(parameters, fits)
-    if fits:
-        offers = {**offers, **for_fits}
-    if isinstance(target, type):
-        accepted = _parameters_of(target) or {}
-        asked = [key for key in offers if key in accepted and key not in given]
-        facts = {key: offers[key]() for key in asked}
-        uses = tuple(key for key in asked if facts[key] is not None)
-        arguments = given | facts
-        check_parameters(entry, target, arguments)
-        predict = as_method(_constructed(entry, target, arguments))
-    else:
-        uses = ()
-        predict = as_method(target)
-        if given:
-            check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
-            predict = functools.partial(predict, **given)
-    if not callable(predict):
-        kind = type(predict).__name__
-        what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
-        expected = "something to call as predict(infocus, defocus)"
-        raise MethodError(what, where=entry, expected=expected)
-    method = Method(name, entry, predict, recorded, uses, source)
-    # Now, not after the hours of a run.
-    method.require_readable()
-    return method
 
 
 def _constructed(entry: str, target: type, arguments: Mapping[str, Any]) -> Any:

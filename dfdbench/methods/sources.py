@@ -73,6 +73,8 @@ class Sources:
             self._own = path
         if own is not None:
             self._base = self._own = _real(own)
+        # As it is now, which is as it was imported.
+        self._hash(path)
 
     @property
     def module_sha256(self) -> str | None:
