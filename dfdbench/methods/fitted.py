@@ -182,15 +182,16 @@ class Solver(Calibrated):
     """
 
     _farther_is_higher = False
-    _factor: float | None = None
 
     def __init__(
         self, recipe: Blur | None, window: int | None = None, prior: bool = True, sure: bool = False
     ) -> None:
+        from dfdbench.methods.spread import Sureness
+
         super().__init__(recipe, window, prior)
         if not isinstance(sure, bool):
             raise MethodError.of(wrong("sure", "true or false", sure))
-        self._sure = sure
+        self._sure = Sureness(sure, type(self).__name__)
 
     def __call__(self, infocus: Image, defocus: Image) -> Answer:
         """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x).
@@ -198,7 +199,7 @@ class Solver(Calibrated):
         And where it says how sure it is, sigma.
         """
         self._require(1)
-        return self._with_sigma(*self._settled(infocus, [defocus]))
+        return self._sure.answer(*self._settled(infocus, [defocus]))
 
     def from_stack(self, stack: DataArray) -> Answer:
         """Return depth levels, shape (y, x), and where it says how sure it is, sigma.
@@ -212,7 +213,7 @@ class Solver(Calibrated):
 
         infocus, images = sharp_and_blurred(stack)
         self._require(len(images))
-        return self._with_sigma(*self._settled(infocus, images))
+        return self._sure.answer(*self._settled(infocus, images))
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -245,34 +246,24 @@ class Solver(Calibrated):
 
         told = isinstance(self.blur, BlurRecipe)
         by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)
-        return Posterior(shape, *by) if self._sure else None
-
-    def _with_sigma(self, levels: NDArray[np.float32], raw: NDArray[np.float32] | None) -> Answer:
-        from dfdbench.methods.spread import spread_of
-
-        if raw is None:
-            return levels
-        return levels, spread_of(self._factor, raw, type(self).__name__)
+        return Posterior(shape, *by) if self._sure.asked else None
 
     def _require(self, count: int) -> None:
-        from dfdbench.methods.spread import require_factor
-
         known = len(self.blurs)
         if count != known:
             what = f"{count} defocus images, but the blur is known of {known}"
             fix = "leave recipe out, and fit the method to stacks like those that it gets"
             raise MethodError(what, where=type(self).__name__, fix=fix)
-        if self._sure:
-            require_factor(self._factor, type(self).__name__)
+        if self._sure.asked:
+            self._sure.require_factor()
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
         """Measures the blur law of training captures if no blur was given, and how sure to be."""
-        return self._fit if self._told is None or self._sure else None
+        return self._fit if self._told is None or self._sure.asked else None
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate_images
-        from dfdbench.methods.spread import spread_on
         from dfdbench.methods.stacks import farther_is_higher
 
         learned: Learned = {}
@@ -280,17 +271,15 @@ class Solver(Calibrated):
             found = calibrate_images(pairs)
             turned = len(found) > 1 and farther_is_higher(pairs)
             learned = self._learned(found, pairs) | ({_TURNED: 1} if turned else {})
-        if not self._sure:
+        if not self._sure.asked:
             return learned
         trial = copy.copy(self)
         trial.restore(learned)
 
-        def answer(capture: TrainingPair) -> tuple[Array, Array]:
-            levels, raw = trial._settled(*self._images_of(capture))
-            assert raw is not None  # it is sure
-            return levels, raw
+        def answer(capture: TrainingPair) -> tuple[Array, Any]:
+            return trial._settled(*self._images_of(capture))
 
-        return learned | spread_on(answer, pairs, type(self).__name__)
+        return learned | self._sure.learned_on(answer, pairs)
 
     @staticmethod
     def _images_of(capture: TrainingPair) -> tuple[Image, list[Image]]:
@@ -303,10 +292,8 @@ class Solver(Calibrated):
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        from dfdbench.methods.spread import factor_from
-
         learned = dict(learned)
-        self._factor = factor_from(learned)
+        self._sure = self._sure.restored(learned)
         self._farther_is_higher = bool(learned.pop(_TURNED, False))
         if self._told is None:
             super().restore(learned)

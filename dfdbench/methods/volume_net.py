@@ -363,7 +363,7 @@ class VolumeNetMethod(Solver):
             levels = looked_again(costs, finer, levels, *by, posterior)
             if posterior is not None:
                 deviation = posterior.spread_about(levels)
-        return levels, deviation if self._sure else None
+        return levels, deviation if self._sure.asked else None
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
