@@ -119,16 +119,14 @@ def _import_module(name: str) -> ModuleType:
         sys.path.insert(0, str(Path.cwd()))
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        extra = extra_of(error.name)
-        if extra:
-            raise MethodError.of(absent(str(error.name), extra)) from error
-        if error.name and (name == error.name or name.startswith(error.name + ".")):
-            what = f"no module named {error.name}, neither installed nor in {Path.cwd()}"
+    except (Exception, SystemExit) as error:
+        lacking = error.name if isinstance(error, ModuleNotFoundError) else None
+        if extra := extra_of(lacking):
+            raise MethodError.of(absent(str(lacking), extra)) from error
+        if lacking and (name == lacking or name.startswith(lacking + ".")):
+            what = f"no module named {lacking}, neither installed nor in {Path.cwd()}"
             fix = "run from the module's folder, install it, or name its file: file.py:name"
             raise MethodError(what, where=name, fix=fix) from error
-        raise error_of("the module cannot be imported", name, error) from error
-    except (Exception, SystemExit) as error:
         raise error_of("the module cannot be imported", name, error) from error
 
 
