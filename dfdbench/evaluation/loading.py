@@ -17,8 +17,8 @@ from dfdbench.datasets.depth_scale import Rig
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
+from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import Method
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.registry import Facts, load_method
 from dfdbench.system.location import is_local
 

@@ -28,8 +28,9 @@ from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
+from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import DepthMap, Method, Predict, restore
-from dfdbench.methods.parameters import Blur, read_fields
+from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import Facts, find_entry, load_method
 from dfdbench.methods.view_change import ViewChange

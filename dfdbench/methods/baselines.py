@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Image, Solver, learned_array, nothing_to_fit
+from dfdbench.methods.fitted import Blur, Image, Solver, learned_array, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 

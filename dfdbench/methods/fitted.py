@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.method import Learned, TrainingPair
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import AS_USUAL, Chosen
 
 if TYPE_CHECKING:
@@ -300,6 +300,8 @@ class Solver(Calibrated):
 
 
 Array = NDArray[Any]
+#: How defocus images were made.
+Blur = BlurRecipe | BlurLaw
 #: Depth levels, float32 of shape (y, x), or a tuple of them and sigma: it depends on a parameter.
 Answer = Any
 Image = NDArray[np.uint8]

@@ -17,9 +17,8 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, information
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Image, Solver, number_within, wrong
+from dfdbench.methods.fitted import Blur, Image, Solver, number_within, wrong
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.spread import Posterior
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")

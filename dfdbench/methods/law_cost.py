@@ -21,8 +21,7 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.methods.blurred import Blurred, all_blurred, blurred_by
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.method import Image
-from dfdbench.methods.parameters import Blur
+from dfdbench.methods.fitted import Blur, Image
 from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.

@@ -25,9 +25,6 @@ from dfdbench.errors import (
 from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_toml
 
-#: How defocus images were made.
-Blur = BlurRecipe | BlurLaw
-
 # Of a folder that a parameter names. All of it is hashed, before every run.
 _MOST_FILES = 10_000
 _MOST_BYTES = 20 * 10**9
@@ -104,7 +101,7 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _recipe_of(given: Any, where: str) -> Blur:
+def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
     if isinstance(given, BlurLaw):
         return given
     if not isinstance(given, str | Mapping | BlurRecipe):
@@ -146,7 +143,7 @@ def read_fields(file: str | Path) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     # Fit for JSON, in which runs and results keep it.
-    if isinstance(value, Blur):
+    if isinstance(value, BlurRecipe | BlurLaw):
         return value.as_dict()
     if isinstance(value, Path):
         return str(value)

@@ -14,9 +14,8 @@ from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, few_kernels
 from dfdbench.methods.data_cost import part_of_pair, planes_of, require_pair
-from dfdbench.methods.fitted import Image, Solver, wrong
+from dfdbench.methods.fitted import Blur, Image, Solver, wrong
 from dfdbench.methods.law_cost import add_energy, law_misfits
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled

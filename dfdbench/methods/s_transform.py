@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.spread import Sureness
 
 _NAME = "s-transform"
@@ -79,7 +78,7 @@ class STransform:
 
     def __init__(
         self,
-        recipe: Blur | None = None,
+        recipe: fitted.Blur | None = None,
         smoothing: float = 2.5,
         window: int = 9,
         sure: bool = False,

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fitted import Image, Solver, number_within
+from dfdbench.methods.fitted import Blur, Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs_by_rows
-from dfdbench.methods.parameters import Blur
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled

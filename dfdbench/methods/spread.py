@@ -70,9 +70,8 @@ class Posterior:
     def add(self, level: float, cost: Array) -> None:
         """Add a level, and what it costs each pixel, in nats."""
         plane = self._sharpness * np.minimum(np.asarray(cost, np.float32), self._most)
-        if self._window != (1, 1):
-            edge = cv2.BORDER_REPLICATE
-            plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
+        edge = cv2.BORDER_REPLICATE
+        plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
         least = np.minimum(self._least, plane)
         # All that was added before is held against the new least.
         with np.errstate(under="ignore"):
