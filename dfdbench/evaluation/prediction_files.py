@@ -204,15 +204,10 @@ def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
         image.load()
         # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
         mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
-        return _of_image(np.asarray(image), mode, unit), None
-
-
-def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:
-    if mode == "F":
-        return values
-    if mode == "L" and unit == "levels":
-        return values
+        values = np.asarray(image)
+    if mode == "F" or (mode == "L" and unit == "levels"):
+        return values, None
     if mode.startswith("I;16"):
-        return values / SIXTEEN_BIT[unit]
+        return values / SIXTEEN_BIT[unit], None
     kind = "8 bits hold no metres" if mode == "L" else f"an image of kind {mode}"
     raise ValueError(f"{kind}; a depth map is grey, of 8 bits (levels) or 16, or a TIFF of floats")

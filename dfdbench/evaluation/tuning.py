@@ -101,7 +101,7 @@ def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
 
 
-def folds_of(store: Dataset, count: int = FOLDS) -> list[list[Pair]]:
+def folds_of(store: Dataset) -> list[list[Pair]]:
     """Divide the training captures into folds of about one size, those of a group together.
 
     Raises
@@ -112,10 +112,10 @@ def folds_of(store: Dataset, count: int = FOLDS) -> list[list[Pair]]:
     groups: dict[str, list[Pair]] = {}
     for pair in store.pairs(TRAINING):
         groups.setdefault(store.manifest.groups.get(pair.scene, pair.scene), []).append(pair)
-    if len(groups) < count:
-        what = f"{len(groups)} groups of training captures are too few for {count} folds"
+    if len(groups) < FOLDS:
+        what = f"{len(groups)} groups of training captures are too few for {FOLDS} folds"
         raise InputError(what, where=store.manifest.stem, fix="build it with more training scenes")
-    folds: list[list[Pair]] = [[] for _ in range(count)]
+    folds: list[list[Pair]] = [[] for _ in range(FOLDS)]
     # The largest first, each to the fold that has least.
     for group in sorted(groups.values(), key=len, reverse=True):
         min(folds, key=len).extend(group)

@@ -462,11 +462,11 @@ def fit_problems(prior: Any, window: Any) -> list[Problem]:
     return problems + ([] if window is None else odd_window("window", window))
 
 
-def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:
-    """Return what is wrong with a number that must be above `low`, at most `high`."""
+def number_within(name: str, value: Any, most: float) -> list[Problem]:
+    """Return what is wrong with a number that must be above 0, at most `most`."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    right = number and low < value <= high
-    return [] if right else [wrong(name, f"above {low:g}, at most {high:g}", value)]
+    right = number and 0 < value <= most
+    return [] if right else [wrong(name, f"above 0, at most {most:g}", value)]
 
 
 def wrong(name: str, expected: str, got: Any) -> Problem:

@@ -278,7 +278,7 @@ def _problems(levels: int, count: Any, weight: Any, cap: Any, scale: Any) -> lis
     if not isinstance(count, int) or count < 2 or count > levels or levels % count:
         divisors = [number for number in range(2, levels + 1) if levels % number == 0]
         problems.append(wrong("labels", f"one of {divisors}", count))
-    problems += number_within("weight", weight, 0, 5000)
+    problems += number_within("weight", weight, 5000)
     for name, number in (("cap", cap), ("scale", scale)):
         if not isinstance(number, int) or number < 1:
             problems.append(wrong(name, "a whole number above 0", number))

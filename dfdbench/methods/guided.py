@@ -72,8 +72,8 @@ class Guided(Solver):
         sure: bool = False,
     ) -> None:
         problems = fit_problems(prior, window)
-        problems += number_within("flatness", flatness, 0, 1e6)
-        problems += number_within("limit", limit, 0, 10000)
+        problems += number_within("flatness", flatness, 1e6)
+        problems += number_within("limit", limit, 10000)
         MethodError.raise_if(problems)
         super().__init__(recipe, window, prior, sure)
         self._limit = limit

@@ -83,7 +83,7 @@ class STransform:
         window: int = 9,
         sure: bool = False,
     ) -> None:
-        problems = fitted.number_within("smoothing", smoothing, 0, 20)
+        problems = fitted.number_within("smoothing", smoothing, 20)
         problems += fitted.odd_window("window", window)
         problems += [] if isinstance(sure, bool) else [fitted.wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)

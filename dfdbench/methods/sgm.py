@@ -260,8 +260,8 @@ class SemiGlobal(Solver):
         sure: bool = False,
     ) -> None:
         most = MOST // (2 * UNIT)
-        problems = number_within("small_step", small_step, 0, most)
-        problems += number_within("large_step", large_step, 0, most)
+        problems = number_within("small_step", small_step, most)
+        problems += number_within("large_step", large_step, most)
         if not problems and large_step < small_step:
             problems.append(
                 Problem(
@@ -269,7 +269,7 @@ class SemiGlobal(Solver):
                     where="small_step",
                 )
             )
-        problems += number_within("limit", limit, 0, most)
+        problems += number_within("limit", limit, most)
         MethodError.raise_if(problems)
         super().__init__(recipe, prior=prior, sure=sure)
         self._limit = limit

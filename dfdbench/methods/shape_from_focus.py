@@ -261,7 +261,7 @@ class ShapeFromFocus:
             if name not in known:
                 raise unknown_name(kind, str(name), known)
         problems = odd_window("window", window)
-        problems += number_within("flatness", flatness, 0, 1e6)
+        problems += number_within("flatness", flatness, 1e6)
         MethodError.raise_if(problems)
         self._measure, self._peak = measure, peak
         self._window = (2 * (window // (2 * _CELL)) + 1,) * 2
