@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
+from dfdbench.methods.view_change import ViewChange, without_change
 
 if TYPE_CHECKING:
     from xarray import DataArray
 
-    from dfdbench.methods.measured_law import Calibration
     from dfdbench.methods.spread import Posterior
-    from dfdbench.methods.view_change import ViewChange
 
 
 class Choosing(ABC):
@@ -115,8 +115,6 @@ class Calibrated(Choosing):
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        from dfdbench.methods.measured_law import Calibration
-
         learned = dict(learned)
         self.chosen = Chosen.taken_from(learned)
         self.calibrations = Calibration.all_of(learned)
@@ -152,9 +150,6 @@ class Calibrated(Choosing):
         return self._learned([calibrate(pairs)], pairs)
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.measured_law import Calibration
-        from dfdbench.methods.view_change import ViewChange, without_change
-
         learned = Calibration.all_as_learned(found)
         # A stack leaves less to choose, and its fit takes long enough.
         if len(found) > 1:
