@@ -114,7 +114,7 @@ class Sources:
 
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
         """Return the SHA-256 that the files have now which an earlier call used."""
-        return {label: _sha256(self._path(label)) for label in labels}
+        return {label: sha256_of(self._path(label)) for label in labels}
 
     @functools.cached_property
     def _modules(self) -> dict[str, str]:
@@ -171,7 +171,7 @@ class Sources:
 
     def _hash(self, path: Path) -> str:
         if path not in self._hashes:
-            self._hashes[path] = _sha256(path)
+            self._hashes[path] = sha256_of(path)
         return self._hashes[path]
 
     def _require_as_imported(self, name: str, path: Path) -> None:
@@ -271,7 +271,8 @@ def _file_of(base: Path, name: str) -> Path | None:
     return None
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file; `ABSENT` if there is none."""
     if not path.is_file():
         return ABSENT
     with path.open("rb") as file:
