@@ -4,7 +4,6 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 from typing import Any, get_args
 
 import cv2
@@ -25,15 +24,13 @@ COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
 SOLVERS = ("split", "expansion")
 QUALITIES = get_args(mrf.Quality)
 # The published table is made for 256 labels; the others take `cap` and `scale` of Table 4.1.
-SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = MappingProxyType(
-    {
-        "published": lambda levels, cap, scale: mrf.published(levels),
-        "truncated-absolute": mrf.truncated_absolute,
-        "truncated-quadratic": mrf.truncated_quadratic,
-        "potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
-        "adaptive-potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
-    }
-)
+SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = {
+    "published": lambda levels, cap, scale: mrf.published(levels),
+    "truncated-absolute": mrf.truncated_absolute,
+    "truncated-quadratic": mrf.truncated_quadratic,
+    "potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
+    "adaptive-potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
+}
 # data_cost stores costs in 16 bits.
 _LARGEST_COST = 65535
 # Of `weight`, what a nat costs under a blur law.

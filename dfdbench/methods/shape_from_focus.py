@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
@@ -72,14 +71,12 @@ def _ring_difference(grey: Floats) -> Floats:
 
 
 #: The focus measures, and of which power of a texture's contrast each is.
-MEASURES: Mapping[str, tuple[Callable[[Floats], Floats], int]] = MappingProxyType(
-    {
-        "ring": (_ring_difference, 1),
-        "sml": (_modified_laplacian, 1),
-        "tenengrad": (_tenengrad, 2),
-        "variance": (_variance, 2),
-    }
-)
+MEASURES: Mapping[str, tuple[Callable[[Floats], Floats], int]] = {
+    "ring": (_ring_difference, 1),
+    "sml": (_modified_laplacian, 1),
+    "tenengrad": (_tenengrad, 2),
+    "variance": (_variance, 2),
+}
 
 
 def focus_cells(image: Array, measure: str = "ring") -> Floats:
