@@ -152,8 +152,7 @@ def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:
     """Sample a Gaussian for each sigma, normalised: (sigma, 2 * radius + 1) float64."""
     at = np.arange(-radius, radius + 1)
     kernels = np.exp(-(at**2) / (2 * np.square(sigmas)[:, None]))
-    scaled: NDArray[np.float64] = kernels / kernels.sum(1, keepdims=True)
-    return scaled
+    return np.asarray(kernels / kernels.sum(1, keepdims=True))
 
 
 def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -184,8 +183,7 @@ def planes_of(kernels: Array) -> NDArray[np.float64]:
     radius = kernels.shape[1] // 2
     # A tap off an axis stands for its mirror images too, in sums over the kernel.
     half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
-    planes: NDArray[np.float64] = np.einsum("ia,ib->iab", half, half).reshape(len(half), -1)
-    return planes
+    return np.asarray(np.einsum("ia,ib->iab", half, half).reshape(len(half), -1))
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the

@@ -157,8 +157,7 @@ def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     """
     values = np.asarray(losses, np.float64)
     highest = int((values.size - 1) * 0.9 + 0.5)
-    kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
-    return kept
+    return np.asarray(values[values <= np.partition(values, highest)[highest]])
 
 
 class Learner(Trainee):

@@ -384,8 +384,7 @@ class TrainingFolder:
 
 def _as_json(identity: Mapping[str, Any]) -> dict[str, Any]:
     # Tuples become lists, so that both sides of a comparison have the same types.
-    found: dict[str, Any] = json.loads(json.dumps(identity))
-    return found
+    return dict(json.loads(json.dumps(identity)))
 
 
 def _write(path: Path, rows: list[Row]) -> None:

@@ -152,8 +152,7 @@ class Predictor:
                 levels[rows] = self._read(
                     logits[rows.start - outer.start :][: rows.stop - rows.start]
                 )
-        answer: NDArray[np.uint8] = levels.cpu().numpy()
-        return answer
+        return np.asarray(levels.cpu().numpy())
 
 
 def likeliest_levels(logits: Tensor) -> Tensor:

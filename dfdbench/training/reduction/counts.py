@@ -306,8 +306,7 @@ def noise_gram(inputs: int, length: int, random: np.random.Generator) -> Matrix:
     """
     triangle = np.tril(random.standard_normal((inputs, inputs)), -1)
     triangle[np.diag_indices(inputs)] = np.sqrt(random.chisquare(length - np.arange(inputs)))
-    product: Matrix = triangle @ triangle.T
-    return product
+    return np.asarray(triangle @ triangle.T)
 
 
 @dataclass
@@ -332,8 +331,7 @@ class _Neurons:
 
     def closest(self) -> NDArray[np.intp]:
         """Return the first of the closest neurons, for each input."""
-        nearest: NDArray[np.intp] = (self.squares[:, None] - 2 * self.with_inputs).argmin(0)
-        return nearest
+        return np.asarray((self.squares[:, None] - 2 * self.with_inputs).argmin(0))
 
     def move(self, won: NDArray[np.intp], kept: NDArray[np.intp], radius: int) -> None:
         """Move neurons to the mean of the inputs that were won within a radius, own ones twice."""
@@ -360,5 +358,4 @@ def _radius(epoch: int, tuning: Tuning) -> int:
 def _centred(gram: Matrix) -> Matrix:
     # Distances stay; the products are those of the inputs less their mean.
     means = gram.mean(axis=0)
-    centred: Matrix = gram - means - means[:, None] + means.mean()
-    return centred
+    return np.asarray(gram - means - means[:, None] + means.mean())
