@@ -14,9 +14,8 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
-from dfdbench.methods.blurred import blurred_by
+from dfdbench.methods.blurred import blurred_by, information_at
 from dfdbench.methods.calibration import calibrate
-from dfdbench.methods.information import information_at
 from dfdbench.methods.method import TrainingPair
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING

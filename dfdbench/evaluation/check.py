@@ -98,24 +98,19 @@ def check_method(
     on_trial : callable, optional
         Called with the name of each input before it is tried.
     """
-    at = _At(on_trial)
+    here = ""
+
+    def at(name: str) -> None:
+        nonlocal here
+        here = name
+        if on_trial:
+            on_trial(name)
+
     try:
         return _tried(method, load, at)
     except KeyboardInterrupt as stopped:
-        stopped.add_note(f"it was at {at.name}")
+        stopped.add_note(f"it was at {here}")
         raise
-
-
-class _At:
-    """Which input is tried, for whoever waits."""
-
-    def __init__(self, on_trial: Callable[[str], None] | None) -> None:
-        self.name, self._on_trial = "", on_trial
-
-    def __call__(self, name: str) -> None:
-        self.name = name
-        if self._on_trial:
-            self._on_trial(name)
 
 
 def _tried(
@@ -253,14 +248,14 @@ def _try_fit(method: Method) -> tuple[Check, Learned | None]:
     handed = [array for pair in pairs for array in (pair.images, pair.depth)]
     before = [array.copy() for array in handed]
     try:
-        lesson = teach(method, pairs, _SEED)
+        learned, seconds = teach(method, pairs, _SEED)
     except DfdbenchError as error:
         return Check(_FIT, 0, " ".join(str(error).split())), None
     same = partial(np.array_equal, equal_nan=True)
     odd = [] if all(map(same, handed, before)) else ["changes the pairs it is handed"]
-    if lesson.learned is None:
+    if learned is None:
         odd.append("returns None: it is called again when a run goes on, and not with --workers")
-    return Check(_FIT, lesson.seconds, warning="; ".join(odd)), lesson.learned
+    return Check(_FIT, seconds, warning="; ".join(odd)), learned
 
 
 def _slope(height: int, width: int) -> Image:

@@ -137,12 +137,12 @@ def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | N
     two = method.two_images(store.manifest.pair_images)
     fitted_on, pairs = training_pairs(store, split, two)
     try:
-        lesson = teach(method, pairs, seed)
+        learned, seconds = teach(method, pairs, seed)
     except KeyboardInterrupt as stopped:
         # The command line says it in place of "goes on from here".
         stopped.add_note(f"{method.name} was being fitted: the same command begins the fit anew")
         raise
-    return Fit(fitted_on, lesson.seconds, lesson.learned)
+    return Fit(fitted_on, seconds, learned)
 
 
 def fit_sha256(folder: Path) -> str:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 import PIL.Image
-from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, reason_of
 from dfdbench.evaluation.plan import differences_from
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
-from dfdbench.methods.method import Method
+from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
@@ -41,10 +40,7 @@ def require_map(path: Path) -> None:
 
 
 def write_depth(
-    path: Path,
-    depth: NDArray[np.float32],
-    unit: Unit = "levels",
-    sigma: NDArray[np.float32] | None = None,
+    path: Path, depth: DepthMap, unit: Unit = "levels", sigma: DepthMap | None = None
 ) -> None:
     """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
 
@@ -105,11 +101,7 @@ class KeptMaps:
         return place if same else None
 
     def add(
-        self,
-        name: str,
-        images: Iterable[Path],
-        depth: NDArray[np.float32],
-        sigma: NDArray[np.float32] | None,
+        self, name: str, images: Iterable[Path], depth: DepthMap, sigma: DepthMap | None
     ) -> Path:
         """Write a depth map, ``.npz`` with its sigma if there is one, and return where it lies."""
         place = self._folder / f"{name}.{'npy' if sigma is None else 'npz'}"
@@ -132,7 +124,7 @@ def _sha256(images: Iterable[Path]) -> str:
     return hashed.hexdigest()
 
 
-def write_submission(path: Path, depths: Iterable[tuple[str, NDArray[np.float32]]]) -> None:
+def write_submission(path: Path, depths: Iterable[tuple[str, DepthMap]]) -> None:
     """Write depth maps as ZEDD's test server takes them: a zip of ``zedd_output_0001.npy`` ...
 
     Parameters

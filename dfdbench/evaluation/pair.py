@@ -36,9 +36,6 @@ PRINTED = "printed"
 TURNED = "depth falls where the truth rises"
 DIFFERS = "a second call on the same pair"
 
-#: What became of a pair, and the answer, in the data set's unit.
-Evaluated = tuple[PairResult, Prediction]
-
 
 class EvaluatedElsewhere(NamedTuple):
     """What became of a pair in another process: what that had used until then, and where it is."""
@@ -74,8 +71,8 @@ class PairEvaluator:
         self._warm = False
         self._one_at_a_time = threading.Lock()
 
-    def __call__(self, pair: Pair) -> Evaluated:
-        """Evaluate one pair."""
+    def __call__(self, pair: Pair) -> tuple[PairResult, Prediction]:
+        """Return what became of a pair, and the answer, in the data set's unit."""
         images = self._images(pair)
         unit = self._store.manifest.depth.kind
         predict, arguments = self._method.called_on(images)
@@ -188,10 +185,8 @@ def _require_same(expected: dict[str, Hashes], method: Method) -> None:
         raise MethodError(what, where=f"{method.entry}, on {platform.node()}", fix=fix)
 
 
-@lru_cache(maxsize=1)
-def _environment_here() -> Environment:
-    # After the first pair: a method may load PyTorch only then.
-    return describe_environment()
+# Asked after the first pair: a method may load PyTorch only then.
+_environment_here = lru_cache(maxsize=1)(describe_environment)
 
 
 def record_of(

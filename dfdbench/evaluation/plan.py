@@ -91,7 +91,7 @@ class RunPlan:
             "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
         }
         own = identity_of(self.method, self.options.seed, self.options.fitted)
-        return dict(json.loads(json.dumps(identity))) | own
+        return dict(json.loads(json.dumps(identity | own)))
 
 
 def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[str, Any]:

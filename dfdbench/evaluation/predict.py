@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import SUFFIXES, read_photograph
@@ -26,14 +25,14 @@ from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
 from dfdbench.evaluation.fitting import FIT, read_fit, require_run_of
-from dfdbench.evaluation.lens import is_lens, lens_law
-from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.loading import images_in, is_lens, lens_law
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
-from dfdbench.methods.method import Method, Predict, restore
+from dfdbench.methods.fitted import Blur
+from dfdbench.methods.method import DepthMap, Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.registry import find_entry, load_method
+from dfdbench.methods.registry import Facts, find_entry, load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
-Camera = str | Path | Mapping[str, Any] | BlurRecipe | BlurLaw
+Camera = str | Path | Mapping[str, Any] | Blur
 
 
 @dataclass(frozen=True)
@@ -65,10 +64,10 @@ class Estimate:
         where it gives none.
     """
 
-    depth: NDArray[np.float32]
+    depth: DepthMap
     seconds: float
     found: str = ""
-    sigma: NDArray[np.float32] | None = None
+    sigma: DepthMap | None = None
 
 
 class DepthPredictor:
@@ -169,7 +168,7 @@ class DepthPredictor:
             f"level {scale.near_level} is {scale.near:g} m"
         )
 
-    def metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    def metres(self, depth: DepthMap) -> DepthMap:
         """Return a depth map of its own in metres.
 
         Raises
@@ -265,7 +264,7 @@ def predict(
     parameters: Mapping[str, Any] | None = None,
     align: bool = True,
     seed: int = 0,
-) -> NDArray[np.float32]:
+) -> DepthMap:
     """Estimate a depth map from two photographs of one scene, or from a focal stack.
 
     Parameters
@@ -414,8 +413,8 @@ def _load(
         fix = "say what the lens is (--lens FILE), or give a recipe (--param recipe=published)"
         raise MethodError("the method needs to be given the blur", where=str(method), fix=fix)
 
-    offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
-    unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: asked.append("recipe")}
+    offers: Facts = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
+    unknown: Facts = {"recipe": lambda: asked.append("recipe")}
     return load_method(method, parameters, offers, unknown), bool(asked)
 
 

@@ -13,6 +13,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Depth, Pair
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.calling import check_answer
+from dfdbench.methods.method import DepthMap
 from dfdbench.metrics.protocol import Unit
 from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
 from dfdbench.tables.table import listed
@@ -54,9 +55,7 @@ class PredictionFiles:
     beyond: float = 0.0
     highest: float = 255.0
 
-    def read(
-        self, pair: Pair, shape: tuple[int, int]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def read(self, pair: Pair, shape: tuple[int, int]) -> tuple[DepthMap, DepthMap | None]:
         """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x)."""
         return _answer(self.files[pair], shape, self.unit, self.about)[:2]
 
@@ -164,12 +163,9 @@ def _sorted_out(
     return files, problems
 
 
-Depths = NDArray[np.float32]
-
-
 def _answer(
     path: Path, shape: tuple[int, int], unit: Unit, about: Depth
-) -> tuple[Depths, Depths | None, int]:
+) -> tuple[DepthMap, DepthMap | None, int]:
     """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
 
     Beyond is nothing in metres of a set in metres. A ValueError says what is wrong with the file.
@@ -184,9 +180,10 @@ def _answer(
         bad = np.count_nonzero(np.isinf(values) | (values <= 0))
         if bad:
             raise ValueError(f"holds no distance in {bad} of {values.size} pixels")
-    depth, sigma, wrong = check_answer(values if spread is None else (values, spread), shape, unit)
-    if depth is None:
-        raise ValueError(wrong.replace("returned", "holds", 1))
+    try:
+        depth, sigma = check_answer(values if spread is None else (values, spread), shape, unit)
+    except ValueError as error:
+        raise ValueError(str(error).replace("returned", "holds", 1)) from error
     beyond, scale = 0, about.scale
     if unit == "metres" and about.kind == "levels" and scale is not None:
         beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
@@ -207,15 +204,10 @@ def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
         image.load()
         # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
         mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
-        return _of_image(np.asarray(image), mode, unit), None
-
-
-def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:
-    if mode == "F":
-        return values
-    if mode == "L" and unit == "levels":
-        return values
+        values = np.asarray(image)
+    if mode == "F" or (mode == "L" and unit == "levels"):
+        return values, None
     if mode.startswith("I;16"):
-        return values / SIXTEEN_BIT[unit]
+        return values / SIXTEEN_BIT[unit], None
     kind = "8 bits hold no metres" if mode == "L" else f"an image of kind {mode}"
     raise ValueError(f"{kind}; a depth map is grey, of 8 bits (levels) or 16, or a TIFF of floats")

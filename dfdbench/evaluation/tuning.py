@@ -12,7 +12,7 @@ from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.methods.method import Method, teach
+from dfdbench.methods.method import teach
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import SURE, find_protocol, ranked_by
 from dfdbench.results.record import protocol_on
@@ -57,7 +57,10 @@ def cross_validate(
     for trial, ready in zip(trials, methods, strict=True):
         found = []
         for fold in folds:
-            _teach(store, ready, [pair for pair in every if pair not in fold], seed)
+            if ready.learner is not None:
+                others = tuple(pair for pair in every if pair not in fold)
+                two = ready.two_images(store.manifest.pair_images)
+                teach(ready, Captures(store, others, two), seed)
             evaluator = PairEvaluator(store, ready, seed, [rule])
             for pair in (pair for pair in fold if pair in scored):
                 record, _ = evaluator(pair)
@@ -98,7 +101,7 @@ def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
 
 
-def folds_of(store: Dataset, count: int = FOLDS) -> list[list[Pair]]:
+def folds_of(store: Dataset) -> list[list[Pair]]:
     """Divide the training captures into folds of about one size, those of a group together.
 
     Raises
@@ -109,10 +112,10 @@ def folds_of(store: Dataset, count: int = FOLDS) -> list[list[Pair]]:
     groups: dict[str, list[Pair]] = {}
     for pair in store.pairs(TRAINING):
         groups.setdefault(store.manifest.groups.get(pair.scene, pair.scene), []).append(pair)
-    if len(groups) < count:
-        what = f"{len(groups)} groups of training captures are too few for {count} folds"
+    if len(groups) < FOLDS:
+        what = f"{len(groups)} groups of training captures are too few for {FOLDS} folds"
         raise InputError(what, where=store.manifest.stem, fix="build it with more training scenes")
-    folds: list[list[Pair]] = [[] for _ in range(count)]
+    folds: list[list[Pair]] = [[] for _ in range(FOLDS)]
     # The largest first, each to the fold that has least.
     for group in sorted(groups.values(), key=len, reverse=True):
         min(folds, key=len).extend(group)
@@ -128,9 +131,3 @@ def words(parameters: Mapping[str, Any]) -> str:
     '--param window=31 --param smoothing=0.5'
     """
     return " ".join(f"--param {name}={plain(value)}" for name, value in parameters.items())
-
-
-def _teach(store: Dataset, method: Method, pairs: Sequence[Pair], seed: int) -> None:
-    if method.learner is not None:
-        two = method.two_images(store.manifest.pair_images)
-        teach(method, Captures(store, tuple(pairs), two), seed)

@@ -62,10 +62,7 @@ def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> N
     -------
     ndarray of float32, shape (y, x, channel)
     """
-    light = light_of(defocus, linear)
-    if how == Alignment(0.0, 0.0, 1.0) and not offset:
-        return light
-    return undo(how, light, offset)
+    return undo(how, light_of(defocus, linear), offset)
 
 
 def noise_of(law: BlurLaw, aim: NDArray[np.float32]) -> NDArray[np.float32]:

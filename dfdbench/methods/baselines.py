@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Image, Solver, learned_array, nothing_to_fit
+from dfdbench.methods.fitted import Blur, Image, Solver, learned_array, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
@@ -139,12 +139,12 @@ class Local(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         window: int | None = None,
         prior: bool = True,
         sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, window, sure)
+        super().__init__(recipe, window, prior, sure)
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None

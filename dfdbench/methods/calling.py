@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, where_raised
-from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.methods.method import DepthMap, Image, Predict, Prediction
 from dfdbench.methods.process_state import process_kept
 from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import LARGEST_NUMBER
@@ -133,10 +133,13 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
         error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, sigma, error = check_answer(returned, images[0].shape[-3:-1], unit)
-        if len(numbers) > _MOST_NUMBERS:
-            error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
-            depth, sigma, numbers = None, None, {}
+        try:
+            if (count := len(numbers)) > _MOST_NUMBERS:
+                numbers, most = {}, f"expected {_MOST_NUMBERS} at most"
+                raise ValueError(f"keeps {count:,} values in `numbers`; {most}")
+            depth, sigma = check_answer(returned, images[0].shape[-3:-1], unit)
+        except ValueError as wrong:
+            error = str(wrong)
     return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers, sigma)
 
 
@@ -147,13 +150,10 @@ class _Printed(io.StringIO):
         pass
 
 
-Depth = NDArray[np.float32]
-
-
 def check_answer(
     returned: Any, shape: tuple[int, ...], unit: Unit = "levels"
-) -> tuple[Depth | None, Depth | None, str]:
-    """Return a method's answer as float32, or None and what is wrong with it.
+) -> tuple[DepthMap, DepthMap | None]:
+    """Return a method's answer as float32.
 
     Parameters
     ----------
@@ -167,93 +167,93 @@ def check_answer(
 
     Returns
     -------
-    depth : ndarray of float32, shape (y, x), or None
+    depth : ndarray of float32, shape (y, x)
         Levels 0 to 255, or metres above 0; NaN where there is no answer.
     sigma : ndarray of float32, shape (y, x), or None
         Above 0, and NaN where there is no answer. None where the method gives none.
-    wrong : str
-        Empty where there is a depth map.
+
+    Raises
+    ------
+    ValueError
+        Where it is no answer; it says what is wrong.
 
     Examples
     --------
     >>> check_answer(np.full((2, 2), 300), (2, 2))
-    (None, None, 'returned levels from 300 to 300; expected 0 to 255')
-    >>> check_answer((np.ones((1, 2)),) * 3, (1, 2))[2]
-    'returned a tuple of 3; expected depth, or a tuple (depth, sigma)'
-    >>> check_answer((np.ones((1, 2)), np.zeros((1, 2))), (1, 2))[2]
-    'returned sigma of 0 to 0; expected finite numbers above 0 wherever there is depth'
+    Traceback (most recent call last):
+    ValueError: returned levels from 300 to 300; expected 0 to 255
+    >>> check_answer((np.ones((1, 2)),) * 3, (1, 2))
+    Traceback (most recent call last):
+    ValueError: returned a tuple of 3; expected depth, or a tuple (depth, sigma)
+    >>> check_answer((np.ones((1, 2)), np.zeros((1, 2))), (1, 2))
+    Traceback (most recent call last):
+    ValueError: returned sigma of 0 to 0; expected finite numbers above 0 wherever there is depth
     """
     if returned is None:
-        return None, None, "returned None; expected depth levels: is a `return` missing?"
-    if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
+        raise ValueError("returned None; expected depth levels: is a `return` missing?")
+    if not isinstance(returned, tuple):
+        return _checked_depth(returned, shape, unit), None
+    if any(isinstance(part, Mapping) for part in returned):
         got = "returned a depth map and numbers; expected the depth map alone"
         fix = "keep numbers in the method's attribute `numbers`, from which a result takes them"
-        return None, None, f"{got}: {fix}"
+        raise ValueError(f"{got}: {fix}")
     # A tuple of two rows is no depth map that anyone returns.
-    if not isinstance(returned, tuple) or len(returned) != 2:
-        depth, wrong = _checked_depth(returned, shape, unit)
-        if wrong and isinstance(returned, tuple):
-            count = len(returned)
-            wrong = f"returned a tuple of {count}; expected depth, or a tuple (depth, sigma)"
-        return depth, None, wrong
-    depth, wrong = _checked_depth(returned[0], shape, unit)
-    if depth is None:
-        return None, None, wrong
-    sigma, wrong = _as_array(returned[1], shape, "sigma of ")
-    if sigma is None:
-        return None, None, wrong
+    if len(returned) != 2:
+        try:
+            return _checked_depth(returned, shape, unit), None
+        except ValueError as error:
+            got = f"returned a tuple of {len(returned)}"
+            raise ValueError(f"{got}; expected depth, or a tuple (depth, sigma)") from error
+    depth = _checked_depth(returned[0], shape, unit)
     answered = ~np.isnan(depth)
     with np.errstate(over="ignore"):
-        sigma = np.where(answered, sigma, np.nan).astype(np.float32)
+        sigma = np.where(answered, _as_array(returned[1], shape, "sigma of "), np.nan)
+        sigma = sigma.astype(np.float32)
     given = sigma[answered]
     if not (np.isfinite(given) & (given > 0)).all():
         got = f"{given.min():g} to {given.max():g}"
         expected = "finite numbers above 0 wherever there is depth"
-        return None, None, f"returned sigma of {got}; expected {expected}"
-    return depth, sigma, ""
+        raise ValueError(f"returned sigma of {got}; expected {expected}")
+    return depth, sigma
 
 
-def _checked_depth(
-    returned: Any, shape: tuple[int, ...], unit: Unit
-) -> tuple[NDArray[np.float32] | None, str]:
-    array, wrong = _as_array(returned, shape)
-    if array is None:
-        return None, wrong
+def _checked_depth(returned: Any, shape: tuple[int, ...], unit: Unit) -> DepthMap:
+    array = _as_array(returned, shape)
     answered = ~np.isnan(array)
     if np.isinf(array).any():
-        return None, f"returned infinity in {np.isinf(array).sum()} of {array.size} pixels"
+        raise ValueError(f"returned infinity in {np.isinf(array).sum()} of {array.size} pixels")
     if not answered.any():
-        return None, f"returned NaN, no answer, in all of {array.size} pixels"
+        raise ValueError(f"returned NaN, no answer, in all of {array.size} pixels")
     low, high = array[answered].min(), array[answered].max()
     if unit == "metres":
         if low <= 0:
-            return None, f"returned distances from {low:g} to {high:g} m; expected all above 0"
-        return array.astype(np.float32), ""
+            got = f"returned distances from {low:g} to {high:g} m"
+            raise ValueError(f"{got}; expected all above 0")
+        return array.astype(np.float32)
     if low < -_ROUNDING or high > LAST_LEVEL + _ROUNDING:
-        return None, f"returned levels from {low:g} to {high:g}; expected 0 to {LAST_LEVEL}"
-    return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""
+        got = f"returned levels from {low:g} to {high:g}"
+        raise ValueError(f"{got}; expected 0 to {LAST_LEVEL}")
+    return np.clip(array.astype(np.float32), 0, LAST_LEVEL)
 
 
-def _as_array(
-    returned: Any, shape: tuple[int, ...], what: str = ""
-) -> tuple[NDArray[Any] | None, str]:
+def _as_array(returned: Any, shape: tuple[int, ...], what: str = "") -> NDArray[Any]:
     if isinstance(returned, np.ma.MaskedArray) and np.ma.is_masked(returned):
-        count = np.count_nonzero(returned.mask)
-        return None, f"returned {what}an array with {count} masked pixels; expected NaN for those"
+        got = f"an array with {np.count_nonzero(returned.mask)} masked pixels"
+        raise ValueError(f"returned {what}{got}; expected NaN for those")
     try:
         array = np.asarray(without_gradient(returned))
     except (Exception, SystemExit) as error:
-        kind = type(returned).__name__
-        return None, f"returned {what}a {kind} that is no array: {describe(error)}"
+        got = f"a {type(returned).__name__} that is no array"
+        raise ValueError(f"returned {what}{got}: {describe(error)}") from error
     if array.dtype.kind not in "uif":
-        return None, f"returned {what}{array.dtype} values; expected real numbers"
+        raise ValueError(f"returned {what}{array.dtype} values; expected real numbers")
     if array.shape != shape:
         each = "one number a pixel" if what else "one depth level a pixel"
-        return None, f"returned {what}shape {array.shape}; expected {shape}, {each}"
-    return array, ""
+        raise ValueError(f"returned {what}shape {array.shape}; expected {shape}, {each}")
+    return array
 
 
-def difference(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> str:
+def difference(one: DepthMap | None, other: DepthMap | None) -> str:
     """Say in what two answers to one pair differ; rounding does not count.
 
     Parameters
@@ -281,7 +281,7 @@ def difference(one: NDArray[np.float32] | None, other: NDArray[np.float32] | Non
     return f"differs in {count} of {apart.size} pixels, by up to {apart.max():.3g} levels"
 
 
-def in_unit_range(depth: NDArray[np.float32]) -> bool:
+def in_unit_range(depth: DepthMap) -> bool:
     """Return whether a depth map holds levels from 0 to 1 alone, and not just zeros.
 
     Parameters

@@ -66,7 +66,7 @@ def data_cost(
     kernel_size : int, optional
         Side of the square kernel in pixels, odd, whatever the sigma.
     out : (y, x, label) uint16, optional
-        Memory to write the costs into. On some systems fresh memory takes as long as the costs.
+        Contiguous memory to write the costs into: fresh memory takes as long on some systems.
     rows, columns : slice, optional
         The part of the image whose costs are asked for, without a step; all where not given.
 
@@ -80,7 +80,7 @@ def data_cost(
     Raises
     ------
     InputError
-        If an image or `out` is not as above.
+        If an image is not as above.
 
     Examples
     --------
@@ -100,10 +100,6 @@ def data_cost(
     padded, blurred = part_of_pair(sharp, blurred, radius, rows, columns)
     shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
-    if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
-        raise InputError(
-            f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}"
-        )
     offset = _fill(
         padded.astype(np.float32),
         np.ascontiguousarray(blurred),
@@ -156,8 +152,7 @@ def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:
     """Sample a Gaussian for each sigma, normalised: (sigma, 2 * radius + 1) float64."""
     at = np.arange(-radius, radius + 1)
     kernels = np.exp(-(at**2) / (2 * np.square(sigmas)[:, None]))
-    scaled: NDArray[np.float64] = kernels / kernels.sum(1, keepdims=True)
-    return scaled
+    return np.asarray(kernels / kernels.sum(1, keepdims=True))
 
 
 def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -165,13 +160,13 @@ def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[n
 
     Returns the sigmas of the nodes and a (node, label) float64 matrix whose columns sum to 1.
     """
-    wanted = _planes(sigmas, radius)
+    wanted = planes_of(_kernels(sigmas, radius))
     for count in range(4, min(len(sigmas), 33), 4):
         # Chebyshev points in sqrt(sigma): dense where the kernel changes fast.
         points = np.cos((2 * np.arange(count) + 1) * math.pi / (2 * count))[::-1]
         low, high = math.sqrt(sigmas[0]), math.sqrt(sigmas[-1])
         nodes = ((low + high) / 2 + (high - low) / 2 * points) ** 2
-        planes = _planes(nodes, radius)
+        planes = planes_of(_kernels(nodes, radius))
         # Least squares over the factors that sum to 1, so that flat areas come out exact.
         others, last = planes[:-1] - planes[-1], planes[-1]
         bent = np.concatenate([others.T, RIDGE * np.eye(count - 1)])
@@ -183,13 +178,12 @@ def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[n
     return sigmas, np.eye(len(sigmas))
 
 
-def _planes(sigmas: Array, radius: int) -> NDArray[np.float64]:
-    """Build 2-D kernels as rows: their quadrant counts for all, by symmetry."""
-    half = _kernels(sigmas, radius)[:, radius:]
+def planes_of(kernels: Array) -> NDArray[np.float64]:
+    """Build 2-D kernels as rows of 1-D ones: their quadrant counts for all, by symmetry."""
+    radius = kernels.shape[1] // 2
     # A tap off an axis stands for its mirror images too, in sums over the kernel.
-    half = half * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
-    planes: NDArray[np.float64] = np.einsum("ia,ib->iab", half, half).reshape(len(sigmas), -1)
-    return planes
+    half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
+    return np.asarray(np.einsum("ia,ib->iab", half, half).reshape(len(half), -1))
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the

@@ -107,7 +107,7 @@ class FavaroSoatto(fitted.Choosing):
             problems.append(fitted.wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += fitted.fit_problems(prior, window)
         MethodError.raise_if(problems)
-        super().__init__(prior, window)
+        super().__init__(window, prior)
         self._sides, self._groups = (sharp_patch, blurred_patch), groups
         self._operators: NDArray[np.float32] | None = None
         self._images = 1

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
+from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
+from dfdbench.methods.view_change import ViewChange, without_change
 
 if TYPE_CHECKING:
     from xarray import DataArray
 
-    from dfdbench.methods.measured_law import Calibration
     from dfdbench.methods.spread import Posterior
-    from dfdbench.methods.view_change import ViewChange
 
 
 class Choosing(ABC):
@@ -30,11 +30,11 @@ class Choosing(ABC):
 
     Parameters
     ----------
-    prior : bool
-        Let the fit find out whether it helps to know how often training shows each depth.
     window : int or None
         Side of the square window in pixels that costs are summed over, odd; None leaves it to the
         fit.
+    prior : bool
+        Let the fit find out whether it helps to know how often training shows each depth.
     """
 
     #: Whether a median can be read from its costs.
@@ -42,7 +42,7 @@ class Choosing(ABC):
     #: Whether more or less can be smoothed.
     smooths: ClassVar[bool] = True
 
-    def __init__(self, prior: bool, window: int | None) -> None:
+    def __init__(self, window: int | None, prior: bool) -> None:
         self._with_prior = prior
         self._given_window = window
         #: What the fit chose; as usual before.
@@ -90,7 +90,7 @@ class Calibrated(Choosing):
     ----------
     recipe : BlurRecipe, BlurLaw or None
         The blur; None leaves it to the fit.
-    prior, window
+    window, prior
         As of `Choosing`.
 
     Raises
@@ -100,18 +100,13 @@ class Calibrated(Choosing):
     """
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True, window: int | None = None
+        self, recipe: Blur | None = None, window: int | None = None, prior: bool = True
     ) -> None:
         MethodError.raise_if(fit_problems(prior, window))
-        super().__init__(prior, window)
+        super().__init__(window, prior)
         self._told = recipe
         #: What the fit measured of each defocus image; nothing if the blur was given, or before.
         self.calibrations: tuple[Calibration, ...] = ()
-
-    @property
-    def calibration(self) -> Calibration | None:
-        """What the fit measured on pairs."""
-        return self.calibrations[0] if len(self.calibrations) == 1 else None
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
@@ -120,8 +115,6 @@ class Calibrated(Choosing):
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        from dfdbench.methods.measured_law import Calibration
-
         learned = dict(learned)
         self.chosen = Chosen.taken_from(learned)
         self.calibrations = Calibration.all_of(learned)
@@ -132,7 +125,7 @@ class Calibrated(Choosing):
         return LEVELS if self._told is None else self._told.levels
 
     @property
-    def blurs(self) -> tuple[BlurRecipe | BlurLaw, ...]:
+    def blurs(self) -> tuple[Blur, ...]:
         """The blur of each defocus image.
 
         Raises
@@ -147,7 +140,7 @@ class Calibrated(Choosing):
         return tuple(found.law for found in self.calibrations)
 
     @property
-    def blur(self) -> BlurRecipe | BlurLaw:
+    def blur(self) -> Blur:
         """The blur of the only defocus image, or of the first."""
         return self.blurs[0]
 
@@ -157,9 +150,6 @@ class Calibrated(Choosing):
         return self._learned([calibrate(pairs)], pairs)
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.measured_law import Calibration
-        from dfdbench.methods.view_change import ViewChange, without_change
-
         learned = Calibration.all_as_learned(found)
         # A stack leaves less to choose, and its fit takes long enough.
         if len(found) > 1:
@@ -178,7 +168,7 @@ class Solver(Calibrated):
 
     Parameters
     ----------
-    recipe, prior, window
+    recipe, window, prior
         As of `Calibrated`.
     sure : bool
         Also say how sure it is, in levels: the spread of its costs about the answer, times the
@@ -187,19 +177,16 @@ class Solver(Calibrated):
     """
 
     _farther_is_higher = False
-    _factor: float | None = None
 
     def __init__(
-        self,
-        recipe: BlurRecipe | BlurLaw | None,
-        prior: bool = True,
-        window: int | None = None,
-        sure: bool = False,
+        self, recipe: Blur | None, window: int | None = None, prior: bool = True, sure: bool = False
     ) -> None:
-        super().__init__(recipe, prior, window)
+        from dfdbench.methods.spread import Sureness
+
+        super().__init__(recipe, window, prior)
         if not isinstance(sure, bool):
             raise MethodError.of(wrong("sure", "true or false", sure))
-        self._sure = sure
+        self._sure = Sureness(sure, type(self).__name__)
 
     def __call__(self, infocus: Image, defocus: Image) -> Answer:
         """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x).
@@ -207,7 +194,7 @@ class Solver(Calibrated):
         And where it says how sure it is, sigma.
         """
         self._require(1)
-        return self._with_sigma(*self._settled(infocus, [defocus]))
+        return self._sure.answer(*self._settled(infocus, [defocus]))
 
     def from_stack(self, stack: DataArray) -> Answer:
         """Return depth levels, shape (y, x), and where it says how sure it is, sigma.
@@ -221,11 +208,12 @@ class Solver(Calibrated):
 
         infocus, images = sharp_and_blurred(stack)
         self._require(len(images))
-        return self._with_sigma(*self._settled(infocus, images))
+        return self._sure.answer(*self._settled(infocus, images))
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        self._settled(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
+        part = (slice(max(32, self._given_window or 0)),) * 2
+        self._settled(infocus[part].copy(), [defocus[part].copy()] * len(self.blurs))
 
     @abstractmethod
     def _solve(
@@ -253,34 +241,24 @@ class Solver(Calibrated):
 
         told = isinstance(self.blur, BlurRecipe)
         by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)
-        return Posterior(shape, *by) if self._sure else None
-
-    def _with_sigma(self, levels: NDArray[np.float32], raw: NDArray[np.float32] | None) -> Answer:
-        from dfdbench.methods.spread import spread_of
-
-        if raw is None:
-            return levels
-        return levels, spread_of(self._factor, raw, type(self).__name__)
+        return Posterior(shape, *by) if self._sure.asked else None
 
     def _require(self, count: int) -> None:
-        from dfdbench.methods.spread import require_factor
-
         known = len(self.blurs)
         if count != known:
             what = f"{count} defocus images, but the blur is known of {known}"
             fix = "leave recipe out, and fit the method to stacks like those that it gets"
             raise MethodError(what, where=type(self).__name__, fix=fix)
-        if self._sure:
-            require_factor(self._factor, type(self).__name__)
+        if self._sure.asked:
+            self._sure.require_factor()
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
         """Measures the blur law of training captures if no blur was given, and how sure to be."""
-        return self._fit if self._told is None or self._sure else None
+        return self._fit if self._told is None or self._sure.asked else None
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate_images
-        from dfdbench.methods.spread import spread_on
         from dfdbench.methods.stacks import farther_is_higher
 
         learned: Learned = {}
@@ -288,17 +266,15 @@ class Solver(Calibrated):
             found = calibrate_images(pairs)
             turned = len(found) > 1 and farther_is_higher(pairs)
             learned = self._learned(found, pairs) | ({_TURNED: 1} if turned else {})
-        if not self._sure:
+        if not self._sure.asked:
             return learned
         trial = copy.copy(self)
         trial.restore(learned)
 
-        def answer(capture: TrainingPair) -> tuple[Array, Array]:
-            levels, raw = trial._settled(*self._images_of(capture))
-            assert raw is not None  # it is sure
-            return levels, raw
+        def answer(capture: TrainingPair) -> tuple[Array, Any]:
+            return trial._settled(*self._images_of(capture))
 
-        return learned | spread_on(answer, pairs, type(self).__name__)
+        return learned | self._sure.learned_on(answer, pairs)
 
     @staticmethod
     def _images_of(capture: TrainingPair) -> tuple[Image, list[Image]]:
@@ -311,16 +287,16 @@ class Solver(Calibrated):
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        from dfdbench.methods.spread import factor_from
-
         learned = dict(learned)
-        self._factor = factor_from(learned)
+        self._sure = self._sure.restored(learned)
         self._farther_is_higher = bool(learned.pop(_TURNED, False))
         if self._told is None:
             super().restore(learned)
 
 
 Array = NDArray[Any]
+#: How defocus images were made.
+Blur = BlurRecipe | BlurLaw
 #: Depth levels, float32 of shape (y, x), or a tuple of them and sigma: it depends on a parameter.
 Answer = Any
 Image = NDArray[np.uint8]
@@ -481,11 +457,11 @@ def fit_problems(prior: Any, window: Any) -> list[Problem]:
     return problems + ([] if window is None else odd_window("window", window))
 
 
-def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:
-    """Return what is wrong with a number that must be above `low`, at most `high`."""
+def number_within(name: str, value: Any, most: float) -> list[Problem]:
+    """Return what is wrong with a number that must be above 0, at most `most`."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    right = number and low < value <= high
-    return [] if right else [wrong(name, f"above {low:g}, at most {high:g}", value)]
+    right = number and 0 < value <= most
+    return [] if right else [wrong(name, f"above 0, at most {most:g}", value)]
 
 
 def wrong(name: str, expected: str, got: Any) -> Problem:

@@ -4,7 +4,6 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 from typing import Any, get_args
 
 import cv2
@@ -12,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
-from dfdbench.methods.blurred import all_blurred
+from dfdbench.methods.blurred import all_blurred, information
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Image, Solver
-from dfdbench.methods.information import information
+from dfdbench.methods.fitted import Blur, Image, Solver, number_within, wrong
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
 from dfdbench.methods.spread import Posterior
 
@@ -26,15 +24,13 @@ COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
 SOLVERS = ("split", "expansion")
 QUALITIES = get_args(mrf.Quality)
 # The published table is made for 256 labels; the others take `cap` and `scale` of Table 4.1.
-SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = MappingProxyType(
-    {
-        "published": lambda levels, cap, scale: mrf.published(levels),
-        "truncated-absolute": mrf.truncated_absolute,
-        "truncated-quadratic": mrf.truncated_quadratic,
-        "potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
-        "adaptive-potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
-    }
-)
+SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = {
+    "published": lambda levels, cap, scale: mrf.published(levels),
+    "truncated-absolute": mrf.truncated_absolute,
+    "truncated-quadratic": mrf.truncated_quadratic,
+    "potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
+    "adaptive-potts": lambda levels, cap, scale: mrf.potts(levels, cap * scale),
+}
 # data_cost stores costs in 16 bits.
 _LARGEST_COST = 65535
 # Of `weight`, what a nat costs under a blur law.
@@ -114,7 +110,7 @@ class GraphCuts(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         weight: float = 12,
         smoothness: str = "published",
         cap: int = 255,
@@ -128,7 +124,7 @@ class GraphCuts(Solver):
         prior: bool = True,
         sure: bool = False,
     ) -> None:
-        super().__init__(recipe, prior, sure=sure)
+        super().__init__(recipe, prior=prior, sure=sure)
         for kind, name, known in (
             ("smoothness", smoothness, tuple(SMOOTHNESS)),
             ("color_space", color_space, COLOR_SPACES),
@@ -147,7 +143,7 @@ class GraphCuts(Solver):
         if self._limit > _LARGEST_COST:
             most = (_LARGEST_COST - 1) // (4 * edge)
             expected = f"a largest smoothness of {most}"
-            raise MethodError.of(_wrong("cap and scale", expected, int(self._table.max())))
+            raise MethodError.of(wrong("cap and scale", expected, int(self._table.max())))
         self._weight = weight
         # The middle of each group of levels stands for it.
         self._levels = np.arange(step // 2, self.levels, step)
@@ -278,14 +274,9 @@ def _problems(levels: int, count: Any, weight: Any, cap: Any, scale: Any) -> lis
     problems = []
     if not isinstance(count, int) or count < 2 or count > levels or levels % count:
         divisors = [number for number in range(2, levels + 1) if levels % number == 0]
-        problems.append(_wrong("labels", f"one of {divisors}", count))
-    if not 0 < weight <= 5000:
-        problems.append(_wrong("weight", "above 0, at most 5000", weight))
+        problems.append(wrong("labels", f"one of {divisors}", count))
+    problems += number_within("weight", weight, 5000)
     for name, number in (("cap", cap), ("scale", scale)):
         if not isinstance(number, int) or number < 1:
-            problems.append(_wrong(name, "a whole number above 0", number))
+            problems.append(wrong(name, "a whole number above 0", number))
     return problems
-
-
-def _wrong(name: str, expected: str, got: Any) -> Problem:
-    return Problem("wrong parameter", where=name, expected=expected, got=str(got))

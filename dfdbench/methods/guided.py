@@ -1,18 +1,15 @@
 """A cost volume smoothed by the guided filter: every level by itself, then the winner."""
 
 from collections.abc import Sequence
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Image, Solver, channels_of, fit_problems, number_within
+from dfdbench.methods.fitted import Blur, Image, Solver, channels_of, fit_problems, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.methods.readout import read_out
+from dfdbench.methods.shape_from_focus import guided_lines
 from dfdbench.methods.spread import Posterior
 
 
@@ -67,7 +64,7 @@ class Guided(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: Blur | None = None,
         window: int | None = None,
         flatness: float = 100.0,
         limit: float = 15.0,
@@ -75,18 +72,12 @@ class Guided(Solver):
         sure: bool = False,
     ) -> None:
         problems = fit_problems(prior, window)
-        problems += number_within("flatness", flatness, 0, 1e6)
-        problems += number_within("limit", limit, 0, 10000)
+        problems += number_within("flatness", flatness, 1e6)
+        problems += number_within("limit", limit, 10000)
         MethodError.raise_if(problems)
-        super().__init__(recipe, prior, window, sure)
+        super().__init__(recipe, window, prior, sure)
         self._limit = limit
         self._flatness = np.float32(flatness)
-
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
-        side = max(32, self._given_window or 0)
-        part = [defocus[:side, :side].copy()] * len(self.blurs)
-        self._settled(infocus[:side, :side].copy(), part)
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
@@ -94,23 +85,15 @@ class Guided(Solver):
         window = self.window_in(infocus)
         costs = level_costs(self.blurs, infocus, images, self._limit)
         guide = channels_of(infocus).mean(2)
-        mean = _box(window, guide)
-        spread = _box(window, guide * guide) - mean * mean + self._flatness
+        planes = (costs[:, :, label].astype(np.float32) for label in range(costs.shape[2]))
         smooth = np.empty((costs.shape[2], *costs.shape[:2]), np.float32)
-        for label, filtered in enumerate(smooth):
-            cost = costs[:, :, label].astype(np.float32)
-            average = _box(window, cost)
-            slope = (_box(window, guide * cost) - mean * average) / spread
-            start = average - slope * mean
-            filtered[:] = _box(window, slope) * guide + _box(window, start)
-            if posterior is not None:
-                posterior.add(float(self.blur.depth_of_level(label)), cost / UNIT)
+        lines = guided_lines(guide, planes, window, self._flatness)
+        for filtered, (slope, start) in zip(smooth, lines, strict=True):
+            filtered[:] = slope * guide + start
+        if posterior is not None:
+            depths = self.blur.depth_of_level(np.arange(self.levels))
+            posterior.add_all(depths, np.moveaxis(costs, 2, 0), UNIT)
         if self.chosen.weight:
             smooth += (UNIT * self.chosen.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
         found = read_out(smooth, self.chosen.sharpness / UNIT)
         return np.asarray(self.blur.depth_of_level(found), np.float32)
-
-
-def _box(window: tuple[int, int], image: NDArray[Any]) -> NDArray[np.float32]:
-    found = cv2.boxFilter(image, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float32)

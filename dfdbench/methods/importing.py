@@ -8,7 +8,6 @@ import os
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -120,16 +119,14 @@ def _import_module(name: str) -> ModuleType:
         sys.path.insert(0, str(Path.cwd()))
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        extra = extra_of(error.name)
-        if extra:
-            raise MethodError.of(absent(str(error.name), extra)) from error
-        if error.name and (name == error.name or name.startswith(error.name + ".")):
-            what = f"no module named {error.name}, neither installed nor in {Path.cwd()}"
+    except (Exception, SystemExit) as error:
+        lacking = error.name if isinstance(error, ModuleNotFoundError) else None
+        if extra := extra_of(lacking):
+            raise MethodError.of(absent(str(lacking), extra)) from error
+        if lacking and (name == lacking or name.startswith(lacking + ".")):
+            what = f"no module named {lacking}, neither installed nor in {Path.cwd()}"
             fix = "run from the module's folder, install it, or name its file: file.py:name"
             raise MethodError(what, where=name, fix=fix) from error
-        raise error_of("the module cannot be imported", name, error) from error
-    except (Exception, SystemExit) as error:
         raise error_of("the module cannot be imported", name, error) from error
 
 
@@ -185,19 +182,15 @@ def where_raised(error: BaseException) -> str:
     >>> where_raised(ValueError("never raised"))
     ''
     """
-    frames = list(_frames_of_others(error))
-    own = [frame for frame in frames if not _is_library(frame[0])]
-    for file, line, name in own[-1:] or frames[:1]:
-        return f" ({Path(file).name}:{line} in {name})"
-    return ""
-
-
-def _frames_of_others(error: BaseException) -> Iterator[tuple[str, int, str]]:
     ours = str(Path(__file__).parents[1]) + os.sep
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        code = frame.f_code
-        if not code.co_filename.startswith(ours):
-            yield code.co_filename, line, code.co_name
+    # Without their lines, whose files would be opened.
+    walked = traceback.walk_tb(error.__traceback__)
+    passed = traceback.StackSummary.extract(walked, lookup_lines=False)
+    frames = [frame for frame in passed if not frame.filename.startswith(ours)]
+    own = [frame for frame in frames if not _is_library(frame.filename)]
+    for frame in own[-1:] or frames[:1]:
+        return f" ({Path(frame.filename).name}:{frame.lineno} in {frame.name})"
+    return ""
 
 
 def _is_library(file: str) -> bool:

@@ -21,6 +21,7 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.methods.blurred import Blurred, all_blurred, blurred_by
 from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.fitted import Blur, Image
 from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.
@@ -31,10 +32,7 @@ MOST_NATS = 5
 
 
 def level_costs(
-    blurs: Sequence[BlurRecipe | BlurLaw],
-    infocus: NDArray[np.uint8],
-    images: Sequence[NDArray[np.uint8]],
-    limit: float,
+    blurs: Sequence[Blur], infocus: Image, images: Sequence[Image], limit: float
 ) -> NDArray[np.uint16]:
     """Return a capture's cost volume: minus the logarithm of each level's probability, cut off.
 
@@ -73,10 +71,7 @@ def level_costs(
 
 
 def level_costs_by_rows(
-    blurs: Sequence[BlurRecipe | BlurLaw],
-    infocus: NDArray[np.uint8],
-    images: Sequence[NDArray[np.uint8]],
-    limit: float,
+    blurs: Sequence[Blur], infocus: Image, images: Sequence[Image], limit: float
 ) -> Callable[..., NDArray[np.uint16]]:
     """Return what gives the `level_costs` of some ``rows``, a slice without a step.
 

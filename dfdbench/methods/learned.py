@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, odd_window, wrong
 from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
-from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import open_weights
 
 _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
 
@@ -39,13 +39,11 @@ class _Learned:
         MethodError.raise_if(problems)
         self._median_window = median_window
         self._orientations = orientations
-        path = find_weights(self.method, weights)
-        network, self.card = load_weights(path, self.method)
+        #: Kept in results: the same name may hold other weights tomorrow.
+        network, self.card, self.weights_sha256 = open_weights(self.method, weights)
         if readout is None:
             readout = self.card.configuration.get("readout", "mode")
         self._predict = Predictor(network, find_device(device), precision, tile, readout)
-        #: Kept in results: the same name may hold other weights tomorrow.
-        self.weights_sha256 = weights_sha256(path)
         self.trained_on = self.card.saw
         #: What a result is to say.
         self.warnings: list[str] = []

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import xarray
 
 Image = NDArray[np.uint8]
+#: Depth, or how sure a method is of it: shape (y, x).
+DepthMap = NDArray[np.float32]
 Predict = Callable[..., Any]
 
 
@@ -75,8 +77,6 @@ class Method:
         What the user set, fit for JSON.
     uses : tuple of str
         Which facts of the data set it was handed, of those offered to `load_method`.
-    source_sha256 : str or None
-        Of the file it is defined in.
     images : tuple of int, optional
         The two images of a stack that it gets as a pair.
     sources : Sources
@@ -88,7 +88,6 @@ class Method:
     predict: Predict
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
-    source_sha256: str | None = None
     images: tuple[int, int] | None = None
     sources: Sources = field(default_factory=Sources, compare=False, repr=False)
 
@@ -148,6 +147,11 @@ class Method:
         return units[said]
 
     @property
+    def source_sha256(self) -> str | None:
+        """The SHA-256 of the file that it is defined in; None if it is in no file."""
+        return self.sources.module_sha256
+
+    @property
     def used(self) -> Hashes:
         """The SHA-256 of the modules and files that its answers came from until now.
 
@@ -156,13 +160,13 @@ class Method:
         MethodError
             If a module was edited after this process had imported it.
         """
-        if self.sources.module_sha256 is None:
-            return {self.entry: self.source_sha256}
+        if self.source_sha256 is None:
+            return {self.entry: None}
         return self.sources.hashes()
 
     def used_again(self, labels: Iterable[str]) -> Hashes:
         """Return the SHA-256 that files have now which an earlier call used, by their labels."""
-        if self.sources.module_sha256 is None:
+        if self.source_sha256 is None:
             return self.used
         return self.sources.hashes_again(labels)
 
@@ -283,12 +287,12 @@ class Prediction:
         The standard deviation that the method gives each pixel, if it gives any.
     """
 
-    depth: NDArray[np.float32] | None
+    depth: DepthMap | None
     seconds: float
     error: str = ""
     printed: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
-    sigma: NDArray[np.float32] | None = None
+    sigma: DepthMap | None = None
 
 
 class TrainingPair(CaptureImages, Protocol):
@@ -307,27 +311,20 @@ class TrainingPair(CaptureImages, Protocol):
         """True where the depth is known."""
 
 
-@dataclass(frozen=True)
-class Lesson:
-    """What one call of a fit came to.
-
-    Parameters
-    ----------
-    learned : dict or None
-        Numbers and arrays by name; None where the method keeps what it learned in itself.
-    seconds : float
-        Wall-clock time of the call.
-    """
-
-    learned: Learned | None
-    seconds: float
-
-
-def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesson:
+def teach(
+    method: Method, pairs: Sequence[TrainingPair], seed: int = 0
+) -> tuple[Learned | None, float]:
     """Call a method's fit, check what it returns, and give it back to the method.
 
     `random` and `numpy.random` are seeded for the call; what it prints goes to standard error,
     since a command's tables go to standard output; what it changes of the process is put back.
+
+    Returns
+    -------
+    learned : dict or None
+        Numbers and arrays by name; None where the method keeps what it learned in itself.
+    seconds : float
+        Wall-clock time of the call.
 
     Raises
     ------
@@ -350,7 +347,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     >>> from types import SimpleNamespace
     >>> depth = np.full((2, 2), 90, np.float32)
     >>> pair = SimpleNamespace(depth=depth, valid=depth > 0)
-    >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair]).learned
+    >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair])[0]
     {'level': 90.0}
     """
     fit = method.learner
@@ -374,7 +371,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
         restore(method, learned)
-    return Lesson(learned, seconds)
+    return learned, seconds
 
 
 def restore(method: Method, learned: Learned) -> None:

@@ -22,6 +22,7 @@ from dfdbench.errors import (
     unknown_name,
     writable,
 )
+from dfdbench.methods.sources import sha256_of
 from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_toml
 
@@ -182,15 +183,10 @@ def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 def _digest(path: Path) -> str:
     try:
-        return _of_file(path) if path.is_file() else _of_folder(path)
+        return sha256_of(path) if path.is_file() else _of_folder(path)
     except OSError as error:
         what = f"cannot read what a parameter names, to hash it: {reason_of(error)}"
         raise MethodError(what, where=str(error.filename or path)) from error
-
-
-def _of_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _of_folder(folder: Path) -> str:
@@ -203,5 +199,5 @@ def _of_folder(folder: Path) -> str:
         what = f"a parameter names a folder that is too large to hash, above {most}"
         fix = "name the folder or the file that the method reads"
         raise MethodError(what, where=str(folder), fix=fix)
-    lines = sorted(f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
+    lines = sorted(f"{sha256_of(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()

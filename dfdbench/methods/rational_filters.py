@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.blur.tracks import DISK
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Calibrated, Image, channels_of
@@ -78,14 +77,6 @@ class RationalFilters(Calibrated):
     """
 
     paper = "Watanabe and Nayar, Rational filters for passive depth from defocus, IJCV 1998"
-
-    def __init__(
-        self,
-        recipe: BlurRecipe | BlurLaw | None = None,
-        window: int | None = None,
-        prior: bool = True,
-    ) -> None:
-        super().__init__(recipe, prior, window)
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""

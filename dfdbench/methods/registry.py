@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from difflib import get_close_matches
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,10 @@ from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
+    from dfdbench.methods.sources import Sources
+
+#: Facts of a data set by parameter name, worked out when they are asked for.
+Facts = Mapping[str, Callable[[], Any]]
 
 
 def _parameters_of(target: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
@@ -83,40 +88,13 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
 # Parameters that options of `predict` stand for, which nobody types by their names there.
 _OPTIONS = {"recipe": ("lens or blur recipe", "--lens"), "weights": ("weights", "--weights")}
 ENTRY_POINT_GROUP = "dfdbench.methods"
-_BUILT_IN = {
-    "constant": "dfdbench.methods.baselines:Constant",
-    "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
-    "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
-    "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
-    "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
-    "guided": "dfdbench.methods.guided:Guided",
-    "local": "dfdbench.methods.baselines:Local",
-    "positional-prior": "dfdbench.methods.baselines:PositionalPrior",
-    "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
-    "s-transform": "dfdbench.methods.s_transform:STransform",
-    "sgm": "dfdbench.methods.sgm:SemiGlobal",
-    "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
-    "stack-net": "dfdbench.methods.stack_net:StackNetMethod",
-    "u-net": "dfdbench.methods.learned:UNetMethod",
-    "volume-net": "dfdbench.methods.volume_net:VolumeNetMethod",
-}
-_WORDS = {
-    "constant": "the mean depth of the training scenes, whatever the images show",
-    "dfd-net": "a network for depth from defocus (Emerson 2019); weights: --param weights=NAME",
-    "favaro-soatto": "orthogonal operators learned from data (Favaro and Soatto 2005)",
-    "graph-cuts": "a Markov random field over blur differences, by graph cuts (the thesis, 4)",
-    "graph-cuts-rounded": "graph cuts whose costs know that grey levels are rounded",
-    "guided": "costs smoothed along edges by a guided filter (Hosni et al. 2013)",
-    "local": "the depth whose blur fits best around each pixel",
-    "positional-prior": "the depth that training captures have at the same place; sees no image",
-    "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
-    "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
-    "sgm": "semi-global matching of blur (Hirschmueller 2008)",
-    "shape-from-focus": "the sharpest image of a stack (Nayar and Nakagawa 1994); needs no fit",
-    "stack-net": "a network that compares a stack's images, whatever their number; needs no fit",
-    "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
-    "volume-net": "a network that reads a volume of costs by the camera's own, fitted blur",
-}
+
+
+@functools.cache
+def _built_in() -> dict[str, dict[str, str]]:
+    """Return entry and words of each method of dfdbench itself, by name."""
+    source = files("dfdbench.methods").joinpath("methods.toml")
+    return tomllib.loads(source.read_text(encoding="utf-8"))
 
 
 def method_words() -> dict[str, str]:
@@ -127,7 +105,8 @@ def method_words() -> dict[str, str]:
     >>> method_words()["local"]
     'the depth whose blur fits best around each pixel'
     """
-    return {name: _WORDS.get(name, "of another package") for name in registered_methods()}
+    words = {name: about["words"] for name, about in _built_in().items()}
+    return {name: words.get(name, "of another package") for name in registered_methods()}
 
 
 def registered_methods() -> dict[str, str]:
@@ -144,7 +123,7 @@ def registered_methods() -> dict[str, str]:
     'dfdbench.methods.baselines:Local'
     """
     offered = {name: point.value for name, point in offered_as(ENTRY_POINT_GROUP).items()}
-    return {**offered, **_BUILT_IN}
+    return offered | built_in_methods()
 
 
 def built_in_methods() -> dict[str, str]:
@@ -155,7 +134,7 @@ def built_in_methods() -> dict[str, str]:
     >>> "local" in built_in_methods()
     True
     """
-    return dict(_BUILT_IN)
+    return {name: about["entry"] for name, about in _built_in().items()}
 
 
 def load(name: str, **params: Any) -> Predict:
@@ -197,8 +176,8 @@ def load(name: str, **params: Any) -> Predict:
 def load_method(
     name: str | Callable[..., Any],
     parameters: Mapping[str, Any],
-    offers: Mapping[str, Callable[[], Any]],
-    for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+    offers: Facts,
+    for_fits: Facts = MappingProxyType({}),
 ) -> Method:
     """Find a method, construct it where it is a class, and say where it came from.
 
@@ -223,28 +202,57 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
-    # Recipes are pydantic's, which reads lists of packages at its first: not the method's files.
-    import dfdbench.blur.recipe  # noqa: F401
+    # Before files are heard of: pydantic, of which recipes are, reads lists of packages at first.
+    # And not at the top, so that a list of the names needs no numpy.
+    from dfdbench.methods.calling import as_method
+    from dfdbench.methods.method import Method
+    from dfdbench.methods.parameters import read_parameters
     from dfdbench.methods.sources import Sources
 
+    sources = Sources()
+    with sources.watch():
+        shown, entry, target = _found(name, sources)
+        fits = hasattr(target, "fit")
+        given, recorded = read_parameters(parameters, fits)
+        offered = {**offers, **for_fits} if fits else offers
+        uses: tuple[str, ...] = ()
+        if isinstance(target, type):
+            accepted = _parameters_of(target) or {}
+            asked = [key for key in offered if key in accepted and key not in given]
+            facts = {key: offered[key]() for key in asked}
+            uses = tuple(key for key in asked if facts[key] is not None)
+            check_parameters(entry, target, given | facts)
+            predict = as_method(_constructed(entry, target, given | facts))
+        else:
+            predict = as_method(target)
+            if given:
+                check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+                predict = functools.partial(predict, **given)
+        if not callable(predict):
+            kind = type(predict).__name__
+            what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+            expected = "something to call as predict(infocus, defocus)"
+            raise MethodError(what, where=entry, expected=expected)
+        method = Method(shown, entry, predict, recorded, uses, sources=sources)
+        # Now, not after the hours of a run.
+        method.require_readable()
+    return method
+
+
+def _found(name: str | Callable[..., Any], sources: Sources) -> tuple[str, str, Any]:
+    """Return how a method is called, its entry and what that names; note where that is defined."""
     if not isinstance(name, str):
         try:
             name = entry_of(name)
         except MethodError:
             kind: Any = name if hasattr(name, "__qualname__") else type(name)
-            made = kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name, None
-            return _made(*made, parameters, offers, for_fits)
+            return kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name
     entry = find_entry(name)
-    sources = Sources()
-    with sources.watch():
-        target, module = import_entry(entry)
-        place = Path(entry.rpartition(":")[0])
-        is_onnx = place.suffix == ONNX
-        sources.begin_at(module, place.parent if is_onnx else None)
-        source = sources.module_sha256
-        shown = place.name if is_onnx else name
-        method = _made(shown, entry, target, source, parameters, offers, for_fits)
-    return replace(method, sources=sources)
+    target, module = import_entry(entry)
+    place = Path(entry.rpartition(":")[0])
+    is_onnx = place.suffix == ONNX
+    sources.begin_at(module, place.parent if is_onnx else None)
+    return place.name if is_onnx else name, entry, target
 
 
 def find_entry(name: str) -> str:
@@ -270,49 +278,6 @@ def find_entry(name: str) -> str:
         own = "a method of your own: file.py:function, module:function or model.onnx"
         raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
     return registered[name]
-
-
-def _made(
-    name: str,
-    entry: str,
-    target: Any,
-    source: str | None,
-    parameters: Mapping[str, Any],
-    offers: Mapping[str, Callable[[], Any]],
-    for_fits: Mapping[str, Callable[[], Any]],
-) -> Method:
-    # Here, so that a list of the names needs no numpy.
-    from dfdbench.methods.calling import as_method
-    from dfdbench.methods.method import Method
-    from dfdbench.methods.parameters import read_parameters
-
-    fits = hasattr(target, "fit")
-    given, recorded = read_parameters(parameters, fits)
-    if fits:
-        offers = {**offers, **for_fits}
-    if isinstance(target, type):
-        accepted = _parameters_of(target) or {}
-        asked = [key for key in offers if key in accepted and key not in given]
-        facts = {key: offers[key]() for key in asked}
-        uses = tuple(key for key in asked if facts[key] is not None)
-        arguments = given | facts
-        check_parameters(entry, target, arguments)
-        predict = as_method(_constructed(entry, target, arguments))
-    else:
-        uses = ()
-        predict = as_method(target)
-        if given:
-            check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
-            predict = functools.partial(predict, **given)
-    if not callable(predict):
-        kind = type(predict).__name__
-        what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
-        expected = "something to call as predict(infocus, defocus)"
-        raise MethodError(what, where=entry, expected=expected)
-    method = Method(name, entry, predict, recorded, uses, source)
-    # Now, not after the hours of a run.
-    method.require_readable()
-    return method
 
 
 def _constructed(entry: str, target: type, arguments: Mapping[str, Any]) -> Any:

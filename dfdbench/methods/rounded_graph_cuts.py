@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.blurred import all_blurred, few_kernels
-from dfdbench.methods.data_cost import part_of_pair, require_pair
-from dfdbench.methods.fitted import Image, Solver
+from dfdbench.methods.data_cost import part_of_pair, planes_of, require_pair
+from dfdbench.methods.fitted import Blur, Image, Solver, wrong
 from dfdbench.methods.law_cost import add_energy, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
 from dfdbench.methods.spread import Posterior
@@ -129,11 +129,7 @@ def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
 
     Returns the rows of the chosen ones and a (chosen, label) float64 matrix.
     """
-    radius = kernels.shape[1] // 2
-    # A tap off an axis stands for its mirror images too, in sums over the kernel.
-    half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
-    planes = np.einsum("ia,ib->iab", half, half).reshape(len(half), -1)
-    return few_kernels(planes, KERNEL_TOLERANCE)
+    return few_kernels(planes_of(kernels), KERNEL_TOLERANCE)
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
@@ -312,17 +308,15 @@ class RoundedGraphCuts(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        recipe: Blur | None = RECIPES["published"],
         truncation: int = 8,
         prior: bool = True,
         sure: bool = False,
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
-            raise MethodError(
-                "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
-            )
-        super().__init__(recipe, prior, sure=sure)
+            raise MethodError.of(wrong("truncation", f"1 to {most}", truncation))
+        super().__init__(recipe, prior=prior, sure=sure)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
     def _solve(

@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.spread import Sureness
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no
@@ -79,17 +78,16 @@ class STransform:
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: fitted.Blur | None = None,
         smoothing: float = 2.5,
         window: int = 9,
         sure: bool = False,
     ) -> None:
-        problems = fitted.number_within("smoothing", smoothing, 0, 20)
+        problems = fitted.number_within("smoothing", smoothing, 20)
         problems += fitted.odd_window("window", window)
         problems += [] if isinstance(sure, bool) else [fitted.wrong("sure", "true or false", sure)]
         MethodError.raise_if(problems)
-        self._sure = sure
-        self._factor: float | None = None
+        self._sure = Sureness(sure, _NAME)
         self._recipe = recipe
         self._smoothing = float(smoothing)
         self._window = (window, window)
@@ -108,15 +106,14 @@ class STransform:
     @property
     def fit(self) -> fitted.Fit | None:
         """Learns the table of variance and depth if no recipe gives it, and how sure to be."""
-        return self._learn if self._recipe is None or self._sure else None
+        return self._learn if self._recipe is None or self._sure.asked else None
 
     def _learn(self, pairs: Sequence[TrainingPair]) -> Learned:
-        from dfdbench.methods.spread import spread_on
         from dfdbench.methods.stacks import require_alike
 
         require_alike(pairs)
         table = {} if self._recipe is not None else fitted.depth_table(self.variance, pairs, _NAME)
-        if not self._sure:
+        if not self._sure.asked:
             return table
         trial = copy.copy(self)
         trial.restore(table)
@@ -124,14 +121,12 @@ class STransform:
         def answer(pair: TrainingPair) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
             return trial._depth(pair.infocus, pair.defocus)
 
-        return table | spread_on(answer, pairs, _NAME)
+        return table | self._sure.learned_on(answer, pairs)
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
-        from dfdbench.methods.spread import factor_from
-
         learned = dict(learned)
-        self._factor = factor_from(learned)
+        self._sure = self._sure.restored(learned)
         if self._recipe is not None:
             return
         self._variances = fitted.learned_array(learned, "measure", _NAME, 1)
@@ -142,10 +137,7 @@ class STransform:
 
         And where it says how sure it is, sigma.
         """
-        from dfdbench.methods.spread import spread_of
-
-        depth, raw = self._depth(infocus, defocus)
-        return (depth, spread_of(self._factor, raw, _NAME)) if self._sure else depth
+        return self._sure.answer(*self._depth(infocus, defocus))
 
     def _depth(
         self, infocus: fitted.Image, defocus: fitted.Image

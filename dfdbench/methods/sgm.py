@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fitted import Image, Solver, number_within
+from dfdbench.methods.fitted import Blur, Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs_by_rows
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.spread import Posterior
@@ -254,7 +252,7 @@ class SemiGlobal(Solver):
 
     def __init__(
         self,
-        recipe: BlurRecipe | BlurLaw | None = None,
+        recipe: Blur | None = None,
         small_step: float = 0.5,
         large_step: float = 15.0,
         limit: float = 100.0,
@@ -262,8 +260,8 @@ class SemiGlobal(Solver):
         sure: bool = False,
     ) -> None:
         most = MOST // (2 * UNIT)
-        problems = number_within("small_step", small_step, 0, most)
-        problems += number_within("large_step", large_step, 0, most)
+        problems = number_within("small_step", small_step, most)
+        problems += number_within("large_step", large_step, most)
         if not problems and large_step < small_step:
             problems.append(
                 Problem(
@@ -271,9 +269,9 @@ class SemiGlobal(Solver):
                     where="small_step",
                 )
             )
-        problems += number_within("limit", limit, 0, most)
+        problems += number_within("limit", limit, most)
         MethodError.raise_if(problems)
-        super().__init__(recipe, prior, sure=sure)
+        super().__init__(recipe, prior=prior, sure=sure)
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
@@ -72,14 +71,12 @@ def _ring_difference(grey: Floats) -> Floats:
 
 
 #: The focus measures, and of which power of a texture's contrast each is.
-MEASURES: Mapping[str, tuple[Callable[[Floats], Floats], int]] = MappingProxyType(
-    {
-        "ring": (_ring_difference, 1),
-        "sml": (_modified_laplacian, 1),
-        "tenengrad": (_tenengrad, 2),
-        "variance": (_variance, 2),
-    }
-)
+MEASURES: Mapping[str, tuple[Callable[[Floats], Floats], int]] = {
+    "ring": (_ring_difference, 1),
+    "sml": (_modified_laplacian, 1),
+    "tenengrad": (_tenengrad, 2),
+    "variance": (_variance, 2),
+}
 
 
 def focus_cells(image: Array, measure: str = "ring") -> Floats:
@@ -261,7 +258,7 @@ class ShapeFromFocus:
             if name not in known:
                 raise unknown_name(kind, str(name), known)
         problems = odd_window("window", window)
-        problems += number_within("flatness", flatness, 0, 1e6)
+        problems += number_within("flatness", flatness, 1e6)
         MethodError.raise_if(problems)
         self._measure, self._peak = measure, peak
         self._window = (2 * (window // (2 * _CELL)) + 1,) * 2
@@ -294,20 +291,43 @@ class ShapeFromFocus:
 
     def _smoothed(self, focus: Floats, guide: Floats) -> Floats:
         """Return a guided filter's lines: slopes and starts, (image, row of cells, x)."""
-        mean = self._box(guide)
-        spread = self._box(guide * guide) - mean * mean + self._flatness
         rows, columns = guide.shape
         lines = np.empty((2, len(focus), rows, _CELL * columns), np.float32)
         size = lines.shape[:1:-1]
-        for index, cells in enumerate(focus):
-            average = self._box(cells)
-            slope = (self._box(guide * cells) - mean * average) / spread
-            for line, part in zip(lines, (slope, average - slope * mean), strict=True):
-                cv2.resize(self._box(part), size, line[index])
+        for index, parts in enumerate(guided_lines(guide, focus, self._window, self._flatness)):
+            for line, part in zip(lines, parts, strict=True):
+                cv2.resize(part, size, line[index])
         return lines
 
-    def _box(self, cells: Array) -> Floats:
-        return np.asarray(cv2.blur(cells, self._window, borderType=cv2.BORDER_REPLICATE))
+
+def guided_lines(
+    guide: Floats, planes: Iterable[Floats], window: tuple[int, int], flatness: np.float32
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield of each plane the slopes and starts of a guided filter's lines over the guide's values.
+
+    He, Sun and Tang, Guided image filtering, PAMI 2013, with a grey guide, by box filters.
+
+    Parameters
+    ----------
+    guide : ndarray of float32, shape (y, x)
+        What has the edges.
+    planes : iterable of ndarray of float32, of that shape
+        What is to be smoothed.
+    window : tuple of int
+        Columns and rows.
+    flatness : float32
+        Variance of the guide below which a window is but averaged; epsilon of the paper.
+    """
+
+    def box(image: Array) -> Floats:
+        return np.asarray(cv2.blur(image, window, borderType=cv2.BORDER_REPLICATE))
+
+    mean = box(guide)
+    spread = box(guide * guide) - mean * mean + flatness
+    for plane in planes:
+        average = box(plane)
+        slope = (box(guide * plane) - mean * average) / spread
+        yield box(slope), box(average - slope * mean)
 
 
 #: What to do where there are only pairs.

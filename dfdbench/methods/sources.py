@@ -46,8 +46,9 @@ class Sources:
         self._module: tuple[str, Path] | None = None
         self._own: Path | None = None
         self._base = Path(os.sep)
-        self._read: set[str] = set()
-        self._written: set[str] = set()
+        #: Files that were opened to be read, and those that were written.
+        self.read: set[str] = set()
+        self.written: set[str] = set()
         # What was heard of and counts; None if it does not.
         self._counted: dict[str, Path | None] = {}
         self._hashes: dict[Path, str] = {}
@@ -72,6 +73,8 @@ class Sources:
             self._own = path
         if own is not None:
             self._base = self._own = _real(own)
+        # As it is now, which is as it was imported.
+        self._hash(path)
 
     @property
     def module_sha256(self) -> str | None:
@@ -88,10 +91,6 @@ class Sources:
         finally:
             _listening.remove(self)
 
-    def hear(self, path: str, writes: bool) -> None:
-        """Note a file that is opened."""
-        (self._written if writes else self._read).add(path)
-
     def hashes(self) -> Hashes:
         """Return the SHA-256 of all that was used until now, by label.
 
@@ -104,18 +103,18 @@ class Sources:
             If a module was edited after this process imported it.
         """
         found: Hashes = {**self._modules}
-        for heard in self._read | self._written:
+        for heard in self.read | self.written:
             if heard not in self._counted:
                 path = _source_of(heard)
                 self._counted[heard] = path if self._counts(path) else None
             if counted := self._counted[heard]:
-                own_work = heard in self._written
+                own_work = heard in self.written
                 found[self._label(counted)] = None if own_work else self._hash(counted)
         return dict(sorted(found.items()))
 
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
         """Return the SHA-256 that the files have now which an earlier call used."""
-        return {label: _sha256(self._path(label)) for label in labels}
+        return {label: sha256_of(self._path(label)) for label in labels}
 
     @functools.cached_property
     def _modules(self) -> dict[str, str]:
@@ -172,7 +171,7 @@ class Sources:
 
     def _hash(self, path: Path) -> str:
         if path not in self._hashes:
-            self._hashes[path] = _sha256(path)
+            self._hashes[path] = sha256_of(path)
         return self._hashes[path]
 
     def _require_as_imported(self, name: str, path: Path) -> None:
@@ -228,7 +227,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
         path = os.path.abspath(os.fsdecode(name))
         writes = flags & (os.O_WRONLY | os.O_RDWR) if mode is None else set(mode) & set("wax+")
         for sources in _listening:
-            sources.hear(path, bool(writes))
+            (sources.written if writes else sources.read).add(path)
 
 
 @functools.cache
@@ -272,7 +271,8 @@ def _file_of(base: Path, name: str) -> Path | None:
     return None
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file; `ABSENT` if there is none."""
     if not path.is_file():
         return ABSENT
     with path.open("rb") as file:

@@ -5,7 +5,10 @@ not all that is wrong, and neighbours do not err independently. So one number is
 captures, by which nine truths in ten lie within 1.645 standard deviations.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -67,9 +70,8 @@ class Posterior:
     def add(self, level: float, cost: Array) -> None:
         """Add a level, and what it costs each pixel, in nats."""
         plane = self._sharpness * np.minimum(np.asarray(cost, np.float32), self._most)
-        if self._window != (1, 1):
-            edge = cv2.BORDER_REPLICATE
-            plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
+        edge = cv2.BORDER_REPLICATE
+        plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
         least = np.minimum(self._least, plane)
         # All that was added before is held against the new least.
         with np.errstate(under="ignore"):
@@ -89,29 +91,75 @@ class Posterior:
         return np.asarray(np.sqrt(np.maximum(around, 0) + _ROUNDING), np.float32)
 
 
-def factor_from(learned: Learned) -> float | None:
-    """Take the factor of `spread_on` out of what a fit learned; None without it."""
-    found = learned.pop(_NAME, None)
-    return None if found is None else float(found)
+@dataclass(frozen=True)
+class Sureness:
+    """Whether a method is to say how sure it is, and by what factor of its own spread.
 
-
-def require_factor(factor: float | None, method: str) -> float:
-    """Return the factor that was fitted.
-
-    Raises
-    ------
-    MethodError
-        If none was.
+    Parameters
+    ----------
+    asked : bool
+        Whether it is.
+    method : str
+        Its name, for errors.
+    factor : float or None
+        What a fit found; None before.
     """
-    if factor is None:
-        what = "the method has seen no training captures, and cannot say how sure it is"
-        raise MethodError(what, where=f"{method}: sure", fix="fit it, or leave out sure=true")
-    return factor
 
+    asked: bool
+    method: str
+    factor: float | None = None
 
-def spread_of(factor: float | None, raw: Array, method: str) -> NDArray[np.float32]:
-    """Return sigma, shape (y, x): a method's own spread, times the factor that was fitted."""
-    return np.asarray(require_factor(factor, method) * raw, np.float32)
+    def require_factor(self) -> float:
+        """Return the factor that was fitted.
+
+        Raises
+        ------
+        MethodError
+            If none was.
+        """
+        if self.factor is None:
+            what = "the method has seen no training captures, and cannot say how sure it is"
+            fix = "fit it, or leave out sure=true"
+            raise MethodError(what, where=f"{self.method}: sure", fix=fix)
+        return self.factor
+
+    def answer(self, depth: Array, raw: Any) -> Any:
+        """Return depth; and, if it is asked for, sigma, which follows from the method's own spread.
+
+        Parameters
+        ----------
+        depth, raw : ndarray of float32, shape (y, x)
+            `raw` does not matter if nothing is asked for.
+        """
+        return (depth, np.asarray(self.require_factor() * raw, np.float32)) if self.asked else depth
+
+    def restored(self, learned: Learned) -> Sureness:
+        """Take the factor out of what a fit learned; None without it."""
+        found = learned.pop(_NAME, None)
+        return replace(self, factor=None if found is None else float(found))
+
+    def learned_on(
+        self, answer: Callable[[TrainingPair], tuple[Array, Any]], captures: Sequence[TrainingPair]
+    ) -> Learned:
+        """Learn the factor on whole training captures, evenly among all.
+
+        Parameters
+        ----------
+        answer : callable
+            Gives the depth levels of a capture, and the method's own spread; shape (y, x).
+        captures : sequence of TrainingPair
+            With depth.
+        """
+
+        def found(index: int) -> tuple[Array, Array]:
+            # One capture after the other: they may be large.
+            capture = captures[index]
+            depth, raw = answer(capture)
+            known = capture.valid
+            return np.abs(depth.astype(np.float64) - capture.levels)[known], raw[known]
+
+        chosen = evenly_spread(len(captures), MOST_CAPTURES)
+        return {_NAME: fit_spread(map(found, chosen), self.method)}
 
 
 def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:
@@ -150,31 +198,3 @@ def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:
     place = min(int(np.searchsorted(reached, _HELD)), ratio.size - 1)
     # A method that is never wrong, as on made images, still has to name a number above 0.
     return max(float(ratio[order[place]]) / REACH_90, 1e-3)
-
-
-def spread_on(
-    answer: Callable[[TrainingPair], tuple[Array, Array]],
-    captures: Sequence[TrainingPair],
-    method: str,
-) -> Learned:
-    """Learn the factor on whole training captures, evenly among all.
-
-    Parameters
-    ----------
-    answer : callable
-        Gives the depth levels of a capture, and the method's own spread; shape (y, x).
-    captures : sequence of TrainingPair
-        With depth.
-    method : str
-        Its name, for errors.
-    """
-
-    def found(index: int) -> tuple[Array, Array]:
-        # One capture after the other: they may be large.
-        capture = captures[index]
-        depth, raw = answer(capture)
-        known = capture.valid
-        return np.abs(depth.astype(np.float64) - capture.levels)[known], raw[known]
-
-    chosen = evenly_spread(len(captures), MOST_CAPTURES)
-    return {_NAME: fit_spread(map(found, chosen), method)}

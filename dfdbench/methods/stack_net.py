@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.stack import StackNet, places_of
 from dfdbench.methods.networks.volume import mean_and_variance
-from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.shape_from_focus import depth_at, focus_places
 
 if TYPE_CHECKING:
@@ -78,13 +78,11 @@ class StackNetMethod:
     def __init__(
         self, weights: str | Path = "unseen", sure: bool = True, device: str = "auto"
     ) -> None:
-        path = find_weights("stack-net", weights)
-        network, card = load_weights(path, "stack-net")
+        #: Kept in results: the same name may hold other weights tomorrow.
+        network, card, self.weights_sha256 = open_weights("stack-net", weights)
         assert isinstance(network, StackNet)
         self._sure, self._device = sure, find_device(device)
         self._network = network.to(self._device)
-        #: Kept in results: the same name may hold other weights tomorrow.
-        self.weights_sha256 = weights_sha256(path)
         self.trained_on = card.saw
 
     def __call__(self, stack: DataArray) -> Floats | tuple[Floats, Floats]:

@@ -25,7 +25,7 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
-from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.readout import AS_USUAL, Chosen, least_label
 from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
 from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
@@ -293,19 +293,17 @@ class VolumeNetMethod(Solver):
         sure: bool = True,
         device: str = "auto",
     ) -> None:
-        super().__init__(None, prior, sure=sure)
+        super().__init__(None, prior=prior, sure=sure)
         if not isinstance(finer, bool):
             raise MethodError.of(wrong("finer", "true or false", finer))
         self._tried = _TRIED if finer else _TRIED[:1]
-        path = find_weights("volume-net", weights)
-        network, self.card = load_weights(path, "volume-net")
+        #: Kept in results: the same name may hold other weights tomorrow.
+        network, self.card, self.weights_sha256 = open_weights("volume-net", weights)
         assert isinstance(network, VolumeNet)
         self._device = find_device(device)
         # Its volumes come with the levels of a pixel side by side.
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._network = network.to(self._device)
-        #: Kept in results: the same name may hold other weights tomorrow.
-        self.weights_sha256 = weights_sha256(path)
         self.trained_on = self.card.saw
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
@@ -363,7 +361,7 @@ class VolumeNetMethod(Solver):
             levels = looked_again(costs, finer, levels, *by, posterior)
             if posterior is not None:
                 deviation = posterior.spread_about(levels)
-        return levels, deviation if self._sure else None
+        return levels, deviation if self._sure.asked else None
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None

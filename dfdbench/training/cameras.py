@@ -30,6 +30,8 @@ from dfdbench.training.task import begun_network
 from dfdbench.training.trainer import Log, Trainee
 
 E = TypeVar("E")
+#: Rows and columns of a crop that the networks' scales divide.
+MULTIPLE = 32
 #: The largest learning rate, and the steps that lead to it.
 RATE, WARM_UP = 2e-3, 100
 _DECAY, _CLIP = 1e-4, 1.0
@@ -63,8 +65,8 @@ class Course(Generic[E]):
         Cameras that only test.
     steps : int
         After which the learning rate is 0, if no other number is asked for.
-    crops, crop, multiple : int
-        Crops of a step, their side at most, and what divides it.
+    crops, crop : int
+        Crops of a step, and their side at most.
     shape_of : callable
         Return an example's rows and columns.
     loss : callable
@@ -83,7 +85,6 @@ class Course(Generic[E]):
     steps: int
     crops: int
     crop: int
-    multiple: int
     shape_of: Callable[[E], tuple[int, ...]]
     loss: Callable[[Any, Sequence[E], int, int, bool], Tensor]
     error: Callable[[Any, E], float]
@@ -141,15 +142,15 @@ def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
     return int(steps)
 
 
-def side_of(shapes: Iterable[tuple[int, ...]], crop: int, multiple: int) -> int:
-    """Return the side of the largest squares that all images hold: `crop` at most, a multiple.
+def side_of(shapes: Iterable[tuple[int, ...]], crop: int) -> int:
+    """Return the side of the largest squares that all images hold: `crop` at most.
 
     Examples
     --------
-    >>> side_of([(480, 640), (100, 120)], 160, 32)
+    >>> side_of([(480, 640), (100, 120)], 160)
     96
     """
-    return min(crop, *map(min, shapes)) // multiple * multiple
+    return min(crop, *map(min, shapes)) // MULTIPLE * MULTIPLE
 
 
 def cut(
@@ -244,9 +245,9 @@ class CameraLearner(Trainee, Generic[E]):
             example for name, part in examples.items() if name not in self._held for example in part
         ]
         smallest = min(min(course.shape_of(example)) for example in self._examples)
-        if smallest < course.multiple:
+        if smallest < MULTIPLE:
             what = f"images of {smallest} pixels are too small to train on"
-            expected = f"{course.multiple} pixels or more"
+            expected = f"{MULTIPLE} pixels or more"
             raise InputError(what, where=course.method, expected=expected)
         architecture = dict(course.architecture)
         network, started_from = begun_network(course.method, architecture, seed, start)

@@ -253,9 +253,14 @@ def read_configuration(
     >>> read_configuration("published", {"noise": 2}).noise
     2.0
     """
-    text = shipped_configurations().get(name)
-    if text is None:
-        text = _text_of(name)
+    shipped = shipped_configurations()
+    if name in shipped:
+        text = shipped[name]
+    elif Path(name).is_file():
+        text = read_as(InputError, Path(name), "the configuration").decode(errors="replace")
+    else:
+        what, expected = f"no such configuration as {name}", f"a file or {', '.join(shipped)}"
+        raise InputError(what, where="--config", expected=expected)
     try:
         choices = {**parse_toml(text), **(changes or {})}
     except ValueError as error:
@@ -272,15 +277,6 @@ def read_configuration(
         problems += problems_of(error, "the configuration cannot be used", file=name)
     InputError.raise_if(problems)
     return configuration
-
-
-def _text_of(name: str) -> str:
-    if not Path(name).is_file():
-        known = ", ".join(shipped_configurations())
-        what = f"no such configuration as {name}"
-        raise InputError(what, where="--config", expected=f"a file or {known}")
-    content = read_as(InputError, Path(name), "the configuration")
-    return content.decode("utf-8", errors="replace")
 
 
 def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str]:

@@ -303,8 +303,7 @@ def oriented(image: Tensor, orientation: int) -> Tensor:
 
 def count_levels(levels: Tensor) -> NDArray[np.int64]:
     """Return how often each depth level occurs, shape (256,)."""
-    counts: NDArray[np.int64] = torch.bincount(levels[levels >= 0], minlength=LEVELS).numpy()
-    return counts
+    return np.asarray(torch.bincount(levels[levels >= 0], minlength=LEVELS).numpy())
 
 
 @dataclass(frozen=True)
@@ -331,8 +330,7 @@ class Selections:
     @property
     def patches(self) -> NDArray[np.int64]:
         """How many patches were drawn from each pair, shape (pairs,)."""
-        counts: NDArray[np.int64] = np.bincount(self.places[:, 0], minlength=len(self.pairs))
-        return counts
+        return np.asarray(np.bincount(self.places[:, 0], minlength=len(self.pairs)))
 
     def uses(self, pair: int) -> NDArray[np.int64]:
         """Return in how many patches each pixel of a pair lay, shape (y, x).
@@ -354,8 +352,7 @@ class Selections:
             (top + self.size, left + self.size, 1),
         ):
             np.add.at(corners, (row, column), sign)
-        summed: NDArray[np.int64] = corners.cumsum(0).cumsum(1)[:rows, :columns]
-        return summed
+        return np.asarray(corners.cumsum(0).cumsum(1)[:rows, :columns])
 
     def rows(self) -> list[dict[str, object]]:
         """Return a row a pair: its patches, and least, mean and most patches a pixel lay in."""

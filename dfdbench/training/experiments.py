@@ -196,9 +196,8 @@ def run_trial(
         if not _is_of(card, trial.task, device):
             what = "the folder holds another training"
             raise InputError(what, where=str(trial.folder), fix="choose another with --out")
-        ended = EndedBy.of(card.ended_by)
-        more_time = max_seconds is None or card.seconds < max_seconds
-        if not (ended and ended.early and more_time):
+        early = card.ended_by.startswith(EndedBy.TIME_LIMIT)
+        if not early or (max_seconds is not None and card.seconds >= max_seconds):
             return card
     return train(Learner(trial.task, device), trial.folder, max_seconds, on_step).card
 

@@ -35,38 +35,7 @@ _BUDGET_A_STEP, _DROPPED = 200, 400
 _SURE = 0.51
 
 
-class Schedule:
-    """The learning rate of the step to come, and whether there is one.
-
-    Parameters
-    ----------
-    configuration : TrainingConfiguration
-        Its choices of that name.
-    """
-
-    def __init__(self, configuration: TrainingConfiguration) -> None:
-        self._choices, self._step = configuration, 0
-
-    def after(self, step: int, loss: float) -> None:
-        """Note a step that is over, and its loss."""
-        self._step = step
-
-    @property
-    def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
-        steps = self._choices.steps
-        return EndedBy.STEPS if steps is not None and self._step >= steps else ""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-        return {"step": self._step}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self._step = state["step"]
-
-
-class DlibSchedule(Schedule):
+class DlibSchedule:
     """Lower the learning rate if dlib's trainer would (5.2.2).
 
     It keeps the last `patience` losses. Once there are so many, it fits a line to them every
@@ -78,7 +47,7 @@ class DlibSchedule(Schedule):
     Parameters
     ----------
     configuration : TrainingConfiguration
-        Its `learning_rate`, `patience`, `shrink`, `minimum_learning_rate` and `steps`.
+        Its `learning_rate`, `patience`, `shrink` and `minimum_learning_rate`.
 
     Examples
     --------
@@ -95,13 +64,13 @@ class DlibSchedule(Schedule):
     """
 
     def __init__(self, configuration: TrainingConfiguration) -> None:
-        super().__init__(configuration)
+        self._choices = configuration
         self._losses: list[float] = []
+        #: The learning rate of the step to come.
         self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
-        """Note a loss; lower the rate if dlib would."""
-        super().after(step, loss)
+        """Note the loss of a step that is over; lower the rate if dlib would."""
         patience = self._choices.patience
         self._losses = [*self._losses[-patience + 1 :], loss]
         due = step % (patience // _BUDGET_A_STEP + 1) == 0
@@ -114,55 +83,40 @@ class DlibSchedule(Schedule):
 
     @property
     def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
+        """Why there is no further step; empty if the rate is not yet the least."""
         # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
         least = self._choices.minimum_learning_rate
-        fallen = self.rate <= least * (1 + 1e-6)
-        return f"{EndedBy.LEARNING_RATE} {least:g}" if fallen else super().ended
+        return f"{EndedBy.LEARNING_RATE} {least:g}" if self.rate <= least * (1 + 1e-6) else ""
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
-        return {**super().state(), "rate": self.rate, "losses": list(self._losses)}
+        return {"rate": self.rate, "losses": list(self._losses)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        super().restore(state)
         self.rate, self._losses = state["rate"], state["losses"]
 
 
-class CosineSchedule(Schedule):
-    """Raise the learning rate over `warm_up` steps, then lower it along a cosine to 0.
+def cosine_rate(configuration: TrainingConfiguration, step: int) -> float:
+    """Return a learning rate that rises over `warm_up` steps, then falls along a cosine to 0.
 
     Parameters
     ----------
     configuration : TrainingConfiguration
         Its `learning_rate`, `warm_up` and `steps`.
+    step : int
+        Steps done.
 
     Examples
     --------
-    >>> schedule = CosineSchedule(TrainingConfiguration(schedule="cosine", steps=4))
-    >>> schedule.rate
-    0.0001
-    >>> schedule.after(2, 1.0)
-    >>> round(schedule.rate, 9)
-    5e-05
+    >>> choices = TrainingConfiguration(schedule="cosine", steps=4)
+    >>> cosine_rate(choices, 0), round(cosine_rate(choices, 2), 9)
+    (0.0001, 5e-05)
     """
-
-    @property
-    def rate(self) -> float:
-        """The learning rate of the step to come."""
-        choices = self._choices
-        assert choices.steps is not None, "the configuration has checked that"
-        rising = min(1.0, (self._step + 1) / (choices.warm_up + 1))
-        falling = (1 + math.cos(math.pi * self._step / choices.steps)) / 2
-        return choices.learning_rate * rising * falling
-
-
-def schedule_of(configuration: TrainingConfiguration) -> DlibSchedule | CosineSchedule:
-    """Return the schedule that a configuration asks for."""
-    if configuration.schedule == "cosine":
-        return CosineSchedule(configuration)
-    return DlibSchedule(configuration)
+    assert configuration.steps is not None, "the configuration has checked that"
+    rising = min(1.0, (step + 1) / (configuration.warm_up + 1))
+    falling = (1 + math.cos(math.pi * step / configuration.steps)) / 2
+    return configuration.learning_rate * rising * falling
 
 
 def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
@@ -203,8 +157,7 @@ def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     """
     values = np.asarray(losses, np.float64)
     highest = int((values.size - 1) * 0.9 + 0.5)
-    kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
-    return kept
+    return np.asarray(values[values <= np.partition(values, highest)[highest]])
 
 
 class Learner(Trainee):
@@ -223,8 +176,6 @@ class Learner(Trainee):
         The network's constructor arguments.
     cropper : Cropper
         What draws the patches.
-    schedule : Schedule
-        The learning rate of the next step, and whether there is one.
     pairs : tuple of str
         The training pairs' names.
     present, trained : ndarray of int64, shape (256,)
@@ -253,7 +204,7 @@ class Learner(Trainee):
         rate, betas = choices.learning_rate, choices.betas
         optimizer = torch.optim.Adam(groups, rate, betas=betas, fused=True)
         super().__init__(network, optimizer, choices.steps, task.identity, started_from, found)
-        self.schedule = schedule_of(choices)
+        self._dlib = DlibSchedule(choices) if choices.schedule == "dlib" else None
         drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
         self.cropper = Cropper(images, *drawn, task.seed, redraw_of(task, images))
         if choices.initial_filters == "differences" and task.start is None:
@@ -266,7 +217,7 @@ class Learner(Trainee):
     @property
     def ended(self) -> str:
         """Why there is no further step: the number of steps, or the learning rate."""
-        return self.schedule.ended
+        return (self._dlib.ended if self._dlib else "") or super().ended
 
     @property
     def time_up(self) -> str:
@@ -281,7 +232,7 @@ class Learner(Trainee):
         pixels, levels = self.cropper.draw(self.step)
         self.trained += count_levels(levels)
         pixels = pixels.to(self.device, memory_format=torch.channels_last)
-        rate = self.schedule.rate
+        rate = self._dlib.rate if self._dlib else cosine_rate(self._choices, self.step)
         self.network.train(self._choices.normalization == "batch")
         bf16 = self._choices.precision == "bf16"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=bf16):
@@ -289,7 +240,8 @@ class Learner(Trainee):
         loss = self._loss(logits, levels.to(self.device))
         fix = "lower learning_rate and start over with --fresh"
         value = self.descend(loss, rate, fix=fix)
-        self.schedule.after(self.step, value)
+        if self._dlib:
+            self._dlib.after(self.step, value)
         return rate, value
 
     def scores(self, last: bool) -> dict[str, float]:
@@ -337,13 +289,15 @@ class Learner(Trainee):
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
+        schedule = self._dlib.state() if self._dlib else {}
         trained = torch.from_numpy(self.trained)
-        return {**super().state(), "schedule": self.schedule.state(), "trained": trained}
+        return {**super().state(), "schedule": schedule, "trained": trained}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
         super().restore(state)
-        self.schedule.restore(state["schedule"])
+        if self._dlib:
+            self._dlib.restore(state["schedule"])
         self.trained = state["trained"].numpy()
 
 

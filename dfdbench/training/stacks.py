@@ -21,7 +21,7 @@ from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.shape_from_focus import focus_places
 from dfdbench.methods.stack_net import greys_of
 from dfdbench.system.parallel import OnDone
-from dfdbench.training.cameras import Course, cut, kept_examples, loss_of, side_of, turned
+from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss_of, side_of, turned
 
 #: What rendered stacks are called on a card.
 STACKS = "rooms of unseen-0 from 1000 on, focused through random lenses"
@@ -110,8 +110,6 @@ def _rendered(number: int) -> dict[str, NDArray[Any]]:
 CROPS, CROP, FEWEST = 4, 160, 3
 #: Cameras that only test, by name.
 HELD_OUT = tuple(f"stack-{number:02}" for number in range(EVERY - 1, CAMERAS, EVERY))
-# Rows and columns that the network's scales divide.
-_MULTIPLE = 32
 # Spread of an image's light, as other exposures have; and the most noise, of the images' mean.
 _GAIN, _NOISE = 0.02, 0.06
 
@@ -131,7 +129,7 @@ def draw(stacks: Sequence[Stack], seed: int, step: int) -> list[Tensor]:
     chosen = [stacks[int(random.integers(len(stacks)))] for _ in range(CROPS)]
     most = min(len(stack.images) for stack in chosen)
     count = int(random.integers(min(FEWEST, most), most + 1))
-    side = side_of((stack.truth.shape for stack in stacks), CROP, _MULTIPLE)
+    side = side_of((stack.truth.shape for stack in stacks), CROP)
     columns = zip(*(_crop(stack, count, side, random) for stack in chosen), strict=True)
     return [torch.from_numpy(np.stack(column)) for column in columns]
 
@@ -176,7 +174,7 @@ def _loss(network: StackNet, stacks: Sequence[Stack], seed: int, step: int, bf16
 
 def error_of(network: StackNet, stack: Stack) -> float:
     """Return the root mean square error over the known pixels, as a part of the focus's range."""
-    rows, columns = (size // _MULTIPLE * _MULTIPLE for size in stack.truth.shape)
+    rows, columns = (size // MULTIPLE * MULTIPLE for size in stack.truth.shape)
     places, truth = scaled(stack.places, stack.truth[:rows, :columns])
     focus = torch.from_numpy(places)[np.newaxis]
     images = torch.from_numpy(greys_of(stack.images)[np.newaxis, :, :rows, :columns])
@@ -198,7 +196,6 @@ STACK_NET = Course(
     steps=3000,
     crops=CROPS,
     crop=CROP,
-    multiple=_MULTIPLE,
     shape_of=lambda stack: stack.truth.shape,
     loss=_loss,
     error=error_of,

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -41,25 +41,6 @@ class EndedBy(StrEnum):
     #: Such weights are hardly trained: their scores say nothing about the network.
     TIME_LIMIT_IN_WARM_UP = "its time limit, within the warm-up"
 
-    @classmethod
-    def of(cls, text: str) -> Self | None:
-        """Parse the text of a card; None if it says something else.
-
-        Examples
-        --------
-        >>> EndedBy.of("learning rate 1e-10").name
-        'LEARNING_RATE'
-        >>> EndedBy.of("its time limit, within the warm-up, at step 1 of 5").name
-        'TIME_LIMIT_IN_WARM_UP'
-        """
-        said = [ending for ending in cls if text.startswith(ending)]
-        return max(said, key=len, default=None)
-
-    @property
-    def early(self) -> bool:
-        """True if training would continue with more time."""
-        return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
-
 
 class TrainingOutcome(NamedTuple):
     """The results of `train`: the file of weights, its card, and the log."""
@@ -71,7 +52,7 @@ class TrainingOutcome(NamedTuple):
     @property
     def within_warm_up(self) -> bool:
         """True if time was up before the learning rate had reached its maximum."""
-        return EndedBy.of(self.card.ended_by) is EndedBy.TIME_LIMIT_IN_WARM_UP
+        return self.card.ended_by.startswith(EndedBy.TIME_LIMIT_IN_WARM_UP)
 
 
 class DivergedError(InputError):
@@ -403,8 +384,7 @@ class TrainingFolder:
 
 def _as_json(identity: Mapping[str, Any]) -> dict[str, Any]:
     # Tuples become lists, so that both sides of a comparison have the same types.
-    found: dict[str, Any] = json.loads(json.dumps(identity))
-    return found
+    return dict(json.loads(json.dumps(identity)))
 
 
 def _write(path: Path, rows: list[Row]) -> None:

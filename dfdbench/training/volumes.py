@@ -7,10 +7,10 @@ law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
 from dfdbench.system.parallel import OnDone
-from dfdbench.training.cameras import Course, cut, kept_examples, loss_of, side_of, turned
+from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss_of, side_of, turned
 
 Array = NDArray[Any]
 
@@ -55,8 +55,7 @@ _PLANES = (5, 9, 3, 7)
 _SCALE = DepthScale(near=NEAR, far=FAR)
 
 
-@dataclass(frozen=True)
-class Example:
+class Example(NamedTuple):
     """One capture as the network sees it, and the truth.
 
     Parameters
@@ -241,29 +240,21 @@ def _capture(images: Sequence[Array], levels: Array, focus: Sequence[float] = ()
 
 def _arrays(make: Callable[[int], list[Capture]], number: int) -> dict[str, Array]:
     captures = make(number)
-    examples = examples_of(captures)
-    arrays = {
-        name: np.stack([getattr(example, name) for example in examples])
-        for name in Example.__dataclass_fields__
-    }
+    columns = map(np.stack, zip(*examples_of(captures), strict=True))
+    arrays = dict(zip(Example._fields, columns, strict=True))
     infocus = np.stack([capture.infocus for capture in captures])
     return {**arrays, "infocus": infocus, "depth": np.stack([each.levels for each in captures])}
 
 
 def _examples(arrays: Mapping[str, Array]) -> list[Example]:
-    columns = {name: arrays[name] for name in Example.__dataclass_fields__}
-    return [
-        Example(**{name: column[place] for name, column in columns.items()})
-        for place in range(len(columns["levels"]))
-    ]
+    columns = (arrays[name] for name in Example._fields)
+    return [Example(*row) for row in zip(*columns, strict=True)]
 
 
 #: How many crops a step has, and their rows and columns.
 CROPS, CROP = 3, 320
 #: What the network's levels stand for.
 DEPTHS = torch.from_numpy(levels_of(COUNT) - 0.5).float()
-# Rows and columns that the network's scales divide.
-_MULTIPLE = 32
 # Noise is not always what a law says: costs are made as much larger or smaller, as a logarithm.
 _STRETCH = 0.5
 # A share of crops comes without a prior.
@@ -279,7 +270,7 @@ def draw(examples: Sequence[Example], seed: int, step: int) -> list[Tensor]:
         What the network is given, and levels of float32, shape (n, y, x), -1 unknown.
     """
     random = np.random.default_rng((seed, step))
-    side = side_of((example.levels.shape for example in examples), CROP, _MULTIPLE)
+    side = side_of((example.levels.shape for example in examples), CROP)
     columns = zip(*(_crop(examples, side, random) for _ in range(CROPS)), strict=True)
     return [torch.from_numpy(np.stack(column)) for column in columns]
 
@@ -314,7 +305,7 @@ def _loss(
 
 def error_of(network: VolumeNet, example: Example) -> float:
     """Return the root mean square error over the known pixels, as a part of the scale."""
-    rows, columns = (size // _MULTIPLE * _MULTIPLE for size in example.levels.shape)
+    rows, columns = (size // MULTIPLE * MULTIPLE for size in example.levels.shape)
     half = np.s_[..., : rows // 2, : columns // 2]
     costs = nats_of(example.roots[half]), nats_of(example.paths[half])
     told = example.told[half][np.newaxis] / np.float32(TOLD_STEPS)
@@ -338,7 +329,6 @@ VOLUME_NET = Course(
     steps=12_000,
     crops=CROPS,
     crop=CROP,
-    multiple=_MULTIPLE,
     shape_of=lambda example: example.levels.shape,
     loss=_loss,
     error=error_of,

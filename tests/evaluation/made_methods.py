@@ -1,11 +1,13 @@
 """Methods made for the tests of what calls them."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dfdbench.methods.method import Method
+from dfdbench.methods.sources import Hashes, Sources
 
 
 class Counting:
@@ -28,8 +30,26 @@ class Counting:
         return infocus[..., 0].astype(np.float32) / 2
 
 
+class Written(Sources):
+    """As of a method whose file has this hash."""
+
+    def __init__(self, sha256: str) -> None:
+        super().__init__()
+        self.sha256 = sha256
+
+    @property
+    def module_sha256(self) -> str:
+        return self.sha256
+
+    def hashes(self) -> Hashes:
+        return {"tests:Counting": self.sha256}
+
+    def hashes_again(self, labels: Iterable[str]) -> Hashes:
+        return self.hashes()
+
+
 def method(predict: Any, source: str = "0" * 64) -> Method:
-    return Method("counting", "tests:Counting", predict, {}, (), source)
+    return Method("counting", "tests:Counting", predict, sources=Written(source))
 
 
 def grey(infocus: Any, defocus: Any) -> Any:

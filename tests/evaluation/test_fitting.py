@@ -189,7 +189,7 @@ class Stopped:
 def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
     tiny_store: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    method = Method("mine", "tests:Stopped", Stopped(), {}, (), "0" * 64)
+    method = Method("mine", "tests:Stopped", Stopped())
     with pytest.raises(typer.Exit) as ended, progress("running mine"):
         run_method(tiny_store, method, "test", tmp_path / "out")
     assert ended.value.exit_code == 130

@@ -73,7 +73,7 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Datase
 
     others = {
         "used": identity(method(Counting(), "1" * 64)),
-        "entry used": identity(replace(plan.method, entry="tests:Other")),
+        "entry": identity(replace(plan.method, entry="tests:Other")),
         "parameters": identity(replace(plan.method, parameters={"window": 9})),
         "weights_sha256": identity(method(weights)),
         "split": identity(plan.method, "One"),

@@ -108,9 +108,9 @@ def test_the_number_of_threads_changes_no_byte(name: str) -> None:
 def test_what_is_learned_is_all_that_is_needed_and_the_same_each_time(name: str) -> None:
     pairs = [slope(seed) for seed in range(2)]
     first, other = load_method(name, {}, {}), load_method(name, {}, {})
-    learned = teach(first, pairs).learned
+    learned = teach(first, pairs)[0]
     assert learned is not None
-    again = teach(other, pairs).learned or {}
+    again = teach(other, pairs)[0] or {}
     assert again.keys() == learned.keys()
     assert all(np.array_equal(again[key], value) for key, value in learned.items())
     fresh = load_method(name, {}, {})

@@ -82,7 +82,7 @@ def test_who_is_sure_says_so_where_it_is_asked_and_is_right_to_be(name: str) -> 
     assert plain.learner is None
     with pytest.raises(MethodError, match="seen no training captures"):
         sure(made(1).infocus, made(1).defocus)
-    learned = teach(sure, [made(seed) for seed in range(4)]).learned
+    learned = teach(sure, [made(seed) for seed in range(4)])[0]
     assert learned is not None
     assert list(learned) == ["spread"]
     test = made(9)
@@ -101,7 +101,7 @@ def test_who_is_sure_says_so_where_it_is_asked_and_is_right_to_be(name: str) -> 
 
 def test_a_fit_of_the_law_learns_the_factor_besides() -> None:
     method = load_method("local", {"recipe": None, "sure": True}, {})
-    learned = teach(method, [made(0)]).learned
+    learned = teach(method, [made(0)])[0]
     assert learned is not None
     assert learned.keys() >= {"spread", "sigmas"}
     assert method(made(0).infocus, made(0).defocus)[1].min() > 0

@@ -15,12 +15,11 @@ from dfdbench.errors import InputError
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED
 from dfdbench.training.learner import (
-    CosineSchedule,
     DlibSchedule,
     Learner,
     LevelLoss,
+    cosine_rate,
     probability_of_fall,
-    schedule_of,
     without_largest,
 )
 from tests.training.test_trainer import task
@@ -135,9 +134,7 @@ def lowered_by(schedule: DlibSchedule, losses: Iterable[float]) -> list[int]:
     return [step for step, (a, b) in enumerate(pairwise(rates), 1) if b < a]
 
 
-def rates_of(
-    schedule: DlibSchedule | CosineSchedule, losses: Iterable[float], first: int = 1
-) -> list[float]:
+def rates_of(schedule: DlibSchedule, losses: Iterable[float], first: int = 1) -> list[float]:
     """The rate after each step."""
     rates = []
     for step, loss in enumerate(losses, first):
@@ -185,27 +182,31 @@ def test_it_ends_at_the_least_rate() -> None:
 
 
 def test_the_cosine_rises_then_falls_to_nothing() -> None:
-    schedule = schedule_of(
-        TrainingConfiguration(schedule="cosine", steps=100, warm_up=9, learning_rate=1.0)
-    )
-    rates = [schedule.rate, *rates_of(schedule, [1.0] * 100)][:-1]
+    choices = TrainingConfiguration(schedule="cosine", steps=100, warm_up=9, learning_rate=1.0)
+    rates = [cosine_rate(choices, step) for step in range(100)]
     assert rates[0] == pytest.approx(0.1)
     assert max(rates) == pytest.approx(rates[9], rel=0.05)
     assert all(before > after for before, after in pairwise(rates[9:]))
     assert rates[-1] < 1e-3
-    assert schedule.ended
 
 
-@pytest.mark.parametrize("kind", ["dlib", "cosine"])
-def test_a_restored_schedule_goes_on_alike(kind: str) -> None:
-    choices = TrainingConfiguration.model_validate(
-        {"schedule": kind, "steps": 900, "patience": 100}
+def test_a_training_along_a_cosine_goes_on_alike_and_ends(tiny_store: Dataset) -> None:
+    learner, other = (
+        Learner(task(tiny_store, schedule="cosine", steps=3, warm_up=1), "cpu") for _ in range(2)
     )
-    whole, half = schedule_of(choices), schedule_of(choices)
+    learner.learn()
+    other.restore(copy.deepcopy(learner.state()))
+    assert [other.learn() for _ in range(2)] == [learner.learn() for _ in range(2)]
+    assert learner.ended == other.ended == "its number of steps"
+
+
+def test_a_restored_schedule_goes_on_alike() -> None:
+    choices = TrainingConfiguration(patience=100)
+    whole, half = DlibSchedule(choices), DlibSchedule(choices)
     losses = np.random.default_rng(0).normal(1, 0.1, 400)
     rates = rates_of(whole, losses)
     rates_of(half, losses[:170])
-    again = schedule_of(choices)
+    again = DlibSchedule(choices)
     again.restore(half.state())
     assert rates_of(again, losses[170:], 171) == rates[170:]
 

@@ -1,7 +1,7 @@
 """A network's answer for images of any size: in tiles, its last layer a few rows at a time."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -88,8 +88,13 @@ class Predictor:
         tile: int | None = None,
         readout: Readout = "mode",
     ) -> None:
-        _require_one_of(PRECISIONS, precision, "precision")
-        _require_one_of(READOUTS, readout, "readout")
+        for name, got, known in (
+            ("precision", precision, PRECISIONS),
+            ("readout", readout, READOUTS),
+        ):
+            if got not in known:
+                expected = " or ".join(known)
+                raise MethodError("wrong parameter", where=name, expected=expected, got=str(got))
         if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
             what = f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}"
             raise MethodError(what, where="tile")
@@ -147,8 +152,7 @@ class Predictor:
                 levels[rows] = self._read(
                     logits[rows.start - outer.start :][: rows.stop - rows.start]
                 )
-        answer: NDArray[np.uint8] = levels.cpu().numpy()
-        return answer
+        return np.asarray(levels.cpu().numpy())
 
 
 def likeliest_levels(logits: Tensor) -> Tensor:
@@ -175,12 +179,6 @@ def median_levels(logits: Tensor) -> Tensor:
     """
     below = logits.float().softmax(-1).cumsum_(-1)
     return below[..., :-1].lt_(0.5).sum(-1).to(torch.uint8)
-
-
-def _require_one_of(choices: Sequence[str], got: object, name: str) -> None:
-    if got not in choices:
-        expected = " or ".join(choices)
-        raise MethodError("wrong parameter", where=name, expected=expected, got=str(got))
 
 
 def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice]]:

@@ -149,6 +149,18 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     raise MethodError("no such weights", where=where, expected="a file", got=got, fix=fix)
 
 
+def open_weights(method: str, weights: str | Path | None) -> tuple[nn.Module, Card, str]:
+    """Return the network that a user means, its card, and the SHA-256 of its file.
+
+    Raises
+    ------
+    MethodError
+        As `find_weights` and `load_weights`.
+    """
+    path = find_weights(method, weights)
+    return *load_weights(path, method), weights_sha256(path)
+
+
 def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
     """Return the network that a file holds, in evaluation mode, and its card.
 

@@ -18,6 +18,8 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.tables.table import Table
 
+Matrix = NDArray[np.float64]
+Tuning = Literal["own", "neighbours"]
 Statistic = Literal["min", "mean", "max"]
 STATISTICS: tuple[Statistic, ...] = ("min", "mean", "max")
 #: The module whose output is counted, by the thesis's layer, input to output (6.2): for 52, 48, 40,
@@ -139,12 +141,12 @@ def count_clusters(
             raise InputError.of(
                 replace(problem, where=f"{pair.id}, {problem.where}") for problem in error.problems
             ) from error
-        for layer, taken in tapped.items():
-            filters[layer] = len(taken.gram)
+        for layer, (products, pixels) in tapped.items():
+            filters[layer] = len(products)
             own = (seed, number, layer)
-            gram = noise_gram(len(taken.gram), taken.pixels, np.random.default_rng((*own, 1)))
-            found[layer].append(_different(winners(taken.gram, own, tuning)))
-            noise[layer].append(_different(winners(gram, own, tuning)))
+            random = noise_gram(len(products), pixels, np.random.default_rng((*own, 1)))
+            for counts, gram in ((found, products), (noise, random)):
+                counts[layer].append(np.unique(winners(gram, own, tuning)).size)
             done += 1
             if on_map:
                 on_map(done, len(samples) * len(TAPS))
@@ -170,10 +172,6 @@ def counts_table(counts: Counts, title: str) -> Table:
     return Table(title, columns, rows, "l" + "r" * len(TAPS), notes, frozenset({0, 3}))
 
 
-def _different(won: NDArray[np.intp]) -> int:
-    return len(np.unique(won))
-
-
 def _statistic(counts: Sequence[int], statistic: Statistic) -> int:
     if statistic == "mean":
         # Half a filter is one: Python would round to even.
@@ -181,25 +179,9 @@ def _statistic(counts: Sequence[int], statistic: Statistic) -> int:
     return min(counts) if statistic == "min" else max(counts)
 
 
-@dataclass(frozen=True)
-class Tapped:
-    """The outputs of a layer for one image.
-
-    Parameters
-    ----------
-    gram : ndarray of float64, shape (filter, filter)
-        Products of the feature maps with each other, neither centred nor normalised.
-    pixels : int
-        Rows times columns of a feature map.
-    """
-
-    gram: NDArray[np.float64]
-    pixels: int
-
-
 def tap(
     network: nn.Module, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]
-) -> dict[int, Tapped]:
+) -> dict[int, tuple[Matrix, int]]:
     """Return the products of each layer's outputs for a pair, by layer.
 
     Parameters
@@ -209,40 +191,44 @@ def tap(
     infocus, defocus : ndarray of uint8, shape (y, x, 3)
         RGB. Cut at the lower and right edge to the network's multiple, so that no padding counts.
 
+    Returns
+    -------
+    dict of int to (ndarray, int)
+        Products of the feature maps with each other, neither centred nor normalised: float64,
+        shape (filter, filter); and the pixels of a feature map.
+
     Raises
     ------
     InputError
         If a layer's outputs have fewer pixels than there are filters.
     """
-    found: dict[int, Tapped] = {}
+    found: dict[int, tuple[Matrix, int]] = {}
     multiple = int(network.multiple)  # type: ignore[arg-type]
     rows, columns = (extent // multiple * multiple for extent in infocus.shape[:2])
     both = np.concatenate([infocus, defocus], axis=2)[:rows, :columns].transpose(2, 0, 1)
     device = next(network.parameters()).device
-    pixels = torch.from_numpy(np.ascontiguousarray(both))[None].to(device).float()
+    image = torch.from_numpy(np.ascontiguousarray(both))[None].to(device).float()
 
     def keep(layer: int, _module: nn.Module, _given: tuple[Tensor, ...], maps: Tensor) -> None:
         vectors = maps[0].flatten(1).cpu().double()
-        found[layer] = Tapped((vectors @ vectors.T).numpy(), vectors.shape[1])
+        found[layer] = (vectors @ vectors.T).numpy(), vectors.shape[1]
 
     with ExitStack() as hooks, torch.inference_mode():
         for layer, path in TAPS.items():
             module = network.get_submodule(path)
             hooks.enter_context(module.register_forward_hook(partial(keep, layer)))
-        network(pixels)
+        network(image)
     # Modules are called in their own order, which need not be that of the layers.
     found = {layer: found[layer] for layer in TAPS}
     what, fix = "fewer pixels than filters in a feature map", "take larger images"
     InputError.raise_if(
-        Problem(f"{what}, {taken.pixels} of {len(taken.gram)}", where=f"layer {layer}", fix=fix)
-        for layer, taken in found.items()
-        if taken.pixels < len(taken.gram)
+        Problem(f"{what}, {pixels} of {len(gram)}", where=f"layer {layer}", fix=fix)
+        for layer, (gram, pixels) in found.items()
+        if pixels < len(gram)
     )
     return found
 
 
-Matrix = NDArray[np.float64]
-Tuning = Literal["own", "neighbours"]
 _EPOCHS = 200
 _ORDERING = 100
 _FIRST_RADIUS = 2.0
@@ -320,8 +306,7 @@ def noise_gram(inputs: int, length: int, random: np.random.Generator) -> Matrix:
     """
     triangle = np.tril(random.standard_normal((inputs, inputs)), -1)
     triangle[np.diag_indices(inputs)] = np.sqrt(random.chisquare(length - np.arange(inputs)))
-    product: Matrix = triangle @ triangle.T
-    return product
+    return np.asarray(triangle @ triangle.T)
 
 
 @dataclass
@@ -346,8 +331,7 @@ class _Neurons:
 
     def closest(self) -> NDArray[np.intp]:
         """Return the first of the closest neurons, for each input."""
-        nearest: NDArray[np.intp] = (self.squares[:, None] - 2 * self.with_inputs).argmin(0)
-        return nearest
+        return np.asarray((self.squares[:, None] - 2 * self.with_inputs).argmin(0))
 
     def move(self, won: NDArray[np.intp], kept: NDArray[np.intp], radius: int) -> None:
         """Move neurons to the mean of the inputs that were won within a radius, own ones twice."""
@@ -374,5 +358,4 @@ def _radius(epoch: int, tuning: Tuning) -> int:
 def _centred(gram: Matrix) -> Matrix:
     # Distances stay; the products are those of the inputs less their mean.
     means = gram.mean(axis=0)
-    centred: Matrix = gram - means - means[:, None] + means.mean()
-    return centred
+    return np.asarray(gram - means - means[:, None] + means.mean())

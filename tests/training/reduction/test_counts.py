@@ -87,8 +87,8 @@ def test_each_layer_is_tapped_where_the_thesis_says() -> None:
     assert list(found) == list(counting.TAPS) == [*LAYERS[:-1], 2]
     for layer, maps in expected.items():
         vectors = maps[0].flatten(1).double()
-        assert found[layer].pixels == vectors.shape[1]
-        assert found[layer].gram == pytest.approx((vectors @ vectors.T).numpy(), rel=1e-6)
+        assert found[layer][1] == vectors.shape[1]
+        assert found[layer][0] == pytest.approx((vectors @ vectors.T).numpy(), rel=1e-6)
     # Nothing is left hanging on the network.
     assert not any(module._forward_hooks for module in made.modules())
 
