@@ -195,10 +195,7 @@ class Run:
             name = self.result.method.name
             figure = tracks_figure({name: means}, metric, self.tables()[0].title)
             return write_forms(figure, self.folder, "tracks", forms)
-        if self._first.store is None:
-            raise ResultError(self._first.without, where=str(self.folder))
-        summary = summarise(self.result, self.protocol)
-        drawn = draw_run(self._first.store, summary, self.folder, forms)
+        drawn = draw_run(self._first, self.protocol, forms)
         if self._calibration:
             from dfdbench.figures.camera import law_figure
 

@@ -130,11 +130,7 @@ def _section_of(
     if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
-    sure = [
-        curves
-        for run in members
-        if run.store and (curves := curves_of(run.store, run.result, run.path.parent, run.label))
-    ]
+    sure = [curves for run in members if (curves := curves_of(run, run.label))]
     if sure:
         plots["how sure it is"] = sureness_figure(sure, board.result.dataset.heading)
     regions = region_table({run.label: run.result for run in members})
@@ -388,9 +384,7 @@ def _panels(content: Content, folder: Path) -> list[tuple[str, str]]:
     drawn = []
     for number, run in enumerate(runs.values(), 1):
         worst = tuple(pair for of, pair in content.pairs if of is run)[:_WORST]
-        assert run.store is not None
-        place = run.path.parent
-        figure = panel_figure(run.store, run.result, place, worst, content.protocol, "worst")
+        figure = panel_figure(run, worst, content.protocol, "worst")
         if figure is not None:
             file = f"worst-{number}.png"
             style.write_figure(figure, folder / file)
