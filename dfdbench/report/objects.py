@@ -139,9 +139,7 @@ class Run:
         """Return all tables of the run, as the command line prints them."""
         if self._on_tracks:
             return [severities_table(list(self.results.values()), self.protocol)]
-        store = self._first.store
-        scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
-        return all_tables(summarise(self.result, self.protocol), scenes, splits)
+        return all_tables(summarise(self.result, self.protocol), self._first.store)
 
     def verdict(self) -> str:
         """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
