@@ -19,7 +19,6 @@ from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_ca
 from dfdbench.board.published import PUBLISHED
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import (
-    CLEAN_SUITE,
     RESULTS,
     Row,
     RowRun,
@@ -131,11 +130,7 @@ class Board:
         return tuple(first) or self.boards
 
     def table(
-        self,
-        dataset: str,
-        split: str = "test",
-        protocol: str | None = None,
-        suite: str = CLEAN_SUITE,
+        self, dataset: str, split: str = "test", protocol: str | None = None, suite: str = CLEAN
     ) -> pd.DataFrame:
         """Return a ranking, best first.
 
@@ -256,7 +251,7 @@ def _seed_of(row: Row) -> int | None:
 
 
 def _is_clean(row: Row, scored: bool) -> bool:
-    return CLEAN_SUITE in row.suites and bool(row.method.scored) == scored
+    return CLEAN in row.suites and bool(row.method.scored) == scored
 
 
 def _clean(rows: Mapping[Path, Row], scored: bool) -> list[Entry]:

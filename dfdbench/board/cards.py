@@ -21,7 +21,6 @@ METHODS = "methods"
 WRITE_CARD = "write one, NAME.toml: title, authors, code, licence, entry, parameters and given"
 _NAME = TypeAdapter[str](Name)
 Takes = Literal["pair", "stack"]
-_PAIRS: tuple[Takes, ...] = ("pair",)
 
 
 class Card(StrictRecord):
@@ -44,7 +43,7 @@ class Card(StrictRecord):
     given: Line
     trained_on: Line | None = None
     fitted_on: Line | None = None
-    takes: list[Takes] = Field(default_factory=lambda: [*_PAIRS])
+    takes: list[Takes] = Field(default=["pair"])
     given_blur: bool = False
     limits: Line | None = None
 

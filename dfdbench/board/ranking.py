@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
-from math import fsum
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 import pandas as pd
@@ -210,14 +210,8 @@ def over_tracks(means: pd.Series, suite: str) -> pd.DataFrame:
         wanted = [(place.track.name, place.severity) for place in found]
         parts = parts.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=parts.columns.names))
     tracks, table = parts.columns.get_level_values("track"), parts.to_numpy()
-    each = {name: list(map(mean_of_all, table[:, tracks == name])) for name in tracks.unique()}
+    each = {name: list(map(fmean, table[:, tracks == name])) for name in tracks.unique()}
     return pd.DataFrame(each, parts.index).rename_axis(columns="track")
-
-
-def mean_of_all(values: Iterable[float]) -> float:
-    """Return the mean of numbers, in whatever order; NaN if one of them is."""
-    numbers = list(values)
-    return fsum(numbers) / len(numbers)
 
 
 def _board(
@@ -231,7 +225,7 @@ def _board(
     part = scores[scores["entry"].isin(members) & (scores["protocol"] == protocol)]
     first, ties = ranked_by(protocol)
     by_run = group_means(part, "entry", "metric", "track", "severity")
-    means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric").to_dict()
+    means = over_tracks(by_run, suite).agg(fmean, axis=1).unstack("metric").to_dict()
 
     def score(number: int, metric: str) -> float | None:
         return defined(means[metric].get(number, np.nan))

@@ -32,8 +32,6 @@ RESULTS = "results"
 _SHIPPED = "dfdbench.rows"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
-#: Runs on clean images alone; the other suites are `dfdbench.blur.tracks.SUITES`.
-CLEAN_SUITE = CLEAN
 _SEVERITIES = tuple(
     f"{track.name}-{number}"
     for track in (*TRACKS.values(), *STACKS.values())
@@ -154,7 +152,7 @@ class Row(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if unknown := set(self.suites) - {CLEAN_SUITE, *SUITES}:
+        if unknown := set(self.suites) - {CLEAN, *SUITES}:
             raise ValueError(f"no such suite: {', '.join(sorted(unknown))}")
         # Without these a row could choose what is averaged.
         needed = {"prediction_sha256"} if self.method.scored else {"prediction_sha256", "seconds"}

@@ -71,7 +71,7 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     runs = [results] if isinstance(results, Result) else list(results)
     labels = {run.dataset.degradation for run in runs}
     _require_one_method(runs)
-    row = row_file.row_of(runs, [row_file.CLEAN_SUITE])
+    row = row_file.row_of(runs, [CLEAN])
     row_file.require_pairs(row, "this run")
     ResultError.raise_if(row_file.row_problems(row, folder, "this run"))
     method = row.method
@@ -86,8 +86,8 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
         suites = there.suites
     # Clean images that were run along with tracks do not enter the ranking of clean images.
     clean = labels == {CLEAN}
-    entered = [row_file.CLEAN_SUITE] if clean else _suites({r.dataset.degradation for r in runs})
-    order = [row_file.CLEAN_SUITE, *SUITES]
+    entered = [CLEAN] if clean else _suites({r.dataset.degradation for r in runs})
+    order = [CLEAN, *SUITES]
     row = row_file.row_of(runs, sorted({*suites, *entered}, key=order.index))
     write_whole(path, row_file.row_text(row))
     return path

@@ -18,7 +18,7 @@ from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.run import trained_on_of
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.metrics.protocol import RELEASED
-from dfdbench.results.record import SCORED, PairResult, Result
+from dfdbench.results.record import PairResult, Result
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,6 @@ def verify(
     """
     if not 0 <= tolerance <= 1:
         raise InputError(f"a tolerance is a number from 0 to 1, not {tolerance:g}")
-    if row.method.scored:
-        raise ResultError(f"{SCORED}: there is nothing to run again", where=str(path))
     if row.method.entry not in {*built_in_methods().values(), *trusted}:
         entry, where = f"{row.method.entry!a}", f"{path}: method.entry"
         what = f"{entry} is not built in, and its code is run only if you trust it"

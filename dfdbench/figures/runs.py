@@ -15,45 +15,51 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
+from dfdbench.errors import ResultError
 from dfdbench.figures import style
 from dfdbench.figures.sureness import curves_of, sureness_figure
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction
-from dfdbench.results.summary import RunSummary, scene_labels
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.results.wording import titled_scores
 
 _PANELS = 3
 
 
-def draw_run(
-    store: Dataset, summary: RunSummary, folder: Path, also: Sequence[str] = ()
-) -> list[Path]:
-    """Draw a run's figures as PNG files into ``folder/figures``; return their paths.
+def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Path]:
+    """Draw a run's figures as PNG files into ``figures`` in its folder; return their paths.
 
     Parameters
     ----------
-    store : Dataset
-        The data set that was run on.
-    summary : RunSummary
-        The run under a protocol, by which pairs are ranked and scored.
-    folder : Path
-        The run's folder, with its predictions.
+    run : SavedRun
+        The run, with its predictions.
+    protocol : str
+        By which pairs are ranked and scored.
     also : sequence of str
         Further forms of each figure, "pdf" or "svg", beside the PNG file.
+
+    Raises
+    ------
+    ResultError
+        If its images cannot be shown.
     """
+    result, store, folder = run.result, run.store, run.path.parent
+    if store is None:
+        raise ResultError(run.without, where=str(folder))
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
-    result, protocol, order = summary.result, summary.protocol, summary.ranked
+    order = summarise(result, protocol).ranked
     figures: dict[str, Figure | None] = {
         "scores": score_figure(result, protocol),
-        "best": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
-        "worst": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
+        "best": panel_figure(run, order[:_PANELS], protocol, "best"),
+        "worst": panel_figure(run, order[::-1][:_PANELS], protocol, "worst"),
         "depths": depth_figure(store, result, folder),
         "time_by_pixels": pixel_time_figure(store, result),
     }
-    if sure := curves_of(store, result, folder, result.method.title):
+    if sure := curves_of(run, result.method.title):
         title = f"how sure it is, {result.dataset.heading}"
         figures["sureness"] = sureness_figure([sure], title)
     groups = group_figures({result.method.title: result}, protocol, store.manifest.scenes)
@@ -67,22 +73,13 @@ def draw_run(
 
 
 def panel_figure(
-    store: Dataset,
-    result: Result,
-    folder: Path,
-    pairs: tuple[PairResult, ...],
-    protocol: str,
-    kind: str,
+    run: SavedRun, pairs: Sequence[PairResult], protocol: str, kind: str
 ) -> Figure | None:
     """Draw in-focus, defocus, truth, prediction and error, a row a pair; None without pairs."""
-    rows = []
-    for record in pairs:
-        pair = record.pair
-        prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
-        if prediction is not None:
-            rows.append((record, store.read(pair), prediction))
+    rows = [(record, *found) for record in pairs if (found := run.images(record))]
     if not rows:
         return None
+    result = run.result
     figure, grid = style.rows_of_images([record.id for record, *_ in rows], HEADS, 2.55)
     name, under = style.plain_text(result.method.title), f"protocol {title_of(protocol)}"
     figure.suptitle(f"{name}: {kind} pairs of {result.dataset.heading}, {under}")

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import special
 
-from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Pair
 from dfdbench.figures import style
 from dfdbench.metrics.protocol import SURE
 from dfdbench.metrics.sureness import Errors, error_curve, squared_errors
-from dfdbench.results.record import Result
+from dfdbench.results.record import PairResult
 from dfdbench.results.run_folder import read_prediction
+from dfdbench.results.saved_run import SavedRun
 
 _DENSITIES = np.arange(2, 101, 2) / 100
 _INTERVALS = np.arange(5, 100, 5) / 100
@@ -47,27 +45,23 @@ class Curves:
     held: Floats | None
 
 
-def curves_of(store: Dataset, result: Result, folder: Path, label: str) -> Curves | None:
+def curves_of(run: SavedRun, label: str) -> Curves | None:
     """Return the lines of a run, out of the answers that it kept.
 
-    None where the method does not say how sure it is, and where no answer was kept.
+    None where the method does not say how sure it is, where no answer was kept, and without images.
 
     Parameters
     ----------
-    store : Dataset
-        The data set that was run on.
-    result : Result
+    run : SavedRun
         The run.
-    folder : Path
-        The run's folder.
     label : str
         What the method is called.
     """
-    if SURE not in result.protocol_names:
+    if run.store is None or SURE not in run.result.protocol_names:
         return None
     errors, least, held = [], [], []
-    for record in result.evaluated:
-        found = _errors(store, record.pair, folder)
+    for record in run.result.evaluated:
+        found = _errors(run, record)
         if found is None or not found.squares.size:
             continue
         order = np.zeros(found.squares.size) if found.sigma is None else found.sigma
@@ -79,18 +73,17 @@ def curves_of(store: Dataset, result: Result, folder: Path, label: str) -> Curve
             held.append(np.searchsorted(ratios, reach, side="right") / ratios.size)
     if not errors:
         return None
-    whole = store.manifest.depth.span
+    whole = run.store.manifest.depth.span
     ours, best = (np.mean(lines, axis=0) / whole for lines in (errors, least))
     return Curves(label, ours, best, np.mean(held, axis=0) if held else None)
 
 
-def _errors(store: Dataset, pair: Pair, folder: Path) -> Errors | None:
-    images = store.read(pair)
-    shape = images.depth.shape
-    depth = read_prediction(folder, images.pair, shape)
-    if depth is None:
+def _errors(run: SavedRun, record: PairResult) -> Errors | None:
+    found = run.images(record)
+    if found is None:
         return None
-    sigma = read_prediction(folder, images.pair, shape, "sigma")
+    images, depth = found
+    sigma = read_prediction(run.path.parent, images.pair, images.depth.shape, "sigma")
     return squared_errors(images.truth, depth, sigma, images.valid)
 
 

@@ -139,9 +139,7 @@ class Run:
         """Return all tables of the run, as the command line prints them."""
         if self._on_tracks:
             return [severities_table(list(self.results.values()), self.protocol)]
-        store = self._first.store
-        scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
-        return all_tables(summarise(self.result, self.protocol), scenes, splits)
+        return all_tables(summarise(self.result, self.protocol), self._first.store)
 
     def verdict(self) -> str:
         """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
@@ -195,10 +193,7 @@ class Run:
             name = self.result.method.name
             figure = tracks_figure({name: means}, metric, self.tables()[0].title)
             return write_forms(figure, self.folder, "tracks", forms)
-        if self._first.store is None:
-            raise ResultError(self._first.without, where=str(self.folder))
-        summary = summarise(self.result, self.protocol)
-        drawn = draw_run(self._first.store, summary, self.folder, forms)
+        drawn = draw_run(self._first, self.protocol, forms)
         if self._calibration:
             from dfdbench.figures.camera import law_figure
 

@@ -117,11 +117,9 @@ def _section_of(
     board: ScoreBoard, summaries: Sequence[tuple[SavedRun, RunSummary]], folder: Path
 ) -> Section:
     members = [run for run, _ in summaries]
-    manifest = next((run.store.manifest for run in members if run.store), None)
-    scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
-    details = tuple(
-        (run.label, tuple(all_tables(summary, scenes, splits))) for run, summary in summaries
-    )
+    store = next((run.store for run in members if run.store), None)
+    scenes = store.manifest.scenes if store else []
+    details = tuple((run.label, tuple(all_tables(summary, store))) for run, summary in summaries)
     plots = lighting_figures(members, board.protocol)
     parted = group_figures({run.label: run.result for run in members}, board.protocol, scenes)
     plots |= {f"by {what}": figure for what, figure in parted.items()}
@@ -130,11 +128,7 @@ def _section_of(
     if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
-    sure = [
-        curves
-        for run in members
-        if run.store and (curves := curves_of(run.store, run.result, run.path.parent, run.label))
-    ]
+    sure = [curves for run in members if (curves := curves_of(run, run.label))]
     if sure:
         plots["how sure it is"] = sureness_figure(sure, board.result.dataset.heading)
     regions = region_table({run.label: run.result for run in members})
@@ -182,6 +176,15 @@ def write_plots(
     return written
 
 
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.PackageLoader("dfdbench.report", ""),
+    # Names of methods are untrusted text. In Markdown the filters escape them.
+    autoescape=lambda name: name == "report.html.jinja",
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+_TEMPLATES.filters |= {"table": as_markdown, "text": escape_markdown}
 _PAGE = "report.html"
 _UNKNOWN = (191, 191, 191)
 _PHOTO_QUALITY = 80
@@ -220,12 +223,8 @@ def write_html(
     cards = []
     for run, pair in one_by_one(content.pairs, on_pair):
         cards += _cards(run, pair, protocol, pictures, of_data)
-    templates = resources.files("dfdbench.report")
-    # Names of methods are untrusted text: jinja escapes them.
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    text = environment.from_string((templates / "report.html.jinja").read_text("utf-8")).render(
+    beside = resources.files("dfdbench.report")
+    text = _TEMPLATES.get_template("report.html.jinja").render(
         content=content,
         plots=plots,
         pairs=cards,
@@ -233,8 +232,8 @@ def write_html(
         filters=_filters(cards, content.methods),
         scales={"depth": scale("viridis"), "error": scale("PuOr")},
         error_limit=_error_limit(content.pairs),
-        style=Markup((templates / "report.css").read_text("utf-8")),
-        script=Markup((templates / "report.js").read_text("utf-8")),
+        style=Markup((beside / "report.css").read_text("utf-8")),
+        script=Markup((beside / "report.js").read_text("utf-8")),
     )
     path = folder / _PAGE
     write_whole(path, text)
@@ -372,10 +371,7 @@ def write_markdown(
     content = gather(runs, protocol)
     folder.mkdir(parents=True, exist_ok=True)
     plots = write_plots(content, folder, ("png", *also))
-    template = resources.files("dfdbench.report") / "report.md.jinja"
-    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.filters |= {"table": as_markdown, "text": escape_markdown}
-    text = environment.from_string(template.read_text("utf-8")).render(
+    text = _TEMPLATES.get_template("report.md.jinja").render(
         content=content, plots=plots, panels=_panels(content, folder)
     )
     path = folder / _MARKDOWN_PAGE
@@ -388,9 +384,7 @@ def _panels(content: Content, folder: Path) -> list[tuple[str, str]]:
     drawn = []
     for number, run in enumerate(runs.values(), 1):
         worst = tuple(pair for of, pair in content.pairs if of is run)[:_WORST]
-        assert run.store is not None
-        place = run.path.parent
-        figure = panel_figure(run.store, run.result, place, worst, content.protocol, "worst")
+        figure = panel_figure(run, worst, content.protocol, "worst")
         if figure is not None:
             file = f"worst-{number}.png"
             style.write_figure(figure, folder / file)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.intervals import INTERVAL_GROUPS
 from dfdbench.metrics.metric import find_metric, mean_of
@@ -201,9 +202,7 @@ def _rules(groups: Sequence[ScoreGroup]) -> frozenset[int]:
     return frozenset(blocks if several else blocks[-2:-1])
 
 
-def all_tables(
-    summary: RunSummary, scenes: Sequence[Scene], splits: Sequence[Split]
-) -> list[Table]:
+def all_tables(summary: RunSummary, store: Dataset | None) -> list[Table]:
     """Return all of a run's tables: its own, those of its splits and of its scenes; none is empty.
 
     Of a limited run there may be no whole split to tell the spread of, and no scene of a part.
@@ -212,11 +211,10 @@ def all_tables(
     ----------
     summary : RunSummary
         The run under a protocol.
-    scenes : sequence of Scene
-        Of the manifest.
-    splits : sequence of Split
-        Of the manifest.
+    store : Dataset or None
+        The data set, if it is there: its manifest tells scenes and splits.
     """
+    scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ([], [])
     tables = [*run_tables(summary, scenes), spread_table(summary, splits)]
     tables += scene_tables(summary, scenes)
     return [table for table in tables if table.rows]

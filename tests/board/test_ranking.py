@@ -1,6 +1,7 @@
 """Who is ranked where, and with whom."""
 
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,7 @@ import pytest
 
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
-from dfdbench.board.ranking import ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.board.ranking import ScoreBoard, boards, over_tracks
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
@@ -149,10 +150,10 @@ def test_a_suite_needs_every_severity_of_every_track() -> None:
     means = pd.Series(range(21), index.set_names(["row", "track", "severity"]), float)
     by_track = over_tracks(means, "tracks-1").to_numpy()[0]
     assert list(by_track) == [1, 4, 7, 10, 13, 16, 19]
-    assert mean_of_all(by_track) == 10
+    assert fmean(by_track) == 10
     lacking = over_tracks(means.drop(index=(0, "camera", 3)), "tracks-1").to_numpy()[0]
     assert np.isnan(lacking).tolist() == [False] * 6 + [True]
-    assert np.isnan(mean_of_all(lacking))
+    assert np.isnan(fmean(lacking))
 
 
 def test_a_suite_of_one_track_is_of_its_runs_alone(tmp_path: Path) -> None:

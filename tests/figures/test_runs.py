@@ -10,7 +10,8 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures import runs
-from dfdbench.results.summary import summarise
+from dfdbench.results.record import RESULT
+from dfdbench.results.saved_run import SavedRun
 from tests.made_results import make_result
 
 GEOMETRIES = "flat-far", "oblique-near-left"
@@ -20,11 +21,12 @@ GEOMETRIES = "flat-far", "oblique-near-left"
 def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=4))
-    paths = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
+    saved = SavedRun(tmp_path / RESULT, run.result, demo_store, "")
+    paths = runs.draw_run(saved, "thesis")
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
     assert all(np.ptp(np.asarray(cv2.imread(str(path)))) == 255 for path in paths)
-    also = runs.draw_run(demo_store, summarise(run.result, "thesis"), tmp_path, also=("pdf",))
+    also = runs.draw_run(saved, "thesis", also=("pdf",))
     assert {path.suffix for path in also} == {".png", ".pdf"}
     assert also[1].read_bytes().startswith(b"%PDF")
 
@@ -57,8 +59,9 @@ def test_dark_pairs_are_drawn_brighter_and_say_so(small_demo: Dataset, tmp_path:
         next(pair for pair in run.result.pairs if pair.coordinates["exposure"] == exposure)
         for exposure in (0, 2)
     )
+    saved = SavedRun(tmp_path / RESULT, run.result, small_demo, "")
     for pair, told in ((dark, "times brighter"), (bright, "")):
-        figure = runs.panel_figure(small_demo, run.result, tmp_path, (pair,), "thesis", "best")
+        figure = runs.panel_figure(saved, (pair,), "thesis", "best")
         assert figure is not None
         assert told in figure.axes[0].get_xlabel()
         shown = figure.axes[0].get_images()[0].get_array()

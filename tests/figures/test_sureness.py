@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.sureness import Curves, curves_of, sureness_figure
 from dfdbench.methods.method import Method
+from dfdbench.results.record import RESULT
+from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import summarise
 
 
@@ -21,7 +24,8 @@ def sure(infocus: Any, defocus: Any) -> Any:
 def test_the_lines_are_what_the_protocol_scores(tiny_store: Dataset, tmp_path: Path) -> None:
     method = Method("mine", "m:sure", sure)
     result = run_method(tiny_store, method, "test", tmp_path / "run").result
-    found = curves_of(tiny_store, result, tmp_path / "run", "mine")
+    saved = SavedRun(tmp_path / "run" / RESULT, result, tiny_store, "")
+    found = curves_of(saved, "mine")
     assert found is not None
     means = {
         name: np.mean([pair.score("sure", name) or np.nan for pair in result.pairs])
@@ -41,7 +45,7 @@ def test_the_lines_are_what_the_protocol_scores(tiny_store: Dataset, tmp_path: P
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", r"\$x\$"]
     assert not summarise(result, "valid").ranked
     # Who kept nothing or says nothing has no lines.
-    assert curves_of(tiny_store, result, tmp_path / "elsewhere", "mine") is None
+    assert curves_of(replace(saved, path=tmp_path / "elsewhere" / RESULT), "mine") is None
     plain = Method("plain", "m:plain", lambda infocus, defocus: infocus[..., 0] / 2)
     result = run_method(tiny_store, plain, "test", tmp_path / "plain").result
-    assert curves_of(tiny_store, result, tmp_path / "plain", "plain") is None
+    assert curves_of(SavedRun(tmp_path / "plain" / RESULT, result, tiny_store, ""), "plain") is None

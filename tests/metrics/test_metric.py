@@ -67,7 +67,7 @@ def figures_of(
     run = open_saved_run(folder, str(store.path))
     ranked = summarise(run.result, protocol).ranked[:1]
     yield score_figure(run.result, protocol)
-    yield panel_figure(store, run.result, folder, ranked, protocol, "worst")
+    yield panel_figure(run, ranked, protocol, "worst")
     yield from lighting_figures([run], protocol).values()
     yield from group_figures({"constant": run.result}, protocol, scenes).values()
 
