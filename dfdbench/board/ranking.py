@@ -27,6 +27,7 @@ from dfdbench.results.frame import (
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.wording import NOTHING, knew_blur, score_text
+from dfdbench.tables.table import counted
 
 #: The protocol that suites of tracks are ranked by.
 TRACKS_PROTOCOL = "valid"
@@ -75,6 +76,16 @@ class Entry:
     def seconds(self) -> float | None:
         """Median seconds per pair; see `median_seconds`."""
         return median_seconds(self.ranked_runs)
+
+    def unranked(self, protocol: str) -> str:
+        """Say why its row has no rank, and what it shows instead."""
+        done, expected = self.result.evaluated, self.result.dataset.expected
+        if gaps := sum(pair.lacks_answers(protocol) for pair in done):
+            return f"not ranked: {counted(gaps, 'pair')} without an answer for every pixel"
+        if self.complete:
+            return "not ranked"
+        means = "; their means are in brackets" if done else ""
+        return f"not ranked: {len(done)} of {expected} pairs evaluated{means}"
 
 
 @dataclass(frozen=True)

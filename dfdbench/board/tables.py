@@ -266,17 +266,13 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
     notes += [f"{h.stem}: {h.title}." for h in released_headings() if h.stem in others]
     for standing in board.standings:
         entry = standing.entry
-        dataset = entry.result.dataset
         if entry.result.method.name == "constant" and (ssim := standing.scores.get("ssim")):
             notes.append(
                 f"Compare {find_metric('ssim').title} with {ssim:.2f}, which a constant depth map "
                 "already reaches here."
             )
         if not entry.complete:
-            notes.append(
-                f"{entry.label}: {dataset.evaluated} of {dataset.expected} pairs evaluated; means "
-                "of these are in brackets, and an incomplete run has no rank"
-            )
+            notes.append(f"{entry.label}: {entry.unranked(board.protocol)}")
         elif entry.given_blur:
             notes.append(f"{entry.label}: given a blur on a track, so it has no rank")
         elif standing.scores.get(board.metric) is None:

@@ -22,6 +22,7 @@ from dfdbench.system.parallel import one_by_one
 from dfdbench.tables.table import Format, Table, counted, listed
 
 if TYPE_CHECKING:
+    from dfdbench.evaluation.map_files import KeptMaps
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
 
 # So large a share of pixels at one end of the levels is worth a word.
@@ -182,10 +183,10 @@ def _predict_folder(
     out: Path,
     format: str,
 ) -> None:
-    from dfdbench.evaluation.map_files import KeptMaps, write_submission
+    from dfdbench.evaluation.map_files import write_submission
 
     zipped, files, kept = out.suffix == ".zip", dict[str, Path](), list[str]()
-    maps = None if zipped else KeptMaps(out, predictor.method, predictor.identity)
+    maps = None if zipped else _maps_in(out, predictor)
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
         for name, paths in one_by_one(captures.items(), step):
@@ -204,8 +205,7 @@ def _predict_folder(
         if zipped:
             MethodError.raise_if(_together(failed))
 
-    resumed = GOES_ON if maps else "the same command begins anew"
-    with progress("estimating depth", resumed) as step:
+    with progress("estimating depth", GOES_ON if maps else "the same command begins anew") as step:
         if maps is None:
             depths = ((name, predictor.metres(found.depth)) for name, found in estimates())
             write_submission(out, depths)
@@ -214,6 +214,8 @@ def _predict_folder(
                 files[name] = maps.add(name, captures[name], found.depth, found.sigma)
     if kept:
         say(f"taken over   {counted(len(kept), 'map')} from before")
+    if left := maps.left(files) if maps else []:
+        say(f"left         of an earlier call, and not of this one: {listed(left, most=5)}")
     if sure := sum(place.suffix == ".npz" for place in files.values()):
         say(f"sigma        beside the depth of {counted(sure, 'map')}, in .npz files")
     meaning = "distances in metres" if zipped else predictor.meaning
@@ -221,6 +223,15 @@ def _predict_folder(
     unit = "metres" if zipped else predictor.unit
     show(format, text=text, depth=out, unit=unit, meaning=meaning, maps=list(files))
     MethodError.raise_if(_together(failed))
+
+
+def _maps_in(folder: Path, predictor: DepthPredictor) -> KeptMaps:
+    from dfdbench.evaluation.map_files import KeptMaps
+
+    maps = KeptMaps(folder, predictor.method, predictor.identity)
+    if maps.set_aside:
+        say(f"note         the maps of an earlier, other call were moved to {maps.set_aside}")
+    return maps
 
 
 def _together(problems: Sequence[Problem]) -> list[Problem]:

@@ -6,7 +6,7 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from dfdbench.evaluation.plan import differences_from
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
+from dfdbench.results.run_folder import PREVIOUS
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 
@@ -86,12 +87,39 @@ class KeptMaps:
     def __init__(self, folder: Path, method: Method, identity: Mapping[str, Any]) -> None:
         self._folder, self._method, self._identity = folder, method, identity
         self._maps: dict[str, dict[str, str]] = {}
+        differences: Sequence[str] = ()
         # What cannot be read, or is no record of ours, says nothing of the maps.
-        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
+        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
             before = parse_json((folder / _RECORD).read_text("utf-8"))
-            maps = {name: {**found} for name, found in before.pop("maps").items()}
-            if not differences_from(before, identity, method):
-                self._maps = maps
+            self._maps = {
+                str(name): {"file": f"{found['file']}", "images": f"{found['images']}"}
+                for name, found in before.pop("maps").items()
+            }
+            differences = differences_from(before, identity, method)
+        #: Where the maps of another method, or of other parameters, were moved.
+        self.set_aside = self._moved_aside() if differences else None
+
+    def _moved_aside(self) -> Path:
+        # A folder such as . has no name to go by.
+        folder = self._folder if self._folder.name.strip(".") else self._folder.resolve()
+        aside = folder.with_name(folder.name + PREVIOUS)
+        files = [_RECORD, *(found["file"] for found in self._maps.values())]
+        self._maps = {}
+        try:
+            for file in files:
+                place = (folder / file).resolve()
+                if place.is_file() and place.is_relative_to(folder.resolve()):
+                    (aside / file).parent.mkdir(parents=True, exist_ok=True)
+                    place.replace(aside / file)
+        except OSError as error:
+            what = f"the maps of an earlier call cannot be moved: {reason_of(error)}"
+            raise InputError(what, where=str(aside), fix="choose another folder: --out") from error
+        return aside
+
+    def left(self, captures: Collection[str]) -> list[str]:
+        """Return the files of earlier calls' maps of other captures than these."""
+        files = [found["file"] for name, found in self._maps.items() if name not in captures]
+        return [file for file in files if (self._folder / file).is_file()]
 
     def place_of(self, name: str, images: Iterable[Path]) -> Path | None:
         """Return the depth map that an earlier call made of the same images; None without one."""

@@ -219,12 +219,12 @@ class DepthPredictor:
         return Estimate(answer.depth, answer.seconds, found, answer.sigma)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
-        """Estimate depth from an in-focus and a defocus image, RGB, uint8 of shape (y, x, 3).
+        """Estimate depth from an in-focus and a defocus image, as of `predict`.
 
         Raises
         ------
         InputError
-            If the images differ in size or cannot be aligned.
+            If they are no photographs, differ in size, or cannot be aligned.
         MethodError
             If the method raises, returns no depth map, or needs a stack.
         """
@@ -232,7 +232,11 @@ class DepthPredictor:
         if self.method.attribute("needs_stack"):
             what = f"{self.method.name} needs a focal stack, and this is a pair"
             raise MethodError(what, fix="name a folder of stacks: STACK/stack.json and its images")
-        if infocus.shape != defocus.shape or infocus.ndim != 3:
+        infocus, defocus = _as_photograph(infocus), _as_photograph(defocus)
+        if infocus.dtype != defocus.dtype:
+            got = f"{infocus.dtype} and {defocus.dtype}"
+            raise InputError("the photographs have different types of pixels", got=got)
+        if infocus.shape != defocus.shape:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
@@ -272,9 +276,9 @@ def predict(
     method, camera, parameters, align, seed
         As for `DepthPredictor`.
     images : tuple or DataArray
-        The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB. Or a
-        stack in register, dimensions (image, y, x, channel), with the coordinates that
-        `Capture.stack` has.
+        The in-focus and the defocus image: files, or arrays of uint8 or uint16, shape (y, x, 3),
+        RGB, or (y, x), grey. Or a stack in register, dimensions (image, y, x, channel), with the
+        coordinates that `Capture.stack` has.
 
     Returns
     -------
@@ -296,9 +300,15 @@ def predict(
     >>> depth.shape, float(depth.min())
     ((40, 50), 255.0)
     """
+    import xarray
+
     predictor = DepthPredictor(method, camera, parameters, align, seed)
-    if not isinstance(images, tuple | list):
+    if isinstance(images, xarray.DataArray):
         return predictor.of_stack(images).depth
+    if not isinstance(images, tuple | list) or len(images) != 2:
+        got = f"{len(images)} images" if isinstance(images, tuple | list) else type(images).__name__
+        expected = "(capture.infocus, capture.defocus), two files, or capture.stack"
+        raise InputError("neither two photographs nor a stack", expected=expected, got=got)
     sharp, blurred = read_images(images)
     return predictor(sharp, blurred).depth
 
@@ -436,6 +446,17 @@ def _scale_of(result: Result, folder: Path) -> DepthScale | None:
     with contextlib.suppress(DfdbenchError):
         return open_dataset(read_store_place(folder) or name).manifest.depth.scale
     return None
+
+
+def _as_photograph(image: Any) -> Image:
+    """Return an array as it is, or grey as RGB; refuse what is no photograph."""
+    array = np.asarray(image)
+    shape = array.shape[:2] if array.ndim == 2 else (*array.shape[:2], 3)
+    if array.dtype not in (np.uint8, np.uint16) or array.shape != shape or not array.size:
+        got = f"{array.dtype}, shape {array.shape}"
+        expected = "uint8 or uint16, shape (y, x, 3), RGB, or (y, x), grey"
+        raise InputError("an array that is no photograph", expected=expected, got=got)
+    return array if array.ndim == 3 else np.repeat(array[..., np.newaxis], 3, axis=2)
 
 
 def _size(image: Image) -> str:

@@ -105,16 +105,8 @@ def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:
         notes.append("Best bold, second underlined.")
     if SECONDS in names:
         notes.append(SECONDS_NOTE)
-    for standing in board.standings:
-        dataset = standing.entry.result.dataset
-        if not standing.entry.result.complete:
-            notes.append(
-                f"{standing.entry.label}: in brackets the means of {dataset.evaluated} of "
-                f"{dataset.expected} pairs, not ranked"
-            )
-        elif standing.rank is None:
-            notes.append(f"{standing.entry.label}: not ranked")
-    return notes
+    unranked = (standing.entry for standing in board.standings if standing.rank is None)
+    return notes + [f"{entry.label}: {entry.unranked(board.protocol)}" for entry in unranked]
 
 
 def _record(board: ScoreBoard, standing: Standing, names: Sequence[str]) -> Mapping[str, object]:

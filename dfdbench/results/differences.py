@@ -204,7 +204,10 @@ def change_tables(
     """
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
-        raise ResultError("no pair was scored in both runs", fix="`dfdbench run` goes on")
+        fix = "`dfdbench run` goes on"
+        if any(pair.lacks_answers(protocol) for pair in (*first.evaluated, *second.evaluated)):
+            fix = "pixels are without an answer: compare by --protocol sure, or answer them all"
+        raise ResultError("no pair was scored in both runs", fix=fix)
     tables = (
         difference_table(first, second, protocol, names),
         pair_table(first, second, protocol, most),

@@ -66,7 +66,7 @@ def test_why_a_row_has_no_rank_is_said() -> None:
     table = tables.standings_table(board_of(part), HERE.parent)
     assert table.rows[0][:4] == ("–", "part", "nothing", "(0.1000)")
     assert table.records[0]["nrmse"] is None
-    assert any(note.startswith("part: 7 of 54 pairs evaluated") for note in table.notes)
+    assert any(note.startswith("part: not ranked: 7 of 54 pairs evaluated") for note in table.notes)
     flat = make_result({("a", 1, 1, 0): None})
     assert (
         "mine: NRMSE is defined for no pair" in tables.standings_table(board_of(flat), HERE).notes

@@ -56,6 +56,12 @@ def test_every_pair_is_tried_and_all_that_fails_named(dfdbench: Command, tmp_pat
     for path in (folders["cut"] / "infocus.png", folders["text"] / "defocus.png"):
         assert f"({path})" in told.err
     assert "taken over   1 map from before" in dfdbench(*words, "out").err
+    write_png(folders["dark_1"] / "infocus.png", np.full((64, 80, 3), 250, np.uint8))
+    left = "left         of an earlier call, and not of this one: dark_1.npy"
+    assert left in dfdbench(*words, "out").err
+    moved = dfdbench(*words, "out", "--seed", "2").err
+    assert "maps of an earlier, other call were moved to out.previous" in moved
+    assert not list(Path("out").glob("*.np?"))
     far = "class Far:\n    unit = 'metres'\n    __call__ = staticmethod(dim)\n"
     Path("far.py").write_text("from mymodule import dim\n\n" + far)
     dfdbench.refused("4 problems", *words, "out.zip", "--method", "far:Far")

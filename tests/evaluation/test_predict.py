@@ -51,6 +51,31 @@ def test_depth_is_what_the_method_gives(pair: tuple[Image, Image, Image], tmp_pa
     assert np.abs(found - depth)[:, 20:-20].mean() < 20
 
 
+@pytest.mark.parametrize(
+    ("images", "says"),
+    [
+        ([np.ones((8, 9, 3))] * 2, "no photograph: expected uint8 or uint16.*float64"),
+        ([np.ones((8, 9, 4), np.uint8)] * 2, r"no photograph.*shape \(8, 9, 4\)"),
+        (
+            [np.ones((8, 9), np.uint8), np.ones((8, 9), np.uint16)],
+            "types of pixels.*uint8 and uint",
+        ),
+        ([np.ones((8, 9), np.uint8)], "neither two photographs nor a stack.*1 images"),
+        ("folder", "neither two photographs nor a stack.*str"),
+    ],
+)
+def test_what_is_no_photograph_is_refused(images: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        predict("local", images, "published", align=False)
+
+
+def test_grey_photographs_are_as_good(pair: tuple[Image, Image, Image]) -> None:
+    sharp, blurred = (image[..., 1] for image in pair[:2])
+    found = predict("local", (sharp, blurred), "published")
+    alike = np.dstack([sharp] * 3), np.dstack([blurred] * 3)
+    assert np.array_equal(found, predict("local", alike, "published"))
+
+
 def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) -> None:
     sharp, blurred, depth = pair
     moved = np.clip(np.roll(blurred, (3, -4), axis=(0, 1)) * 0.9, 0, 255).astype(np.uint8)

@@ -3,11 +3,12 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import UnknownNameError
+from dfdbench.metrics.metric import METRICS
 from dfdbench.report.paper_table import paper_tables
 from dfdbench.results.record import Result
 from dfdbench.tables.render import as_latex
 from dfdbench.tables.table import Marked
-from tests.made_results import limited, make_demo_result, saved
+from tests.made_results import edited, limited, make_demo_result, saved
 
 
 def scored(value: float, name: str) -> Result:
@@ -33,13 +34,25 @@ def test_what_reads_the_same_is_marked_the_same(tmp_path: Path) -> None:
     assert [getattr(row[2], "mark", "") for row in table.rows] == ["best", "best", "second"]
 
 
+def test_where_no_mean_is_shown_the_note_says_why(tmp_path: Path) -> None:
+    gaps, nothing = (make_demo_result(lambda _: 0.01, name) for name in ("gaps", "nothing"))
+    none = {"thesis": dict.fromkeys(METRICS), "valid": dict.fromkeys(METRICS)}
+    gaps = limited(edited(gaps, pairs={"answered": 0.5, "scores": none}), 4)
+    runs = saved(tmp_path, make_demo_result(lambda _: 0.3, "whole"), gaps, limited(nothing, 0))
+    (table,) = paper_tables(runs, "valid", ["nrmse"])
+    assert {row[0]: row[2] for row in table.rows[1:]} == {"gaps": "–", "nothing": "–"}
+    assert "gaps: not ranked: 4 pairs without an answer for every pixel" in table.notes
+    assert "nothing: not ranked: 0 of 54 pairs evaluated" in table.notes
+
+
 def test_an_incomplete_run_shows_what_it_has_and_is_not_marked(tmp_path: Path) -> None:
     stopped = limited(make_demo_result(lambda _: 0.01, "stopped"), 7)
     runs = saved(tmp_path, make_demo_result(lambda _: 0.3, "whole"), stopped)
     (table,) = paper_tables(runs, "valid", ["nrmse"])
     assert table.rows[1][::2] == ("stopped", "(0.0100)")
     assert not any(isinstance(cell, Marked) for row in table.rows for cell in row)
-    assert any("7 of 54 pairs, not ranked" in note for note in table.notes)
+    note = "stopped: not ranked: 7 of 54 pairs evaluated; their means are in brackets"
+    assert note in table.notes
     assert table.records[1]["nrmse"] is None
 
 

@@ -347,8 +347,10 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     likely = likely_bits(greatest)
     if bits is None and likely:
         what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
-        said = f"image_bits = {likely}, or 16 if" if likely > 8 else "image_bits = 16 if"
-        fix = f"write it as 8 bit; or say in a manifest, under [files], {said} it is only dark"
+        # A dark photograph fits into fewer bits than its camera has.
+        camera = f"{_CONVERTERS[-1]} for most cameras, " if likely > 8 else ""
+        said = f"image_bits: {camera}{_FULL} if it is only dark"
+        fix = f"write it as 8 bit; or say in a manifest, under [files], {said}"
         raise SourceError(what, where=where, fix=fix)
     if greatest >= 2 ** (bits or _FULL):
         what = f"the image holds {greatest}, more than {bits} bits"

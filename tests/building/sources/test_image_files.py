@@ -56,7 +56,7 @@ def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
 
 def test_sixteen_bits_that_are_twelve_are_told() -> None:
     image = (RGB.astype(np.uint16) * 16) + 15
-    with pytest.raises(SourceError, match=r"seems to hold 12 bits[^$]*Fix: .*image_bits = 12"):
+    with pytest.raises(SourceError, match=r"seems to hold 12 bits[^$]*Fix: .*image_bits: 12 for"):
         image_files.read_photograph(encoded(image), "a.png")
     assert image_files.read_photograph(encoded(image), "a.png", bits=12).max() == 255
     assert image_files.read_photograph(encoded(image), "a.png", bits=16).max() == 16
