@@ -177,7 +177,7 @@ def build_store(
         there = {outcome.scene: outcome.digest for outcome in outcomes if outcome.digest}
         missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
         left_out = [pair.id for pair in missing]
-        writer.refuse_to_lose(left_out)
+        writer.refuse_to_lose(left_out, _told_once(outcomes))
         fingerprint = writer.finish(there, left_out)
     return BuildReport(
         manifest,

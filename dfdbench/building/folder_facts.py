@@ -105,10 +105,14 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     photographs = [group for group in others if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
-        what = "no depth map and two photographs a scene are found: a depth file is grey "
-        what += f"and says so in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
+        endings = ", ".join((*SUFFIXES, *ARRAYS))
+        what = "two photographs a scene are not found"
+        if not depths:
+            what = "no depth map is found: its file is grey and says so in its name, as depth.png"
+            what += f" does, or has 16 or 32 bits ({endings})"
         found = "; ".join(filter(None, (there, unread_files(folder))))
         fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+        fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
         raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)

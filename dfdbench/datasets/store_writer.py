@@ -1,7 +1,7 @@
 """Write a built data set: scene by scene beside its place, then moved there whole."""
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,10 +22,10 @@ from dfdbench.datasets.fingerprint import (
     scene_digests,
 )
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
+from dfdbench.errors import DfdbenchError, Problem, StoreError, reason_of, room_or
 from dfdbench.system import location
 from dfdbench.system.files import hold
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 _METADATA = "zarr.json"
 
@@ -158,8 +158,8 @@ class StoreWriter:
         """The scenes that lie beside the place, for this build or one that goes on with it."""
         return location.folders_in(self.partial) if location.exists(self.partial) else ()
 
-    def refuse_to_lose(self, missing: list[str]) -> None:
-        """Refuse a build without pairs that the store in place holds.
+    def refuse_to_lose(self, missing: list[str], why: Iterable[Problem] = ()) -> None:
+        """Refuse a build without pairs that the store in place holds; `why` it lacks them.
 
         Raises
         ------
@@ -169,9 +169,10 @@ class StoreWriter:
         found = _attributes_of(self.path)
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
         if lost:
-            what = f"the store there holds {len(lost)} pairs that this build lacks"
+            what = f"the store there holds {counted(len(lost), 'pair')} that this build lacks"
             fix = "build elsewhere with --store PATH, or delete that store; nothing was changed"
-            raise StoreError(f"{what}: {listed(lost, 3)}", where=str(self.path), fix=fix)
+            problem = Problem(f"{what}: {listed(lost, 3)}", where=str(self.path), fix=fix)
+            raise StoreError.of([*why, problem])
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""

@@ -37,6 +37,7 @@ from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_folder import read_store_place
+from dfdbench.tables.table import counted
 
 if TYPE_CHECKING:
     import xarray
@@ -306,7 +307,8 @@ def predict(
     if isinstance(images, xarray.DataArray):
         return predictor.of_stack(images).depth
     if not isinstance(images, tuple | list) or len(images) != 2:
-        got = f"{len(images)} images" if isinstance(images, tuple | list) else type(images).__name__
+        several = isinstance(images, tuple | list)
+        got = counted(len(images), "image") if several else type(images).__name__
         expected = "(capture.infocus, capture.defocus), two files, or capture.stack"
         raise InputError("neither two photographs nor a stack", expected=expected, got=got)
     sharp, blurred = read_images(images)

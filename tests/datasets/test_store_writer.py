@@ -116,7 +116,7 @@ def test_a_build_that_lacks_pairs_of_the_store_is_refused(
 ) -> None:
     build(place("s.zarr"))
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
-    with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
+    with pytest.raises(StoreError, match="holds 1 pair that this build lacks"):
         build(place("s.zarr"))
     assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
     build(place("less.zarr"))

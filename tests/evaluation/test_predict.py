@@ -60,7 +60,7 @@ def test_depth_is_what_the_method_gives(pair: tuple[Image, Image, Image], tmp_pa
             [np.ones((8, 9), np.uint8), np.ones((8, 9), np.uint16)],
             "types of pixels.*uint8 and uint",
         ),
-        ([np.ones((8, 9), np.uint8)], "neither two photographs nor a stack.*1 images"),
+        ([np.ones((8, 9), np.uint8)], "neither two photographs nor a stack.*1 image"),
         ("folder", "neither two photographs nor a stack.*str"),
     ],
 )
