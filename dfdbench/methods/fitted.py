@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import InputError, MethodError, Problem
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
@@ -194,6 +194,9 @@ class Solver(Calibrated):
         And where it says how sure it is, sigma.
         """
         self._require(1)
+        for name, image in (("infocus", infocus), ("defocus", defocus)):
+            if image.dtype != np.uint8:
+                raise InputError(f"{name}: expected uint8, got {image.dtype}")
         return self._sure.answer(*self._settled(infocus, [defocus]))
 
     def from_stack(self, stack: DataArray) -> Answer:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.errors import DfdbenchError
+from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
 from dfdbench.methods.readout import Chosen
@@ -144,6 +144,13 @@ def test_a_bare_wall_with_noise_does_not_lead_far_astray() -> None:
 def test_wrong_parameters_are_named(parameters: dict[str, Any], told: str) -> None:
     with pytest.raises(DfdbenchError, match=told):
         GraphCuts(**parameters)
+
+
+def test_images_of_other_types_are_refused(pair: tuple[Image, Image, Image]) -> None:
+    # Of 16 bits it once gave nonsense, of float64 OpenCV's own error.
+    for kind in (np.uint16, np.float64):
+        with pytest.raises(InputError, match="infocus: expected uint8, got"):
+            GraphCuts()(pair[0].astype(kind), pair[1])
 
 
 def test_float_colours_are_not_rounded(pair: tuple[Image, Image, Image]) -> None:
