@@ -202,16 +202,18 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
-    # Before files are heard of: pydantic, of which recipes are, reads lists of packages at first.
-    # And not at the top, so that a list of the names needs no numpy.
+    # Before files are heard of: pydantic, of which recipes are, reads lists of packages at first,
+    # and so does a search by name. And not at the top, so that a list of the names needs no numpy.
     from dfdbench.methods.calling import as_method
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
     from dfdbench.methods.sources import Sources
 
+    shown, entry, target = _found(name)
     sources = Sources()
     with sources.watch():
-        shown, entry, target = _found(name, sources)
+        if target is None:
+            shown, target = _imported(shown, entry, sources)
         fits = hasattr(target, "fit")
         given, recorded = read_parameters(parameters, fits)
         offered = {**offers, **for_fits} if fits else offers
@@ -239,20 +241,24 @@ def load_method(
     return method
 
 
-def _found(name: str | Callable[..., Any], sources: Sources) -> tuple[str, str, Any]:
-    """Return how a method is called, its entry and what that names; note where that is defined."""
+def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:
+    """Return how a method is called, its entry, and the method itself if no entry leads to it."""
     if not isinstance(name, str):
         try:
             name = entry_of(name)
         except MethodError:
             kind: Any = name if hasattr(name, "__qualname__") else type(name)
             return kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name
-    entry = find_entry(name)
+    return name, find_entry(name), None
+
+
+def _imported(name: str, entry: str, sources: Sources) -> tuple[str, Any]:
+    """Return how a method is called, and what its entry names; note where that is defined."""
     target, module = import_entry(entry)
     place = Path(entry.rpartition(":")[0])
     is_onnx = place.suffix == ONNX
     sources.begin_at(module, place.parent if is_onnx else None)
-    return place.name if is_onnx else name, entry, target
+    return place.name if is_onnx else name, target
 
 
 def find_entry(name: str) -> str:
