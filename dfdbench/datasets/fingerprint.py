@@ -197,8 +197,8 @@ class WholeArrays(WrapperStore[ZarrStore]):
             Where it is a chunk of an array, and is not there.
         """
         found = await super().get(key, prototype, byte_range)
-        # As in Aloe/depth/c.0.0.0: scene, array, chunk.
-        if found is None and key.split("/")[-1].split(".")[0] == "c":
+        # As in Aloe/depth/c.0.0.0: scene, array, chunk; in an older store Aloe/depth/c/0/0/0.
+        if found is None and [part.split(".")[0] for part in key.split("/")[2:3]] == ["c"]:
             raise FileNotFoundError(f"{key} is missing")
         return found
 

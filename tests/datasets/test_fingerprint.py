@@ -1,13 +1,17 @@
+import asyncio
 import hashlib
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import zarr
+import zarr.storage
+from zarr.core.buffer import default_buffer_prototype
 
 from dfdbench.datasets import fingerprint
 from dfdbench.datasets.catalog import find_manifest
@@ -132,6 +136,15 @@ def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name:
     (found,) = fingerprint.verify_store(Dataset(tiny_store.path)).differences
     assert (found.scene, found.array) == ("Two", name)
     assert "cannot be decoded" in found.what
+
+
+@pytest.mark.parametrize("key", ["One/depth/c.0.1", "One/depth/c/0/1", "One/focal_length/c"])
+def test_what_is_a_chunk_may_not_be_absent(key: str) -> None:
+    arrays = fingerprint.WholeArrays(zarr.storage.MemoryStore())
+    read = partial(arrays.get, prototype=default_buffer_prototype())
+    with pytest.raises(FileNotFoundError, match="is missing"):
+        asyncio.run(read(key))
+    assert asyncio.run(read("One/depth/zarr.json")) is None
 
 
 def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
