@@ -18,7 +18,7 @@ from dfdbench.evaluation.plan import differences_from
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
-from dfdbench.results.run_folder import PREVIOUS
+from dfdbench.results.run_folder import previous_of
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 
@@ -102,7 +102,7 @@ class KeptMaps:
     def _moved_aside(self) -> Path:
         # A folder such as . has no name to go by.
         folder = self._folder if self._folder.name.strip(".") else self._folder.resolve()
-        aside = folder.with_name(folder.name + PREVIOUS)
+        aside = previous_of(folder)
         files = [_RECORD, *(found["file"] for found in self._maps.values())]
         self._maps = {}
         try:

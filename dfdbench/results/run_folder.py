@@ -58,15 +58,18 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
             what, fix = "the folder holds something other than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
-            set_aside = folder.with_name(folder.name + PREVIOUS)
-            for number in itertools.count(2):
-                if not set_aside.exists():
-                    break
-                set_aside = folder.with_name(f"{folder.name}{PREVIOUS}-{number}")
+            set_aside = previous_of(folder)
             folder.rename(set_aside)
     folder.mkdir(parents=True, exist_ok=True)
     keep_identity(folder, identity)
     return set_aside
+
+
+def previous_of(folder: Path) -> Path:
+    """Return where a folder's content is set aside for newer: the first such place that is free."""
+    names = (f"{folder.name}{PREVIOUS}-{number}" for number in itertools.count(2))
+    places = map(folder.with_name, itertools.chain([folder.name + PREVIOUS], names))
+    return next(place for place in places if not place.exists())
 
 
 def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
