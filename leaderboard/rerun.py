@@ -7,23 +7,67 @@
 from __future__ import annotations
 
 import argparse
+import datetime
+import json
+import secrets
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board import LEADERBOARD
-from dfdbench.board.board import draw_seed
+from dfdbench.board.board import SEEDS, Draw, read_draws
 from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
+from dfdbench.datasets.catalog import of_seed
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.errors import DfdbenchError, StoreError
+from dfdbench.errors import DfdbenchError, ResultError, StoreError
+from dfdbench.results import environment
+from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 
 _FAMILIES = {"pair": "unseen", "stack": "unseen-stack"}
 #: Scores alone, no figures and no depth maps.
 _ALONE = ("--no-predictions", "--no-figures")
+#: Seeds are drawn below this: nobody can try so many.
+_MOST = 10**18
+
+
+def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
+    """Write down a seed with today's date and the commit, before anything is run on it.
+
+    Parameters
+    ----------
+    folder : Path
+        The leaderboard's folder.
+    seed : int or str, optional
+        By default drawn from the system's randomness. One that was drawn before stays drawn if
+        the commit is the same.
+
+    Raises
+    ------
+    InputError
+        If it is no seed.
+    ResultError
+        If code was changed since the last commit, so that no commit says what is run.
+    """
+    commit = environment.describe_environment().git
+    if commit is None or commit.endswith("-dirty"):
+        fix = "commit it first: the board says which commit was run"
+        where = commit or "no git checkout"
+        raise ResultError("the code that is to be run is in no commit", where=where, fix=fix)
+    number = secrets.randbelow(_MOST) if seed is None else int(of_seed("unseen", seed)[7:])
+    earlier = read_draws(folder)
+    before = next((draw for draw in earlier if draw.seed == number), None)
+    if before and before.commit == commit:
+        return before
+    draw = Draw(seed=number, drawn=seed is None, date=datetime.date.today(), commit=commit)
+    others = [each for each in earlier if each.seed != number]
+    content = [json.dumps(each.model_dump(mode="json")) for each in (draw, *others)]
+    write_whole(folder / SEEDS, "[\n " + ",\n ".join(content) + "\n]\n")
+    return draw
 
 
 def run_seed(seed: str | None, limit: float) -> Iterator[str]:

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.board.published import load_published
 from dfdbench.board.row_file import known_fingerprints, read_row
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import read_manifest
@@ -31,6 +30,7 @@ from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.rig.lidar import read_beams, read_ranges
 from dfdbench.rig.registration import read_registration
+from leaderboard.published import load_published
 
 
 class Trap:

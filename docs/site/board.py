@@ -16,7 +16,6 @@ from links import relinked
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.board.board import NOTE, Board
 from dfdbench.board.cards import Card, cards_table
-from dfdbench.board.published import load_published, published_summary, published_table
 from dfdbench.board.ranking import Entry, ScoreBoard, Standing
 from dfdbench.board.tables import further_tables, link_to, ranking_table, tracks_of
 from dfdbench.datasets.catalog import part_name
@@ -27,6 +26,7 @@ from dfdbench.results.record import SCORED, Result
 from dfdbench.results.wording import NOTHING, given_to, machine_of, seconds_text
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table
+from leaderboard.published import load_published, published_summary, published_table
 
 PICTURES = Path(__file__).parents[1] / "assets/pictures/demo"
 #: What the pictures are of; other sets have none.

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board.published import load_published
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
@@ -10,6 +9,7 @@ from dfdbench.methods.networks.weights import Card, build_network, count_paramet
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
 from dfdbench.training.reduction import reduce
 from dfdbench.training.reduction.counts import STATISTICS, Statistic
+from leaderboard.published import load_published
 from tests.methods.made_weights import card, save_small
 from tests.methods.networks.test_architectures import SMALL
 

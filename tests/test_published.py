@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board.published import _overall, load_published, published_summary, published_table
 from dfdbench.errors import ResultError
 from dfdbench.methods.registry import registered_methods
+from leaderboard.published import _overall, load_published, published_summary, published_table
 
-FOLDER = Path(__file__).parents[2] / "leaderboard"
+FOLDER = Path(__file__).parents[1] / "leaderboard"
 PUBLISHED = load_published(FOLDER)
 TABLES = {table.table: table for table in PUBLISHED if table.kind == "table"}
 
