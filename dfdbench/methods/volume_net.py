@@ -383,14 +383,17 @@ class VolumeNetMethod(Solver):
         told = np.log1p(told)[np.newaxis]
         given = (volume, along_paths(volume), told, guide[np.newaxis], prior)
         with torch.inference_mode():
-            logits, mask = self._network(
-                *(torch.from_numpy(each)[np.newaxis].to(self._device) for each in given)
-            )
+            logits, mask = self._network(*(_one(each).to(self._device) for each in given))
             # The middle of a part of whole levels lies between two of them.
             depths = torch.from_numpy(levels_of(count) - 0.5).float().to(self._device)
             found = mean_and_variance(logits, mask, depths)
         mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
         return costs, np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
+
+
+def _one(planes: Array) -> torch.Tensor:
+    # PyTorch sees by strides that levels lie side by side, if the first axis has the largest.
+    return torch.from_numpy(np.moveaxis(planes, 0, -1))[None].movedim(-1, 1)
 
 
 def _padded(image: Array, multiple: int) -> Array:

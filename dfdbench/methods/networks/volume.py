@@ -21,6 +21,8 @@ _GUIDE = 4
 # So often again the coarsest block looks: where there is no texture, depth comes from afar, and
 # each turn reaches 64 pixels further at no cost in parameters.
 _TURNS = 2
+# Rows of the answer that are made shares at once.
+_ROWS = 32
 # Three by three neighbours, for each of two by two pixels.
 NEIGHBOURS, _PIXELS = 9, 4
 
@@ -92,14 +94,16 @@ class VolumeNet(nn.Module):
             See `mean_and_variance`.
         """
         # What is large is named only where it is needed again: a name keeps it.
-        last = (told / 3 - 1, functional.pixel_unshuffle(guide, 2))
-        x = torch.cat((_seen(volume), _seen(paths), *last), 1)
-        x = functional.relu_(self.stem(x) + self.prior(prior / 4 + 1)[:, :, None, None])
+        last = torch.cat((told / 3 - 1, functional.pixel_unshuffle(guide, 2)), 1)
+        # Laid out as the costs are: else they would be laid out anew to join them.
+        last = last.contiguous(memory_format=torch.channels_last)
+        x = torch.cat((_seen(volume), _seen(paths), last), 1)
+        x = functional.relu_(self.stem(x).add_(self.prior(prior / 4 + 1)[:, :, None, None]))
         x = self.blocks[0](x)
         scales, costs = [x], volume
         for down, look, block in zip(self.down, self.costs, self.blocks[1:], strict=True):
             costs = functional.avg_pool2d(costs, 2)
-            x = functional.relu_(down(x) + look(_seen(costs - costs.amin(1, keepdim=True))))
+            x = functional.relu_(down(x).add_(look(_seen(costs - costs.amin(1, keepdim=True)))))
             x = block(x)
             scales.append(x)
         x = scales.pop()
@@ -110,8 +114,8 @@ class VolumeNet(nn.Module):
             x = functional.relu_(joined(torch.cat([scales.pop(), finer], 1)))
         x = functional.relu_(self.last(x))
         own, along, before = self.weights
-        logits = self.logits(x).float() - own * volume - along * paths
-        return logits + before * prior[:, :, None, None], self.mask(x).float()
+        logits = self.logits(x).float().sub_(own * volume).sub_(along * paths)
+        return logits.add_(before * prior[:, :, None, None]), self.mask(x).float()
 
 
 def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Tensor, Tensor]:
@@ -144,18 +148,25 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
     ([[0.5, 0.5], [0.5, 0.5]], [0.25, 0.25])
     """
     n, _, rows, columns = logits.shape
-    shares, pixels = logits.softmax(1), mask.shape[1] // NEIGHBOURS
+    shares, pixels = _shares(logits), mask.shape[1] // NEIGHBOURS
     each = "nl" if depths.dim() > 1 else "l"
     moments = torch.stack(
         [torch.einsum(f"nlyx,{each}->nyx", shares, depths**power) for power in (1, 2)], 1
     )
     around = functional.pad(moments, (1, 1, 1, 1), mode="replicate")
     near = functional.unfold(around, 3).view(n, 2, NEIGHBOURS, rows, columns)
-    taken = mask.view(n, NEIGHBOURS, pixels, rows, columns).softmax(1)
-    fine = torch.einsum("nckyx,nkpyx->ncpyx", near, taken).reshape(n, 2 * pixels, rows, columns)
-    fine = functional.pixel_shuffle(fine, math.isqrt(pixels))
+    taken = _shares(mask.view(n, NEIGHBOURS, pixels, rows, columns))
+    # A sum of planes: as a product of matrices it would be one of two by nine for each pixel.
+    each_one = zip(near.unbind(2), taken.unbind(1), strict=True)
+    fine = sum((there[:, :, None] * share[:, None] for there, share in each_one), torch.zeros(()))
+    fine = functional.pixel_shuffle(fine.flatten(1, 2), math.isqrt(pixels))
     mean = fine[:, 0]
     return mean, (fine[:, 1] - mean**2).clamp_min(0)
+
+
+def _shares(logits: Tensor) -> Tensor:
+    # In bands: a softmax over what lies side by side lays it out anew, which a cache has to hold.
+    return torch.cat([band.softmax(1) for band in torch.split(logits, _ROWS, -2)], -2)
 
 
 class _Residual(nn.Module):
@@ -165,7 +176,7 @@ class _Residual(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         inner: Tensor = self.second(functional.relu_(self.first(x)))
-        return functional.relu_(x + inner)
+        return functional.relu_(inner.add_(x))
 
 
 def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
