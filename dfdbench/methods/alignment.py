@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.formation import move
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw, noise_at
-from dfdbench.blur.light import decode, encode
+from dfdbench.blur.light import LINEAR, decode, encode
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 
 Array = NDArray[Any]
@@ -36,6 +36,9 @@ def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
     -------
     ndarray of float32, shape as `image`
     """
+    if linear and image.dtype == np.uint8:
+        # There are few of them: a power is slow.
+        return (LINEAR * LAST_LEVEL).astype(np.float32)[image]
     return np.asarray(decode(image) * LAST_LEVEL if linear else image, np.float32)
 
 
@@ -92,9 +95,10 @@ def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     -------
     ndarray of float64, shape as `grey`
     """
+    if not linear:
+        return np.full(np.shape(grey), ROUNDING)
     levels = np.arange(float(LEVELS))
-    light = decode(levels) * LAST_LEVEL if linear else levels
-    return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(light)))
+    return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(decode(levels) * LAST_LEVEL)))
 
 
 Floats = NDArray[np.float32]

@@ -235,7 +235,8 @@ def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16
     return np.empty(shape, np.uint16) if out is None else out
 
 
-@compiled(fastmath={"contract"})
+# Put into what calls it: a call for each pixel and channel takes as long as what it does.
+@compiled(fastmath={"contract"}, inline="always")
 def _levels(nodes: Array, factors: Array, out: Array) -> None:
     """Write one pixel's value in one channel, blurred at every level."""
     count, levels = factors.shape
@@ -249,7 +250,7 @@ def _levels(nodes: Array, factors: Array, out: Array) -> None:
             out[level] += factors[count - 1, level] * nodes[count - 1]
 
 
-@compiled(fastmath={"contract"})
+@compiled(fastmath={"contract"}, inline="always")
 def _leaves(
     nodes: Array, aim: Array, factors: Array, inverse: Array, grey: Array, squares: Array
 ) -> None:
