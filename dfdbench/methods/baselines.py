@@ -13,8 +13,8 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Blur, Image, Solver, learned_array, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.posterior import Posterior
 from dfdbench.methods.readout import read_out
-from dfdbench.methods.spread import Posterior
 
 Cost = NDArray[np.float32]
 

@@ -22,7 +22,7 @@ from dfdbench.methods.view_change import ViewChange, without_change
 if TYPE_CHECKING:
     from xarray import DataArray
 
-    from dfdbench.methods.spread import Posterior
+    from dfdbench.methods.posterior import Posterior
 
 
 class Choosing(ABC):
@@ -240,7 +240,7 @@ class Solver(Calibrated):
 
     def _posterior(self, shape: tuple[int, ...]) -> Posterior | None:
         """Return what hears costs of an image of this shape; None if it says not how sure it is."""
-        from dfdbench.methods.spread import Posterior
+        from dfdbench.methods.posterior import Posterior
 
         told = isinstance(self.blur, BlurRecipe)
         by = (_WINDOW, _SHARPNESS, _MOST_OF_RECIPE if told else _MOST_OF_LAW)

@@ -18,7 +18,7 @@ from dfdbench.methods.blurred import all_blurred, information
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.fitted import Blur, Image, Solver, number_within, wrong
 from dfdbench.methods.law_cost import MOST_NATS, add_energy, law_cost
-from dfdbench.methods.spread import Posterior
+from dfdbench.methods.posterior import Posterior
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
 SOLVERS = ("split", "expansion")

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Blur, Image, Solver, channels_of, fit_problems, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
+from dfdbench.methods.posterior import Posterior
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.shape_from_focus import guided_lines
-from dfdbench.methods.spread import Posterior
 
 
 class Guided(Solver):

@@ -16,8 +16,8 @@ from dfdbench.methods.blurred import all_blurred, few_kernels
 from dfdbench.methods.data_cost import part_of_pair, planes_of, require_pair
 from dfdbench.methods.fitted import Blur, Image, Solver, wrong
 from dfdbench.methods.law_cost import add_energy, law_misfits
+from dfdbench.methods.posterior import Posterior
 from dfdbench.methods.sgm import MOST, path_costs_by_bands
-from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 # Taps below this part of a kernel's whole change no value by a hundredth of TOLERANCE.

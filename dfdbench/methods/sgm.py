@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fitted import Blur, Image, Solver, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs_by_rows
+from dfdbench.methods.posterior import Posterior
 from dfdbench.methods.readout import read_out
-from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 #: Of the paths.
@@ -187,7 +187,8 @@ def _sweep(
                 )
 
 
-@compiled()
+# Put into what calls it: a call for each pixel and direction takes as long as what it does.
+@compiled(inline="always")
 def _step(
     cost: Array, before: Array, least: Any, small: Any, large: Any, now: Array, total: Array
 ) -> Any:

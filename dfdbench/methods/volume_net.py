@@ -26,10 +26,10 @@ from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.networks.weights import open_weights
+from dfdbench.methods.posterior import Posterior
 from dfdbench.methods.readout import AS_USUAL, Chosen, least_label
 from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
 from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
-from dfdbench.methods.spread import Posterior
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
