@@ -27,7 +27,7 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.posterior import Posterior
-from dfdbench.methods.readout import AS_USUAL, Chosen, least_label
+from dfdbench.methods.readout import AS_USUAL, Chosen
 from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
 from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
 from dfdbench.system.compiled import compiled
@@ -38,6 +38,8 @@ Array = NDArray[Any]
 _UNIT, _MOST_KEPT = 64, np.iinfo(np.uint16).max
 # Rows that are blurred at once: their blurred images stay in a processor's cache.
 _ROWS = 128
+# Pixels whose levels are parted at once.
+_PIXELS = 32
 # Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
 # erred least on five cameras of the training.
 _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
@@ -205,19 +207,17 @@ def looked_again(
     unit = _UNIT // _COARSER
     small, large = (min(round(unit * smoothing * step), MOST_OF_PATHS // 2) for step in _STEPS)
     narrow = np.float32(unit / 2) / np.square(deviation)
-    _weigh_in(costs, levels, mean, narrow, unit * MOST, MOST_OF_PATHS - large)
+    _weigh_in(costs, levels, mean, narrow, unit * MOST)
     if posterior is not None:
         posterior.add_all(levels[::2], _planes(costs, 2), unit)
     label = np.empty(mean.shape)
     for rows, sums in path_costs_by_bands(costs.__getitem__, costs.shape, small, large):
-        label[rows] = least_label(np.moveaxis(sums, 2, 0))
+        _least_labels(sums, label[rows])
     return np.asarray(np.interp(label, np.arange(len(levels)), levels), np.float32)
 
 
 @compiled()
-def _weigh_in(
-    costs: Array, levels: Array, mean: Array, narrow: Array, unlikely: float, most: int
-) -> None:
+def _weigh_in(costs: Array, levels: Array, mean: Array, narrow: Array, unlikely: float) -> None:
     """Add to a pixel's costs, in coarser units, how far each level is from its mean, squared."""
     height, width, count = costs.shape
     cut_off = _LIMIT * _UNIT // _COARSER
@@ -227,7 +227,26 @@ def _weigh_in(
                 cost = min((costs[y, x, level] + _COARSER // 2) // _COARSER, cut_off)
                 off = np.float32(levels[level]) - mean[y, x]
                 far = min(narrow[y, x] * off * off, np.float32(unlikely))
-                costs[y, x, level] = np.uint16(min(cost + np.rint(far), most))
+                costs[y, x, level] = np.uint16(cost + np.rint(far))
+
+
+@compiled()
+def _least_labels(costs: Array, labels: Array) -> None:
+    """Write what `least_label` returns, of labels that lie side by side."""
+    height, width, count = costs.shape
+    for y in range(height):
+        for x in range(width):
+            pixel = costs[y, x]
+            least = pixel.min()
+            label = 0
+            while pixel[label] != least:
+                label += 1
+            labels[y, x] = label
+            if 0 < label < count - 1:
+                before, after = np.float64(pixel[label - 1]), np.float64(pixel[label + 1])
+                bend = before - 2 * np.float64(least) + after
+                if bend > 0:
+                    labels[y, x] += (before - after) / (2 * bend)
 
 
 @compiled()
@@ -236,9 +255,11 @@ def _planes(costs: Array, step: int) -> Array:
     height, width, count = costs.shape
     planes = np.empty(((count + step - 1) // step, height, width), np.uint16)
     for y in range(height):
-        for level in range(len(planes)):
-            for x in range(width):
-                planes[level, y, x] = costs[y, x, step * level]
+        # So few pixels at once that a processor's nearest cache holds them.
+        for left in range(0, width, _PIXELS):
+            for level in range(len(planes)):
+                for x in range(left, min(left + _PIXELS, width)):
+                    planes[level, y, x] = costs[y, x, step * level]
     return planes
 
 
