@@ -55,14 +55,18 @@ class Posterior:
 
     def add(self, level: float, cost: Array) -> None:
         """Add a level, and what it costs each pixel, in nats."""
-        plane = self._sharpness * np.minimum(np.asarray(cost, np.float32), self._most)
+        plane = np.minimum(np.asarray(cost, np.float32), self._most)
+        plane *= self._sharpness
         edge = cv2.BORDER_REPLICATE
         plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
         least = np.minimum(self._least, plane)
-        # All that was added before is held against the new least.
+        # All that was added before is held against the new least. Weights are written over what
+        # they follow from: memory is slow to come by.
         with np.errstate(under="ignore"):
-            fade, weight = np.exp(least - self._least), np.exp(least - plane)
-        _count_in(self._sums, fade, weight, np.array([1, level, level**2], np.float32))
+            for held in (self._least, plane):
+                np.exp(np.subtract(least, held, out=held), out=held)
+        powers = np.array([1, level, level**2], np.float32)
+        _count_in(self._sums, self._least, plane, powers)
         self._least = least
 
     def spread_about(self, answer: Array) -> NDArray[np.float32]:

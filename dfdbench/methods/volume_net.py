@@ -38,8 +38,6 @@ Array = NDArray[Any]
 _UNIT, _MOST_KEPT = 64, np.iinfo(np.uint16).max
 # Rows that are blurred at once: their blurred images stay in a processor's cache.
 _ROWS = 128
-# Pixels whose levels are parted at once.
-_PIXELS = 32
 # Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
 # erred least on five cameras of the training.
 _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
@@ -133,7 +131,7 @@ def _all_costs(
             law_cost(band, _UNIT, most, costs[rows], not one, ceiling)
             factors = band.factors[:, ::step]
             ends = band.nodes @ (factors[:, -1] - factors[:, 0])
-            told[rows] += np.square(ends / band.noise).sum(axis=2)
+            told[rows] += sum(np.moveaxis(np.square(ends / band.noise), 2, 0))
     return costs, told
 
 
@@ -209,7 +207,9 @@ def looked_again(
     narrow = np.float32(unit / 2) / np.square(deviation)
     _weigh_in(costs, levels, mean, narrow, unit * MOST)
     if posterior is not None:
-        posterior.add_all(levels[::2], _planes(costs, 2), unit)
+        planes = np.empty((len(levels[::2]), *mean.shape), np.uint16)
+        _part(costs, 2, planes)
+        posterior.add_all(levels[::2], planes, unit)
     label = np.empty(mean.shape)
     for rows, sums in path_costs_by_bands(costs.__getitem__, costs.shape, small, large):
         _least_labels(sums, label[rows])
@@ -250,17 +250,13 @@ def _least_labels(costs: Array, labels: Array) -> None:
 
 
 @compiled()
-def _planes(costs: Array, step: int) -> Array:
-    """Return every so manieth level's costs, shape (level, y, x)."""
-    height, width, count = costs.shape
-    planes = np.empty(((count + step - 1) // step, height, width), np.uint16)
+def _part(costs: Array, step: int, planes: Array) -> None:
+    """Write every so manieth level's costs, shape (level, y, x)."""
+    height, width, _ = costs.shape
     for y in range(height):
-        # So few pixels at once that a processor's nearest cache holds them.
-        for left in range(0, width, _PIXELS):
+        for x in range(width):
             for level in range(len(planes)):
-                for x in range(left, min(left + _PIXELS, width)):
-                    planes[level, y, x] = costs[y, x, step * level]
-    return planes
+                planes[level, y, x] = costs[y, x, step * level]
 
 
 class VolumeNetMethod(Solver):
