@@ -156,7 +156,7 @@ def along_paths(volume: NDArray[np.float32]) -> NDArray[np.float32]:
     costs = np.moveaxis(np.rint(_PATH_UNIT * volume), 0, 2).astype(np.uint16)
     sums = np.moveaxis(path_costs(np.ascontiguousarray(costs), _SMALL_STEP, _LARGE_STEP), 2, 0)
     nats = (sums - sums.min(axis=0)) / np.float32(_PATH_UNIT * DIRECTIONS)
-    return np.asarray(np.minimum(nats, np.float32(MOST)))
+    return np.asarray(np.minimum(nats, np.float32(MOST), out=nats))
 
 
 def guide_of(infocus: Image) -> NDArray[np.float32]:
@@ -432,7 +432,7 @@ def _halved(
 @compiled()
 def _halve(costs: Array, step: int, most: int, volume: Array) -> None:
     (height, width, _), (rows, columns, count) = costs.shape, volume.shape
-    sums = np.empty(count, np.int64)
+    some, sums = np.empty(count, np.int32), np.empty(count, np.int32)
     for y in range(rows):
         for x in range(columns):
             sums[:] = 0
@@ -440,11 +440,11 @@ def _halve(costs: Array, step: int, most: int, volume: Array) -> None:
                 for right in range(2):
                     # The last row and column stand for those beyond.
                     pixel = costs[min(2 * y + down, height - 1), min(2 * x + right, width - 1)]
-                    least = pixel[0]
                     for level in range(count):
-                        least = min(least, pixel[level * step])
+                        some[level] = pixel[level * step]
+                    least = some.min()
                     for level in range(count):
-                        sums[level] += min(pixel[level * step] - least, most)
+                        sums[level] += min(some[level] - least, most)
             least = sums.min()
             for level in range(count):
                 nats = (sums[level] - least) / np.float32(4 * _UNIT)

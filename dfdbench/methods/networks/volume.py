@@ -97,13 +97,14 @@ class VolumeNet(nn.Module):
         last = torch.cat((told / 3 - 1, functional.pixel_unshuffle(guide, 2)), 1)
         # Laid out as the costs are: else they would be laid out anew to join them.
         last = last.contiguous(memory_format=torch.channels_last)
-        x = torch.cat((_seen(volume), _seen(paths), last), 1)
+        x = torch.cat((volume, paths, last), 1)
+        _see(x[:, : 2 * self.levels])
         x = functional.relu_(self.stem(x).add_(self.prior(prior / 4 + 1)[:, :, None, None]))
         x = self.blocks[0](x)
         scales, costs = [x], volume
         for down, look, block in zip(self.down, self.costs, self.blocks[1:], strict=True):
             costs = functional.avg_pool2d(costs, 2)
-            x = functional.relu_(down(x).add_(look(_seen(costs - costs.amin(1, keepdim=True)))))
+            x = functional.relu_(down(x).add_(look(_see(costs - costs.amin(1, keepdim=True)))))
             x = block(x)
             scales.append(x)
         x = scales.pop()
@@ -183,6 +184,6 @@ def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
     return nn.Conv2d(before, after, 3, step, 1)
 
 
-def _seen(costs: Tensor) -> Tensor:
-    # Of costs that differ by hundredths of a nat the root shows more.
-    return costs.sqrt().mul_(2 / MOST**0.5).sub_(1)
+def _see(costs: Tensor) -> Tensor:
+    # Of costs that differ by hundredths of a nat the root shows more. Written over them.
+    return costs.sqrt_().mul_(2 / MOST**0.5).sub_(1)
