@@ -6,12 +6,14 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.law_cost import law_cost
 from dfdbench.methods.networks.volume import MOST
+from dfdbench.methods.readout import least_label
 from tests.methods.made_planes import pair_of, texture
 
 pytest.importorskip("torch")
 
 from dfdbench.methods.volume_net import (
     VolumeNetMethod,
+    _least_labels,
     finer_levels,
     halved_costs,
     levels_of,
@@ -68,6 +70,14 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     assert np.abs(unsure - depth).mean() < 2
     # Who is surer is believed more.
     assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_the_least_of_labels_side_by_side_is_that_of_planes(count: int) -> None:
+    costs = np.random.default_rng(count).integers(0, 6, (20, 30, count)).astype(np.uint16)
+    found = np.empty(costs.shape[:2])
+    _least_labels(costs, found)
+    assert (found == least_label(np.moveaxis(costs, 2, 0))).all()
 
 
 @pytest.mark.slow
