@@ -370,12 +370,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPa
     return lambda name: as_location(f"{base}/{name}")
 
 
-@pytest.fixture
-def read_image() -> Callable[[Path], NDArray[np.uint8]]:
-    return _read_rgb
-
-
-def _read_rgb(path: Path) -> NDArray[np.uint8]:
+def read_rgb(path: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
@@ -383,7 +378,11 @@ def aloe_pair(shared_data: Path, exposure: int) -> tuple[NDArray[np.uint8], NDAr
     """Return Aloe, Illum1, view 1, at an exposure: in focus, and blurred as it was published."""
     infocus = shared_data / f"middlebury/ThirdSize/Aloe/Illum1/Exp{exposure}/view1.png"
     defocus = f"published_blur/Aloe/Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
-    return _read_rgb(infocus), _read_rgb(shared_data / defocus)
+    return read_rgb(infocus), read_rgb(shared_data / defocus)
+
+
+def aloe_depth(shared_data: Path) -> NDArray[np.uint8]:
+    return read_rgb(shared_data / "middlebury/ThirdSize/Aloe/disp1.png")[..., 0].copy()
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.board.row_file import read_row
@@ -24,7 +22,7 @@ from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import given_to, score_text
 from tests.benchmarks.ledger import BEGIN, END
-from tests.conftest import aloe_pair
+from tests.conftest import aloe_depth, aloe_pair
 from tests.methods.test_graph_cuts import PROGRAM
 from tests.process import python
 
@@ -359,13 +357,10 @@ def test_a_block_is_what_its_command_prints(
 @pytest.mark.slow
 @pytest.mark.parametrize("exposure", [1, 2])
 def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
-    exposure: int,
-    shared_data: Path,
-    aloe: Callable[[int], Energy],
-    read_image: Callable[[Path], NDArray[np.uint8]],
+    exposure: int, shared_data: Path, aloe: Callable[[int], Energy]
 ) -> None:
     infocus, defocus = aloe_pair(shared_data, exposure)
-    depth = read_image(shared_data / "middlebury/ThirdSize/Aloe/disp1.png")[..., 0].copy()
+    depth = aloe_depth(shared_data)
     found = {}
     for recipe in ("text", "published"):
         method = GraphCuts(RECIPES[recipe], published_offset=True)

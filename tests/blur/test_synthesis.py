@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, synthesize
 from dfdbench.blur.tracks import DISK
 from dfdbench.errors import InputError
+from tests.conftest import aloe_depth, aloe_pair
 
 Image = NDArray[np.uint8]
 
@@ -44,14 +44,9 @@ def stack_of_filtered_images(image: Image, depth: Image, recipe: BlurRecipe) -> 
 
 
 @pytest.mark.parametrize("exposure", [1, 2])
-def test_the_published_images_come_out_identical(
-    shared_data: Path, exposure: int, read_image: Callable[[Path], Image]
-) -> None:
-    aloe = shared_data / "middlebury" / "ThirdSize" / "Aloe"
-    name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
-    published = read_image(shared_data / "published_blur" / "Aloe" / name)
-    infocus = read_image(aloe / "Illum1" / f"Exp{exposure}" / "view1.png")
-    depth = read_image(aloe / "disp1.png")[..., 0].copy()
+def test_the_published_images_come_out_identical(shared_data: Path, exposure: int) -> None:
+    infocus, published = aloe_pair(shared_data, exposure)
+    depth = aloe_depth(shared_data)
     ours = synthesize(infocus, depth, RECIPES["published"])
     assert np.array_equal(ours, published)
     assert not np.array_equal(synthesize(infocus, depth, RECIPES["text"]), published)

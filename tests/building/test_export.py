@@ -1,10 +1,8 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
@@ -16,7 +14,7 @@ from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Local
-from tests.conftest import store_of, write_png
+from tests.conftest import read_rgb, store_of, write_png
 from tests.made_source import MadeSource
 
 local = Local()
@@ -69,7 +67,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
 
 
 def test_images_alone_are_enough_for_the_scores_of_a_run(
-    tiny_store: Dataset, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     assert export_png(tiny_store, tmp_path / "images", "One", images_only=True) == 4
     written = list((tmp_path / "images").rglob("*.*"))
@@ -77,16 +75,14 @@ def test_images_alone_are_enough_for_the_scores_of_a_run(
     for path in (tmp_path / "images").rglob("infocus.png"):
         depth = tmp_path / "depth" / path.parent.relative_to(tmp_path / "images")
         depth.parent.mkdir(parents=True, exist_ok=True)
-        np.save(f"{depth}.npy", local(read_image(path), read_image(path.with_name("defocus.png"))))
+        np.save(f"{depth}.npy", local(read_rgb(path), read_rgb(path.with_name("defocus.png"))))
     scored = score_predictions(tmp_path / "depth", tiny_store, "One", tmp_path / "scored", "local")
     run = run_method(tiny_store, load_for(tiny_store, local, {}), "One", tmp_path / "run")
     assert [p.scores for p in scored.result.pairs] == [p.scores for p in run.result.pairs]
 
 
 @pytest.mark.slow
-def test_the_published_images_come_out_again(
-    shared_data: Path, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
-) -> None:
+def test_the_published_images_come_out_again(shared_data: Path, tmp_path: Path) -> None:
     middlebury = find_manifest("middlebury")
     store = store_of(middlebury, shared_data / "middlebury", tmp_path / "m.zarr")
     export_png(store, tmp_path / "png", "Aloe")
@@ -94,7 +90,7 @@ def test_the_published_images_come_out_again(
         ours = tmp_path / f"png/Aloe/Illum1/Exp{exposure}/view1_lin_0.32_2.88.png"
         name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
         theirs = shared_data / "published_blur/Aloe" / name
-        assert np.array_equal(read_image(ours), read_image(theirs))
+        assert np.array_equal(read_rgb(ours), read_rgb(theirs))
         infocus = tmp_path / f"png/Aloe/Illum1/Exp{exposure}/view1.png"
         original = shared_data / f"middlebury/ThirdSize/Aloe/Illum1/Exp{exposure}/view1.png"
-        assert np.array_equal(read_image(infocus), read_image(original))
+        assert np.array_equal(read_rgb(infocus), read_rgb(original))

@@ -54,15 +54,6 @@ def test_gain_and_offset_are_of_light_and_grey_levels_come_back(linear: bool) ->
     assert np.abs(alignment.grey_of(light, linear) - GREYS).max() < 0.01
 
 
-def test_rounding_weighs_little_in_the_dark_of_linear_light() -> None:
-    greys = np.array([2.0, 128.0, 250.0])
-    assert alignment.rounding_at(greys, linear=False).tolist() == [alignment.ROUNDING] * 3
-    dark, middle, bright = alignment.rounding_at(greys, linear=True)
-    # The sRGB curve begins with a slope of 1 / 12.92.
-    assert dark == pytest.approx(alignment.ROUNDING / 12.92)
-    assert dark < middle < bright
-
-
 @given(st.integers(0, 255), st.booleans())
 def test_a_pixels_own_noise_does_not_choose_its_weight(level: int, linear: bool) -> None:
     law = BlurLaw((1.0, 2.0), noise=(1.0, 9.0), linear=linear)

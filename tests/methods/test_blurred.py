@@ -19,16 +19,6 @@ def test_few_kernels_stand_for_all(exponent: float, most: int) -> None:
     assert np.abs(factors.T @ planes[chosen] - planes).sum(axis=1).max() < 4e-4
 
 
-@pytest.mark.parametrize("rows", [slice(0, 1), slice(3, 9), slice(20, 21), WHOLE])
-@pytest.mark.parametrize("columns", [slice(0, 5), slice(12, 26), WHOLE])
-def test_a_part_is_blurred_as_in_the_whole(rows: slice, columns: slice) -> None:
-    whole = blurring.blurred_by(LAW, *pair())
-    part = whole.part(rows, columns)
-    assert np.abs(part.nodes - whole.nodes[rows, columns]).max() < 1e-3
-    assert np.array_equal(part.aim, whole.aim[rows, columns])
-    assert np.array_equal(part.noise, whole.noise[rows, columns])
-
-
 def test_a_large_image_has_as_much_information_in_bands(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, levels = blurring.blurred_by(LAW, *pair()), np.arange(3)
     expected = blurring.information(whole, levels)

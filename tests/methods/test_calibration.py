@@ -185,17 +185,3 @@ def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
     assert looked_at == sorted(looked_at)
     assert (looked_at[0], looked_at[-1]) == (0, 39)
     assert {part.infocus.shape for part in parts} == {(40, 320, 1)}
-
-
-def test_a_level_seen_on_bare_surfaces_alone_does_not_count() -> None:
-    made = plane(100, 3, 96, 96)
-    # Of what is left of the texture rounding keeps a grey level here and there.
-    bare = np.rint(120 + (made.infocus - 120.0) / 100).astype(np.uint8)
-    hidden = pair_of(bare, np.full(bare.shape[:2], 20, np.uint8))
-    ((textured, flat),) = parts_of([made, hidden])
-    assert np.unique(flat.infocus).size > 1
-    assert textured.counts.sum() == (96 - 2 * (KERNEL_SIZE // 2)) ** 2
-    assert not flat.counts.any()
-    # The same surface counts where others at its depth have texture.
-    seen = plane(20, 4, 96, 96)
-    assert all(part.counts.any() for part in parts_of([made, hidden, seen])[0])

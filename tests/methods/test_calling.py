@@ -84,14 +84,6 @@ def test_a_library_that_raises_is_told_by_the_line_that_called_it() -> None:
     assert call(predict, IMAGE, IMAGE).error.endswith(f"(test_calling.py:{line} in inner)")
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float64])
-def test_every_real_type_will_do(dtype: type) -> None:
-    depth = call(lambda *_: np.full((4, 6), 200, dtype), IMAGE, IMAGE).depth
-    assert depth is not None
-    assert depth.dtype == np.float32
-    assert depth.tolist() == [[200.0] * 6] * 4
-
-
 def test_a_method_cannot_spoil_the_images() -> None:
     def writing(infocus: Any, defocus: Any) -> Any:
         infocus[:] = 9
@@ -130,14 +122,6 @@ def test_whatever_is_raised_costs_the_pair_alone(raised: BaseException, told: st
 
     line = str(predict.__code__.co_firstlineno + 1)
     assert call(predict, IMAGE, IMAGE).error.startswith(told.replace("LINE", line))
-
-
-def test_ctrl_c_in_a_method_stops_the_run() -> None:
-    def predict(infocus: Any, defocus: Any) -> Any:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        call(predict, IMAGE, IMAGE)
 
 
 NETWORK = """

@@ -86,31 +86,3 @@ def test_any_range_of_sigmas(rng: np.random.Generator, sigmas: NDArray[np.float6
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
-
-
-@pytest.mark.parametrize("rows", [slice(None), slice(0, 1), slice(4, 9)])
-@pytest.mark.parametrize("columns", [slice(None), slice(10, 11), slice(3, 40)])
-def test_a_part_has_the_costs_it_has_in_the_whole(
-    rng: np.random.Generator, rows: slice, columns: slice
-) -> None:
-    infocus, defocus = rng.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8)
-    sigmas = SIGMAS[::8]
-    whole, _ = data_cost(infocus, defocus, sigmas)
-    part, offset = data_cost(infocus, defocus, sigmas, rows=rows, columns=columns)
-    assert np.array_equal(part, whole[rows, columns])
-    by_pixel = [
-        data_cost(infocus, defocus, sigmas, rows=slice(y, y + 1), columns=slice(x, x + 1))[1]
-        for y in range(9)[rows]
-        for x in range(11)[columns]
-    ]
-    assert offset == sum(by_pixel)
-
-
-def test_memory_can_be_given(rng: np.random.Generator) -> None:
-    images, sigmas = rng.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8), SIGMAS[::16]
-    fresh, offset = data_cost(images[0], images[1], sigmas)
-    given = np.full((9, 11, 16), 7, np.uint16)
-    again, same = data_cost(images[0], images[1], sigmas, out=given)
-    assert again is given
-    assert np.array_equal(again, fresh)
-    assert same == offset

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from dfdbench.methods.baselines import Local
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
 from dfdbench.methods.readout import Chosen
 from dfdbench.metrics.scores import nmae, nrmse, ssim
+from tests.conftest import aloe_depth, aloe_pair
 from tests.made_stacks import stack_of
 from tests.methods.made_planes import in_layers, texture, unmeasured
 
@@ -178,16 +178,10 @@ PROGRAM = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("recipe", "exposure"), PROGRAM)
-def test_the_published_program_is_reproduced(
-    shared_data: Path, read_image: Callable[[Path], Image], recipe: str, exposure: int
-) -> None:
-    aloe = shared_data / "middlebury/ThirdSize/Aloe"
-    infocus = read_image(aloe / f"Illum1/Exp{exposure}/view1.png")
-    depth = read_image(aloe / "disp1.png")[..., 0].copy()
-    defocus = read_image(
-        shared_data / f"published_blur/Aloe/Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
-    )
-    found = GraphCuts(RECIPES[recipe], published_offset=True)(infocus, defocus)
+def test_the_published_program_is_reproduced(shared_data: Path, recipe: str, exposure: int) -> None:
+    depth = aloe_depth(shared_data)
+    method = GraphCuts(RECIPES[recipe], published_offset=True)
+    found = method(*aloe_pair(shared_data, exposure))
     scores = nrmse(depth, found), nmae(depth, found), ssim(depth, found)
     for ours, theirs, tolerance in zip(
         scores, PROGRAM[recipe, exposure], (0.003, 0.003, 0.005), strict=True

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.check import made_pair
-from dfdbench.methods.method import Method, TrainingPair, check_learned, teach
+from dfdbench.methods.method import Method, TrainingPair, teach
 
 
 def raising(*_: object) -> None:
@@ -171,7 +171,3 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
     assert np.geterr()["invalid"] == "warn"
     told = capsys.readouterr()
     assert (told.out, told.err) == ("", "epoch 1\n" * 2)
-
-
-def test_what_training_did_not_show_may_be_unknown() -> None:
-    assert check_learned({"measured": np.array([1.0, np.nan]), "none": np.array([])}, "m:f")

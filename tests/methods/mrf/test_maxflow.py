@@ -61,9 +61,3 @@ def test_flow_is_pymaxflow_s(rng: np.random.Generator, shape: tuple[int, int]) -
         assert flow == peer.maxflow()
         # A cut that costs as much as the flow is a least one.
         assert flow == cut_value(terminal, capacity, graph.sink_side())
-
-
-def test_ties_stay_on_the_source_side() -> None:
-    graph = GridGraph(2, 2)
-    assert graph.cut() == 0
-    assert not graph.sink_side().any()

@@ -45,15 +45,3 @@ def test_no_move_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
         change = mover.move(rng.integers(0, 8, 8).astype(np.int32))
         assert energy.evaluate(labels) - value <= change <= 0
         assert change < 0 or np.array_equal(before, labels)
-
-
-@pytest.mark.parametrize("labels", [2, 3, 8, 13])
-def test_offers_keep_the_order_of_labels(labels: int) -> None:
-    offers = [jump_offer(labels, step) for step in range(-labels, labels + 1)]
-    offers += [
-        snap_offer(labels, p, c) for p in range(1, labels + 3) for c in range(min(p, labels))
-    ]
-    for offer in offers:
-        assert offer.min() >= 0
-        assert offer.max() < labels
-        assert np.all(np.diff(offer) >= 0)

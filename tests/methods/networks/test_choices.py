@@ -4,18 +4,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.methods.networks.choices import SIZED, kernel_sizes, narrowed, reach_of
-
-
-def test_sizes_are_those_of_the_thesis_s_layers() -> None:
-    assert SIZED == (52, 48, 45, 40, 37, 32, 29, 24, 20, 17, 12, 8, 5, 1)
-    assert kernel_sizes([1, *[3] * 12, [5, 7]])[1] == (5, 7)
-
-
-def test_widths_are_divided_but_for_the_levels() -> None:
-    assert narrowed((8, 20, 256), 8) == (1, 2, 256)
-    assert narrowed((3, 20, 256), 8)[0] == 1
-
+from dfdbench.methods.networks.choices import SIZED, reach_of
 
 # That it is what a pixel sees is tested on networks, in test_inference.py.
 
