@@ -70,24 +70,6 @@ def test_a_changed_image_is_seen(
     assert report.fingerprint != tiny_store.fingerprint
 
 
-def test_missing_pairs_are_left_out_and_named(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
-) -> None:
-    (tiny_folder / "One/Illum1/Exp0/view5.png").unlink()
-    (tiny_folder / "Two/disp1.png").unlink()
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(tiny_manifest, source, tmp_path / "s.zarr")
-    missing = {pair.id for pair in report.missing}
-    assert missing == {
-        "One/view5/illumination1/exposure0",
-        "Two/view1/illumination1/exposure0",
-        "Two/view1/illumination1/exposure1",
-    }
-    store = Dataset(report.path)
-    assert set(store.attributes["missing_pairs"]) == missing
-    assert len(store.pairs("all")) == report.pairs == 8
-
-
 def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:

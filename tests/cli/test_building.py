@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import Command
 from tests.conftest import TINY_TOML, store_of
 from tests.made_folder import make_folder
@@ -23,12 +24,17 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     for png in (tiny_folder / "One").rglob("*.png"):
         png.unlink()
     (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
-    build = f"build {tiny_toml} --source {tiny_folder} --store {tmp_path / 's.zarr'}"
-    outcome = dfdbench.refused("missing: 5 of 11 pairs", build)
+    # A depth map is that of both exposures.
+    (tiny_folder / "Two/disp1.png").unlink()
+    store = tmp_path / "s.zarr"
+    build = f"build {tiny_toml} --source {tiny_folder} --store {store}"
+    outcome = dfdbench.refused("missing: 7 of 11 pairs", build)
     assert "One" in outcome.err
     assert "view5/illumination1/exposure0" in outcome.err
     assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
     assert "2 of them kept from before" in dfdbench.fine(build, "--allow-missing").out
+    assert len(Dataset(store).attributes["missing_pairs"]) == 7
+    assert len(Dataset(store).pairs("all")) == 4
 
 
 #: The command, which is sent Ctrl-C once the first scene is written, and writes no second before

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,10 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     assert {"135-129-seed0", "141-129-seed0"} < {path.name for path in folder.iterdir()}
     assert "135-129" in done.out
     assert "141-129" in done.out
+    stores = Path(os.environ["DFDBENCH_CACHE"], "stores")
+    for pair in ([135, 129], [141, 129]):
+        store = Dataset(stores / "realworld-1-{}-{}.zarr".format(*pair))
+        assert store.attributes["options"] == {"pair": pair}
     assert "realworld-1, split train-pruned" in (folder / "135-129-seed0/weights.md").read_text()
     again = dfdbench(*command, "--format", "csv")  # the sets lie in the cache
     assert (again.status, again.out) == (0, done.out), again.err

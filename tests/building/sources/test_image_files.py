@@ -1,7 +1,5 @@
 import contextlib
 import io
-import os
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -144,25 +142,6 @@ def test_no_damage_changes_an_image(data: st.DataObject) -> None:
         del content[place:]
     with contextlib.suppress(SourceError):
         assert np.array_equal(image_files.decode_image(bytes(content), "x"), RGB)
-
-
-def test_all_problems_of_all_files_are_reported(tmp_path: Path) -> None:
-    whole, cut, other = (tmp_path / name for name in ("whole.png", "cut.png", "other.png"))
-    whole.write_bytes(encoded(RGB))
-    cut.write_bytes(encoded(RGB)[:-20])
-    other.write_bytes(b"GIF89a and a good deal more than twenty-four bytes")
-    os.mkfifo(tmp_path / "pipe.png")
-    assert image_files.image_problems([whole], (5, 7)) == []
-    assert np.array_equal(image_files.read_rgb(whole), RGB)
-    files = [tmp_path / "absent.png", tmp_path / "pipe.png", other, cut, whole]
-    found = image_files.image_problems(files, (7, 5))
-    assert [(Path(problem.where).name, problem.what) for problem in found] == [
-        ("absent.png", "cannot read the file: No such file or directory"),
-        ("pipe.png", "cannot read the file: not a regular file"),
-        ("other.png", "the image file is damaged"),
-        ("cut.png", "the image file is damaged"),
-        ("whole.png", "size differs"),
-    ]
 
 
 def test_a_pfm_file_runs_from_the_bottom_up_in_either_order_of_bytes() -> None:
