@@ -97,6 +97,7 @@ def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None
         ("--fold K1 --device cpu", "volume-net has no such choice (--device)"),
         ("--split train", "rendered rooms have no splits"),
         ("--set crop=64 --set steps=0", "no number of steps (--set steps)"),
+        ("--set crop=64 --set steps=0", "volume-net has no such choice (--set crop)"),
         (f"--weights {weights}", "dfd-net instead of volume-net"),
     ):
         dfdbench.refused(message, f"train volume-net {arguments}")

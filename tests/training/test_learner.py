@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.stats import linregress, norm
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import IGNORED
 from dfdbench.training.learner import (
@@ -53,15 +52,6 @@ def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Dat
     assert len(with_slopes - filters) == 9
     assert all(name.endswith("weight") for name in with_slopes)
     assert not any("normalize" in name for name in with_slopes)
-
-
-def test_a_loss_that_is_no_number_ends_it(tiny_store: Dataset) -> None:
-    learner = Learner(task(tiny_store), "cpu")
-    with torch.no_grad():
-        next(learner.network.parameters()).fill_(float("nan"))
-    with pytest.raises(InputError, match="the loss became nan"):
-        learner.learn()
-    assert learner.step == 0
 
 
 def test_without_width_it_is_cross_entropy_of_known_pixels() -> None:
@@ -188,16 +178,6 @@ def test_the_cosine_rises_then_falls_to_nothing() -> None:
     assert max(rates) == pytest.approx(rates[9], rel=0.05)
     assert all(before > after for before, after in pairwise(rates[9:]))
     assert rates[-1] < 1e-3
-
-
-def test_a_training_along_a_cosine_goes_on_alike_and_ends(tiny_store: Dataset) -> None:
-    learner, other = (
-        Learner(task(tiny_store, schedule="cosine", steps=3, warm_up=1), "cpu") for _ in range(2)
-    )
-    learner.learn()
-    other.restore(copy.deepcopy(learner.state()))
-    assert [other.learn() for _ in range(2)] == [learner.learn() for _ in range(2)]
-    assert learner.ended == other.ended == "its number of steps"
 
 
 def test_a_restored_schedule_goes_on_alike() -> None:

@@ -1,6 +1,5 @@
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -17,7 +16,6 @@ from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.training.search import log as keeping
-from dfdbench.training.search.particle import COMPONENTS
 from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
 from tests.methods.networks.test_architectures import SMALL
@@ -94,29 +92,6 @@ def test_a_log_that_cannot_be_is_named_and_kept(plan: SearchPlan, path: Path) ->
         with pytest.raises(InputError, match=said):
             opened(plan, path)
         assert log.read_text() == wrong
-
-
-def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, path: Path) -> None:
-    folder = opened(plan, path)
-    swarm = some_swarm(plan)
-    swarm.positions[0, COMPONENTS.index("width_20")] += 1
-    with pytest.raises(InputError, match=r"width_20 is .* iteration 0, particle 0"):
-        folder.rows_of(swarm)
-    assert folder.rows_of(replace(swarm, iteration=5)) == []
-
-
-def test_another_search_is_told_by_what_is(
-    plan: SearchPlan, path: Path, tiny_store: Dataset
-) -> None:
-    others = small_plan(tiny_store, {"noise": 1.0}, particles=3, gamma=0.5)
-    with pytest.raises(InputError) as caught:
-        opened(others, path)
-    named = [problem.what.partition("with ")[2] for problem in caught.value.problems]
-    assert named == ["gamma 0.3 instead of 0.5", "configuration.noise 0.0 instead of 1.0"]
-    assert len(opened(plan, path)) == 3
-    (path / "search.json").write_text("{")
-    with pytest.raises(InputError, match="cannot be read"):
-        opened(plan, path)
 
 
 def evaluated(

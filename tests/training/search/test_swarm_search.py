@@ -128,17 +128,6 @@ def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
     assert math.isnan(empty.mean)
 
 
-def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
-    plan = small_plan(tiny_store, split="train", as_thesis=True, particles=3)
-    rows = some_rows(plan)
-    values = np.array([row.objective for row in rows])
-    swarm = judged(begun(plan.box, 3, 0), values)
-    table = swarm_search.course_table(plan, [swarm_search.iteration_of(swarm, values)], rows[-1:])
-    assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
-    for words in ("selected on the TEST scenes", "iteration 0, particle 2: diverged"):
-        assert any(words in note for note in table.notes)
-
-
 def swarm_s(plan: SearchPlan) -> LogRow:
     position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
     return replace(some_rows(plan)[0], place=(4, 2), position=position)
