@@ -1,4 +1,3 @@
-import json
 import math
 from itertools import pairwise
 
@@ -8,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from dfdbench.audit.bound import WINDOWS, Bound, bound_as_json, bound_of, bound_table
-from dfdbench.blur.law import BlurLaw, law_of_fields
+from dfdbench.audit.bound import WINDOWS, Bound, bound_of, bound_table
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.catalog import find_manifest
@@ -168,20 +167,6 @@ def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores(
         ("twice", f"{2 * one:.4f}", "0.50"),
     ]
     assert table.notes[-1].endswith("left out: thesis, stopped")
-
-
-def test_a_file_has_the_law_and_every_captures_numbers() -> None:
-    manifest = find_manifest("demo")
-    first, second = manifest.pairs("test")[:2]
-    told = np.full((4, 6), 0.01)
-    found = {first: Bound(told, told > 0, 40.0), second: Bound(told, told < 0, 40.0)}
-    law = BlurLaw(tuple(SIGMAS), noise=(1.0,))
-    content = json.loads(bound_as_json(manifest, "f" * 64, law, found))
-    assert (content["dataset"], content["spread"]) == ("demo-1", 40.0)
-    assert law_of_fields(content["law"]) == law
-    assert [row["pair"] for row in content["rows"]] == [first.id, second.id]
-    assert content["rows"][0]["1"] == found[first].nrmse[1]
-    assert content["rows"][1]["21"] is None
 
 
 @pytest.mark.slow

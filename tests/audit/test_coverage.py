@@ -13,7 +13,6 @@ from dfdbench.audit.coverage import Criterion, Rule, Verdict, compare_depths
 from dfdbench.audit.sides import DepthHistogram, Side, as_ranges, sides_of
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError
 
 SCHEMA = Path(__file__).parents[2] / "dfdbench/results/schemas/coverage-1.json"
 COUNTS = arrays(np.int64, LEVELS, elements=st.integers(0, 1000))
@@ -52,13 +51,6 @@ def test_criteria_agree_with_each_other(train: NDArray[np.int64], test: NDArray[
     assert not (by[Criterion.either] & (test == 0)).any()
     # The density criterion does not depend on the sizes of the sets, the thesis's does.
     assert (rule.uncovered(3 * train, test, Criterion.density) == by[Criterion.density]).all()
-
-
-def test_what_is_no_bound_or_share_is_refused() -> None:
-    with pytest.raises(InputError, match="density floor"):
-        Rule(density_floor=float("nan"))
-    with pytest.raises(InputError, match="allowed share"):
-        Rule(allowed_share=1.5)
 
 
 def test_the_published_schema_is_that_of_the_model() -> None:

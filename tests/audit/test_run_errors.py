@@ -10,11 +10,11 @@ from dfdbench.audit.leaks import Leak, LeakKind
 from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import RunDone, run_method
+from tests.evaluation.made_predictions import in_metres
 
 DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
 ERRORS = run_errors.level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
@@ -112,16 +112,6 @@ def test_only_a_runs_own_predictions_are_joined(
         run_errors.join_errors(tiny_store, run.result, tmp_path / "nowhere", record)
 
 
-SCALE = DepthScale(law="inverse", near=0.5, far=5.0)
-
-
-def with_metres(store: Dataset) -> Dataset:
-    """The store, as if its manifest said what its levels are in metres."""
-    depth = store.manifest.depth.model_copy(update={"scale": SCALE})
-    store.__dict__["manifest"] = store.manifest.model_copy(update={"depth": depth})
-    return store
-
-
 @pytest.fixture(scope="module")
 def run(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDone:
     store = Dataset(tiny_set / "tiny.zarr")
@@ -130,14 +120,14 @@ def run(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDone:
 
 
 def test_errors_are_those_of_known_pixels_by_depth(tiny_store: Dataset, run: RunDone) -> None:
-    store = with_metres(Dataset(tiny_store.path))
+    store, scale = in_metres(Dataset(tiny_store.path))
     found = run_errors.depth_errors(store, run.result, run.folder, "mine")
     depths = [store.read_levels(pair) for pair in store.pairs("test")]
     known = np.concatenate([depth[valid] for depth, valid in depths]).astype(float)
     assert found.levels.pixels.sum() == known.size == found.answers.sum()
     assert found.levels.mean() == pytest.approx(np.abs(known - 60).mean())
     assert found.metres is not None
-    off = np.abs(SCALE.to_metres(np.array([60.0])) - SCALE.to_metres(known))
+    off = np.abs(scale.to_metres(np.array([60.0])) - scale.to_metres(known))
     assert found.metres.mean() == pytest.approx(off.mean())
     # Every answer is 60, whatever the truth.
     assert found.answers[:, 60].sum() == known.size
@@ -149,14 +139,14 @@ def test_errors_are_those_of_known_pixels_by_depth(tiny_store: Dataset, run: Run
 def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
     tiny_store: Dataset, run: RunDone
 ) -> None:
-    store = with_metres(Dataset(tiny_store.path))
+    store, scale = in_metres(Dataset(tiny_store.path))
     found = [run_errors.depth_errors(store, run.result, run.folder, name) for name in ("a", "b")]
     levels, metres = run_errors.depth_error_tables(store, "test", found)
     assert levels.columns == metres.columns == ("levels", "metres", "of all", "a", "b")
     there = np.flatnonzero(found[0].levels.pixels)
     assert len(levels.rows) == len(np.unique(there // 16)) + 1
     first = levels.rows[0][0].split("-")
-    near_end, far_end = (f"{SCALE.to_metres(np.array([int(e)]))[0]:.2f}" for e in first[::-1])
+    near_end, far_end = (f"{scale.to_metres(np.array([int(e)]))[0]:.2f}" for e in first[::-1])
     assert levels.rows[0][1] in (f"{near_end} to {far_end}", f"{far_end} to {far_end}")
     assert levels.rows[-1][3] == f"{found[0].levels.mean():.2f}"
     untold = run_errors.depth_error_tables(tiny_store, "test", found)

@@ -81,13 +81,6 @@ def test_an_absent_depth_map_is_not_unknown_pixels(tiny_folder: Path, tmp_path: 
     assert found.known + found.unknown == 2 * 24 * 31
 
 
-def test_a_damaged_depth_map_is_told(tiny_store: Dataset) -> None:
-    for chunk in Path(str(tiny_store.path), "Two/depth").glob("c*"):
-        chunk.write_bytes(b"no zstd frame")
-    with pytest.raises(StoreError, match=r"Two(.|\n)*dfdbench verify"):
-        sides.scene_histograms(Dataset(tiny_store.path))
-
-
 def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
     train, test = sides.sides_of(tiny_store)
     assert (list(train.scenes), list(test.scenes)) == (["One"], ["Two", "Three"])

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from dfdbench.audit import splits
-from dfdbench.audit.coverage import USUAL, Criterion, Rule
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.audit.coverage import USUAL, Rule
 from dfdbench.errors import InputError
-from tests.conftest import TINY_TOML
 
 
 def make(
@@ -107,36 +104,3 @@ def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -
     assert [item.scene for item in splits.hopeless_scenes(scenes, {2})] == ["C"]
     uncovered_folds = [fold for fold in splits.propose_folds(scenes, 3)[0] if not fold.covered]
     assert [("C" in fold.test) for fold in uncovered_folds] == [True]
-
-
-def scenes() -> splits.Scenes:
-    counts = np.zeros((3, 256), np.int64)
-    counts[:, 100] = 50
-    counts[2, 36] = 20
-    return splits.Scenes(("One", "Two", "Three"), counts, (("One",), ("Two",), ("Three",)))
-
-
-def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) -> None:
-    ranking = splits.rank_tests(scenes(), 2)
-    table = splits.ranked_splits_table(tiny_manifest, ranking, ("Two", "Three"), "either")
-    assert sum("(published)" in row[0] for row in table.rows) == 1
-    other = splits.ranked_splits_table(
-        tiny_manifest, splits.rank_tests(scenes(), 1), ("Two", "Three"), "either"
-    )
-    assert "has 2 scenes, not 1" in other.notes[-1]
-
-
-def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
-    counts = scenes().counts[:2]
-    rule = Rule(Criterion.density, 0.1, 4.0, 0.01)
-    chosen = splits.Scenes(("One", "Two"), counts, (("One", "Two"),), rule)
-    kept = splits.settings_of(tiny_manifest, "f" * 64, chosen, 7)
-    assert (kept["fingerprint"], kept["criterion"], kept["seed"]) == ("f" * 64, "density", 7)
-    assert (kept["density_factor"], kept["density_floor"], kept["allowed_share"]) == (4, 0.01, 0.1)
-    assert (kept["absent_scenes"], kept["kept_together"]) == (["Three"], [["One", "Two"]])
-
-
-def test_folds_complete_a_manifest() -> None:
-    without = TINY_TOML[: TINY_TOML.index("[[folds]]")] + TINY_TOML[TINY_TOML.index("[[scenes]]") :]
-    folds = splits.folds_fragment(splits.propose_folds(scenes(), 3)[0], "why")
-    assert len(parse_manifest((without + folds).encode(), "tiny-1.toml").folds) == 3

@@ -95,13 +95,6 @@ def problems(folder: Path, **changes: Any) -> str:
     return "\n".join(map(str, row_problems(edited(row, **changes), folder, "here")))
 
 
-def test_a_set_drawn_from_a_seed_has_rows_too() -> None:
-    row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
-    drawn = edited(row, dataset="unseen-7-1")
-    assert drawn.manifest.stem == "unseen-7-1"
-    assert len(drawn.manifest.pairs("test")) == 24
-
-
 def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) -> None:
     assert not problems(tmp_path)
     assert "another manifest" in problems(tmp_path, manifest_sha256="9" * 64)

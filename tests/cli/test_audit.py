@@ -5,6 +5,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from dfdbench.blur.law import law_of_fields
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -72,7 +73,9 @@ def test_the_bound_stands_beside_runs_of_a_store(dfdbench: Command, demo_store: 
     shown = dfdbench.fine(*bound, "--result", "bad", "--result", "good/result.json", "--out", "out")
     assert shown.out.index("least error") < shown.out.index("s-transform")
     assert shown.out.index("s-transform") < shown.out.index("constant")
-    rows = json.loads(Path("out/bound.json").read_text())["rows"]
+    kept = json.loads(Path("out/bound.json").read_text())
+    assert len(law_of_fields(kept["law"]).sigmas) == 256
+    rows = kept["rows"]
     assert len(rows) == len(demo_store.pairs("Market"))
     assert all(0 < row["21"] <= row["7"] <= row["1"] for row in rows)
     assert Path("out/bound.png").stat().st_size > 5_000

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dfdbench.figures import style
 
@@ -34,21 +32,6 @@ def test_no_text_is_taken_for_a_formula_or_left_out_of_a_legend(tmp_path: Path, 
     style.write_figure(figure, tmp_path / "a.png")
 
 
-def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_path: Path) -> None:
-    figure = Figure(figsize=(4, 3), layout="constrained")
-    axis = figure.subplots()
-    for number in range(7):
-        axis.plot([0, 1], [number, 0], label=f"graph-cuts (window={number}, recipe=mine.toml)")
-    style.legend_below(figure, axis)
-    style.write_figure(figure, tmp_path / "legend.png")
-    (legend,) = figure.legends
-    box = legend.get_window_extent()
-    assert figure.get_figwidth() > 4 or figure.get_figheight() > 3
-    assert box.x0 >= 0
-    assert box.x1 <= figure.get_figwidth() * figure.dpi + 1
-    assert len(legend.get_texts()) == 7
-
-
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
 def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> None:
     written = []
@@ -70,11 +53,3 @@ def test_a_legend_beside_axes_lies_on_none_of_their_data() -> None:
     assert legend is not None
     assert legend.get_window_extent().x0 >= axis.get_window_extent().x1
     assert legend.get_window_extent().x1 <= figure.bbox.x1
-
-
-@given(arrays(np.uint8, (3, 4), elements=st.integers(0, 255)))
-def test_brightening_leaves_the_brightest_below_white(image: NDArray[np.uint8]) -> None:
-    times = style.brightening(image)
-    assert times >= 1
-    if times > 1:
-        assert np.percentile(image, 99) * times <= 235 or np.percentile(image, 99) < 1

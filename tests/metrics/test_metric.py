@@ -1,6 +1,5 @@
 """A metric is defined once, and whatever shows scores shows it."""
 
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +16,7 @@ from dfdbench.board.ranking import boards
 from dfdbench.board.tables import lighting_table, standings_table
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
@@ -43,7 +42,6 @@ from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import summarise
 from tests.board.made_boards import entry_of
 from tests.evaluation.made_predictions import in_metres
-from tests.process import python
 
 HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 
@@ -179,28 +177,6 @@ def test_a_result_from_before_a_metric_is_shown_without_it(
     table = run_tables(summary)[0]
     place = table.columns.index(HEADING)
     assert {row[place] for row in table.rows} == {"–"}
-
-
-@pytest.mark.parametrize("scores", [{"nrmse": 0.1, "nmae": 0.1}, {"other": 0.1}, {"ssim": 1.5}])
-def test_scores_of_other_metrics_are_refused(
-    tiny_store: Dataset, tmp_path: Path, scores: dict[str, float]
-) -> None:
-    run_constant(tiny_store, tmp_path / "run")
-    content = json.loads((tmp_path / "run" / RESULT).read_text())
-    there = content["pairs"][0]["scores"]
-    there["valid"] = scores if "nrmse" in scores else there["valid"] | scores
-    (tmp_path / "run" / RESULT).write_text(json.dumps(content))
-    wrong = next(iter(scores.keys() - {"nrmse", "nmae"}), "ssim")
-    with pytest.raises(ResultError, match=rf"pairs\[0\]\.scores\.valid\).*{wrong}"):
-        load_result(tmp_path / "run")
-
-
-def test_the_names_need_no_numba() -> None:
-    code = (
-        "import sys; from dfdbench.metrics.metric import METRICS; import dfdbench.results.summary; "
-        "assert 'numba' not in sys.modules"
-    )
-    assert python("-c", code).returncode == 0
 
 
 def test_each_function_keeps_to_its_bounds() -> None:

@@ -84,8 +84,3 @@ def test_a_broken_table_is_told_with_every_problem(tmp_path: Path) -> None:
         parse_lens_table("", "mine.csv")
     with pytest.raises(SourceError, match="cannot read"):
         read_lens_table(tmp_path / "none.csv")
-
-
-def test_a_range_outside_the_table_is_refused() -> None:
-    with pytest.raises(InputError, match="fewer than two measured"):
-        rank_pairs(read_lens_table(), 5, 6)

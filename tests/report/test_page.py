@@ -1,4 +1,3 @@
-import base64
 import json
 import re
 from html.parser import HTMLParser
@@ -8,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dfdbench.errors import UnknownNameError
 from dfdbench.report import page
@@ -16,6 +14,7 @@ from dfdbench.results.record import Result
 from dfdbench.results.saved_run import SavedRun
 from tests.made_results import limited, make_result, saved
 from tests.report.conftest import HOSTILE
+from tests.system.test_thumbnails import decoded
 
 PAIRS = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1}
 
@@ -54,18 +53,6 @@ def test_a_limited_run_has_no_empty_table(tmp_path: Path) -> None:
     assert not any("spread" in table.title for table in tables)
     ((_, tables),) = gathered(tmp_path, make_result(PAIRS)).sections[0].details
     assert any("spread" in table.title for table in tables)
-
-
-def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path) -> None:
-    plots = {"seconds per pair": Figure(), "by scene": Figure()}
-    section = page.Section("demo-1", "0" * 64, (), (), plots)
-    content = page.Content("title", "thesis", (), (), (section, section), (), ())
-    written = page.write_plots(content, tmp_path, ("png", "svg"))
-    assert written == [
-        [("seconds per pair", f"{n}-seconds-per-pair.png"), ("by scene", f"{n}-by-scene.png")]
-        for n in (1, 2)
-    ]
-    assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == 4
 
 
 Found = list[tuple[str, dict[str, str | None]]]
@@ -107,14 +94,6 @@ def test_each_pair_has_its_pictures_each_once(html_page: Path, tags: Found) -> N
     pictures = json.loads(content.group(1))
     assert len(set(pictures.values())) == len(pictures)
     assert {a["data-picture"] for t, a in tags if "data-picture" in a} == pictures.keys()
-
-
-def decoded(address: str) -> NDArray[np.uint8]:
-    head, _, content = address.partition(",")
-    assert head == "data:image/webp;base64"
-    image = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR_RGB)
-    assert image is not None
-    return np.asarray(image, np.uint8)
 
 
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:

@@ -8,8 +8,9 @@ from dfdbench.system.thumbnails import depth_map, gallery, photograph
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
-    content = base64.b64decode(address.removeprefix("data:image/webp;base64,"))
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
+    head, _, content = address.partition(",")
+    assert head == "data:image/webp;base64"
+    image = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR_RGB)
     assert image is not None
     return np.asarray(image, np.uint8)
 
