@@ -114,22 +114,6 @@ def test_what_is_known_before_is_weighed_as_bayes_does() -> None:
     assert error < 0.8 * alone
 
 
-def test_rounding_tells_more_than_normal_noise_of_its_size() -> None:
-    # Why a method that knows of rounding may lie below the bound: of the levels that every stored
-    # pixel allows the middle one is nearer than any estimate under normal noise.
-    infocus, window = texture(40), 7
-    random = np.random.default_rng(0)
-    truth = LEVEL + random.uniform(-0.5, 0.5, 300)
-    stored = np.rint(looks(infocus, truth, window))
-    levels = np.linspace(LEVEL - 1, LEVEL + 1, 2001)
-    shown = looks(infocus, levels, window)
-    middle = np.array(
-        [levels[(np.abs(shown - values) <= 0.5).all(axis=1)].mean() for values in stored]
-    )
-    wanted = least(looked_at(infocus, 1e6, noise=1 / math.sqrt(12)), window)
-    assert math.sqrt(np.square(middle - truth).mean()) < 0.7 * wanted
-
-
 def test_without_texture_or_depth_nothing_is_told() -> None:
     flat = looked_at(np.full((SIDE, SIDE, 3), 90, np.uint8), 20.0, noise=1.0)
     assert flat.least_error(21) == pytest.approx(20.0, rel=1e-4)

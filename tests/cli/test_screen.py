@@ -1,12 +1,10 @@
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 from dfdbench.cli import screen
-from dfdbench.cli.screen import give, print_table
-from dfdbench.errors import ResultError
-from dfdbench.tables.table import Format, Table
+from dfdbench.cli.screen import print_table
+from dfdbench.tables.table import Table
 from tests.cli.test_rig import BLUR
 from tests.process import python
 
@@ -63,37 +61,3 @@ def test_a_table_of_others_text_steers_no_terminal(capsys: pytest.CaptureFixture
     out = capsys.readouterr().out
     assert "mine\\x1b[2J\\r" in out
     assert not {"\x1b", "\x07", "\r", "\x9b"} & set(out)
-
-
-TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
-
-
-def test_an_answer_is_printed_in_one_form_and_kept_in_all(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    place, content = tmp_path / "new", '{"a": 1}\n'
-    for format, told in (
-        (Format.json, content), (Format.markdown, "| value |"), (Format.table, "─")
-    ):  # fmt: skip
-        give([TABLE], format, place, {"a.json": content, "a.png": Figure()}, "the verdict")
-        out, err = capsys.readouterr()
-        assert told in out
-        assert ("the verdict" in out) == (format is not Format.json)
-        assert (place / "a.json").read_text() == content
-        assert (place / "a.png").exists()
-        assert err == f"written to   {place}\n"
-    give([TABLE], Format.json, place, {"a.json": "another"})
-    assert "in place of an earlier answer" in capsys.readouterr().err
-
-
-def test_a_place_that_cannot_be_written_is_told_before_anything_is_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("x")
-    for place in (tmp_path / "file", tmp_path / "file/below"):
-        with pytest.raises(ResultError, match="cannot write the answer"):
-            give([TABLE], Format.table, place, {"a.json": "x"})
-    (tmp_path / "in the way/a.json").mkdir(parents=True)
-    with pytest.raises(ResultError, match=r"a\.json"):
-        give([TABLE], Format.table, tmp_path / "in the way", {"a.json": "x"})
-    assert capsys.readouterr().out == ""

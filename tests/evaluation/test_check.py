@@ -25,19 +25,6 @@ def test_a_method_for_even_sizes_only_is_found_out() -> None:
     assert "returned shape (242, 318)" in problems(halving)["odd sizes, 241 × 317"]
 
 
-def test_who_has_enough_is_told_at_which_input_it_was() -> None:
-    def endless(infocus: Any, defocus: Any) -> Any:
-        if infocus.shape[:2] == (200, 60):
-            raise KeyboardInterrupt
-        return infocus[..., 0]
-
-    tried: list[str] = []
-    with pytest.raises(KeyboardInterrupt) as stopped:
-        check_method(Method("m", "m:m", endless), on_trial=tried.append)
-    assert stopped.value.__notes__ == ["it was at a tall image, 200 × 60"]
-    assert tried[-1] == "a tall image, 200 × 60"
-
-
 def test_division_by_a_flat_image_is_found_out() -> None:
     def dividing(infocus: Any, defocus: Any) -> Any:
         with np.errstate(all="ignore"):

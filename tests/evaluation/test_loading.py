@@ -1,4 +1,3 @@
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,9 @@ from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for, training_mean
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods.baselines import Constant
 from dfdbench.results.wording import knew_blur
 from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML, store_of
-from tests.evaluation.made_methods import grey
 
 
 def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> None:
@@ -34,16 +31,6 @@ def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_p
     with pytest.raises(StoreError, match=r"(?s)no split train.*--param training_mean"):
         load_for(store, "constant", {})
     assert load_for(store, "constant", {"training_mean": 90}).uses == ()
-
-
-def test_a_function_or_class_may_be_given_itself(tiny_store: Dataset, tmp_path: Path) -> None:
-    loaded = load_for(tiny_store, grey, {})
-    assert loaded.name == loaded.entry == "tests.evaluation.made_methods:grey"
-    assert loaded.predict is grey
-    source = Path(__file__).with_name("made_methods.py").read_bytes()
-    assert loaded.source_sha256 == hashlib.sha256(source).hexdigest()
-    assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete
-    assert load_for(tiny_store, Constant, {}).uses == ("training_mean",)
 
 
 class Asking:

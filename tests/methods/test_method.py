@@ -51,32 +51,6 @@ def test_what_a_method_says_of_itself_can_be_kept_and_shown() -> None:
         _ = method.weights_sha256
 
 
-class Raises:
-    """A method of which one attribute cannot be read."""
-
-    def __init__(self, attribute: str) -> None:
-        self.attribute = attribute
-
-    def __getattr__(self, name: str) -> object:
-        if name == self.attribute:
-            raise RuntimeError("boom")
-        raise AttributeError(name)
-
-    def __call__(self, infocus: object, defocus: object) -> None:
-        pass
-
-
-@pytest.mark.parametrize("name", ["warm_up", "fit", "trained_on", "paper", "warnings"])
-def test_what_cannot_be_read_is_told_by_its_name(name: str) -> None:
-    method = Method("m", "m:m", Raises(name))
-    with pytest.raises(MethodError, match="cannot be read") as told:
-        method.require_readable()
-    (problem,) = told.value.problems
-    assert problem.where == f"m:m: {name}"
-    assert problem.got.startswith("RuntimeError: boom")
-    Method("m", "m:m", Raises("calibration")).require_readable()
-
-
 PAIR = made_pair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
 
 

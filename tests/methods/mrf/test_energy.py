@@ -3,7 +3,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.errors import InputError
 from dfdbench.methods import mrf
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
@@ -36,29 +35,6 @@ def test_evaluate_does_not_overflow() -> None:
     unary = np.full((200, 200, 2), 2**26, np.int32)
     energy = mrf.Energy(unary, mrf.potts(2, cap=1), offset=2**40)
     assert energy.evaluate(np.zeros((200, 200), np.uint8)) == 200 * 200 * 2**26 + 2**40
-
-
-@pytest.mark.parametrize(
-    ("unary", "weight", "message"),
-    [(2**30, 1, "unary costs: expected below"), (1, 2**26, "smoothness times weight: expected")],
-)
-def test_costs_that_int32_could_not_add_up_are_refused(
-    unary: int, weight: int, message: str
-) -> None:
-    """Sums would come out wrong without a word."""
-    costs, weights = np.full((2, 3, 4), unary, np.int32), np.full((1, 3), weight, np.int32)
-    with pytest.raises(InputError, match=message):
-        mrf.Energy(costs, np.arange(4, dtype=np.int32), weights_vertical=weights)
-
-
-@pytest.mark.parametrize(
-    ("cap", "scale", "message"),
-    [(2**27, 1, "cap: expected 1 to"), (2**26, 4, "smoothness: expected below")],
-)
-def test_a_smoothness_too_large_is_refused(cap: int, scale: int, message: str) -> None:
-    """As a user may ask for it."""
-    with pytest.raises(InputError, match=message):
-        mrf.truncated_quadratic(60000, cap, scale)
 
 
 def test_published_table_is_absolute_difference_but_for_its_last_step() -> None:

@@ -116,15 +116,6 @@ def test_split_is_near_expansion_if_convex(
     assert split(energy, "high").energy <= 1.01 * swept
 
 
-def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 4, 5, 20, "absolute")
-    large = replace(energy, unary=energy.unary.astype(np.int32))
-    large.unary[0, 0, 3] = 2**26
-    solution = split(large)
-    assert solution.labels[0, 0] != 3
-    assert solution.energy == large.evaluate(solution.labels)
-
-
 def test_without_smoothness_every_pixel_has_its_least_cost(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 9, 7, 33, "absolute")
     alone = replace(energy, smoothness=np.zeros(33, np.int32))
