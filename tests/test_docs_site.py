@@ -149,8 +149,7 @@ def test_every_method_has_a_page_with_pictures_parameters_and_rows(made: Any, bo
     # Worst first: a network that knows one blur, behind another lens.
     breaks = pages["method/dfd-net-demo.md"].partition("## Where it breaks")[2]
     shares = [float(share) for share in re.findall(r" (\d+\.\d\d) \|$", breaks, re.M)]
-    assert len(shares) == 6
-    assert shares == sorted(shares, reverse=True)
+    assert (len(shares), shares) == (6, sorted(shares, reverse=True))
     assert shares[0] > 1
 
 
@@ -336,8 +335,7 @@ def test_the_leaderboard_sorts_and_filters(site: Path, chromium: Any) -> None:
     seconds = chromium.find_element("css selector", "#board th:nth-child(7) button")
     assert seconds.text == "seconds per pair"
     seconds.click()
-    assert column(chromium, 2)[0] == "constant"
-    assert sorted(column(chromium, 2)) == sorted(ranked)
+    assert (column(chromium, 2)[0], sorted(column(chromium, 2))) == ("constant", sorted(ranked))
     chromium.find_element("css selector", "#board input").send_keys("graph")
     shown = column(chromium, 2)
     assert shown == [name for name in shown if "graph" in name]

@@ -22,8 +22,7 @@ NINE = np.arange(256) == 9
 
 
 def test_errors_go_by_true_level_and_leave_unknown_pixels_out() -> None:
-    assert ERRORS.pixels.sum() == 3
-    assert ERRORS.mean(NINE) == 5
+    assert (ERRORS.pixels.sum(), ERRORS.mean(NINE)) == (3, 5)
     assert ERRORS.root_mean_square(NINE) == pytest.approx(math.sqrt((16 + 36) / 2))
     assert ERRORS.share(NINE) == pytest.approx(2 / 3)
     assert math.isnan(ERRORS.mean(np.arange(256) == 7))

@@ -125,8 +125,7 @@ def test_a_suite_has_intervals_over_scenes_of_each_capture_s_mean(tmp_path: Path
     ends = [0.01 * length + 0.011 for length in (min(scenes), max(scenes))]
     assert best.interval == pytest.approx(ends)
     assert other.above is not None
-    assert other.above.mean == pytest.approx(0.1)
-    assert other.above.low == pytest.approx(0.1)
+    assert (other.above.mean, other.above.low) == (pytest.approx(0.1), pytest.approx(0.1))
 
 
 def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:
@@ -149,8 +148,7 @@ def test_a_suite_needs_every_severity_of_every_track() -> None:
     index = pd.MultiIndex.from_tuples([(0, *place) for place in places])
     means = pd.Series(range(21), index.set_names(["row", "track", "severity"]), float)
     by_track = over_tracks(means, "tracks-1").to_numpy()[0]
-    assert list(by_track) == [1, 4, 7, 10, 13, 16, 19]
-    assert fmean(by_track) == 10
+    assert (list(by_track), fmean(by_track)) == ([1, 4, 7, 10, 13, 16, 19], 10)
     lacking = over_tracks(means.drop(index=(0, "camera", 3)), "tracks-1").to_numpy()[0]
     assert np.isnan(lacking).tolist() == [False] * 6 + [True]
     assert np.isnan(fmean(lacking))

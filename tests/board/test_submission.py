@@ -23,8 +23,7 @@ def test_a_run_is_one_file_with_all_its_protocols(tmp_path: Path) -> None:
     path = submit(result, tmp_path)
     assert path == tmp_path / "results/demo-1-test/mine.json"
     row = read_row(path)
-    assert row.results[0].protocol_names == ("thesis", "valid")
-    assert row.suites == ["clean"]
+    assert (row.results[0].protocol_names, row.suites) == (("thesis", "valid"), ["clean"])
     assert submit(result, tmp_path) == path
     assert submit(make_demo_result(lambda p: 0.1, parameters={"a": 1}), tmp_path) != path
 

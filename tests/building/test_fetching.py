@@ -53,8 +53,7 @@ def test_a_bad_file_is_set_aside_and_fetched_once_more(site: Site, tmp_path: Pat
     site.faults["/Art/1"] = ["wrong"]
     site.faults["/Art/2"] = ["wrong", "wrong"]
     fates = fetch(wanted(site.address), tmp_path / "out")
-    assert kinds(fates)["Art/1"] == "new"
-    assert kinds(fates)["Art/2"] == "damaged"
+    assert (kinds(fates)["Art/1"], kinds(fates)["Art/2"]) == ("new", "damaged")
     assert site.asked_for("/Art/1") == site.asked_for("/Art/2") == 2
     aside = [path.name[:2] for path in sorted((tmp_path / "out/set-aside/Art").iterdir())]
     assert aside == ["1.", "2."]

@@ -78,8 +78,7 @@ def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
         (tmp_path / "My set/val").mkdir(parents=True, exist_ok=True)
         (made / scene).rename(tmp_path / "My set/val" / scene)
     manifest = built(tmp_path / "My set")[1].manifest
-    assert manifest.stem == "My-set-1"
-    assert manifest.scenes_of("train") == SCENES[:3]
+    assert (manifest.stem, manifest.scenes_of("train")) == ("My-set-1", SCENES[:3])
     assert manifest.scenes_of("test") == SCENES[3:]
     assert manifest.scenes[0].names == {"split": "val"}
 
@@ -89,8 +88,7 @@ def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None
     folder = rearranged(tmp_path, lambda at, kind: f"{kind}/{1000 * at + steps[kind]}.png")
     written, store = built(folder)
     manifest = store.manifest
-    assert manifest.scenes[1].name == "scene-2"
-    assert manifest.scenes[1].names["depth"] == "1014"
+    assert (manifest.scenes[1].name, manifest.scenes[1].names["depth"]) == ("scene-2", "1014")
     assert any("by their order" in text for text in written.open)
 
 

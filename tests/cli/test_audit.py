@@ -17,8 +17,7 @@ from tests.conftest import TINY_TOML, store_of
 def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
     whole = dfdbench("audit depths", uneven, "--format", "csv", "--figure", "figures/depths.png")
     lines = whole.out.splitlines()
-    assert lines[0] == "level,pixels,share"
-    assert len(lines) == 257
+    assert (lines[0], len(lines)) == ("level,pixels,share", 257)
     # Three: 3 pairs of 4 rows of 32 pixels, of which 11 columns are 36.
     assert lines[37].split(",")[:2] == ["36", str(3 * 4 * 11)]
     assert Path("figures/depths.png").stat().st_size > 10_000

@@ -167,8 +167,7 @@ def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_
     with zipfile.ZipFile("zedd.zip") as archive:
         assert archive.namelist() == ["zedd_output_0001.npy", "zedd_output_0002.npy"]
         depth = np.load(io.BytesIO(archive.read("zedd_output_0002.npy")))
-    assert depth.dtype == np.float32
-    assert depth.shape == floor().shape
+    assert (depth.dtype, depth.shape) == (np.float32, floor().shape)
     assert set(np.unique(depth)) <= {np.float32(metres) for metres in MOTORS.values()}
     levels = "predict stacks --method mymodule:first --out levels.zip"
     dfdbench.refused("answers in levels", levels)

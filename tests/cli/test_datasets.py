@@ -76,8 +76,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
         assert part in shown
     lines = dfdbench("info middlebury --pairs test").out.splitlines()
-    assert len(lines) == 54
-    assert lines[0] == "Art/view1/illumination1/exposure0"
+    assert (len(lines), lines[0]) == (54, "Art/view1/illumination1/exposure0")
 
 
 def test_it_tells_versions_extras_and_what_lies_in_the_cache(

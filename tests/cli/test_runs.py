@@ -30,8 +30,7 @@ def test_the_whole_way(
     assert "figures " not in shown.err
     assert "7 pairs kept from an earlier run" in shown.err
     told = json.loads(shown.out)
-    assert told["tables"][0]["rows"][0]["protocol"] == "valid"
-    assert told["folder"] == str(folder)
+    assert (told["tables"][0]["rows"][0]["protocol"], told["folder"]) == ("valid", str(folder))
     verdict = told["verdict"]
     said = [f"{key:<12} {line['text']}" for key, line in verdict.items()]
     assert said == shown.err.splitlines()[-4:-1]

@@ -55,8 +55,7 @@ def test_a_sigma_is_scored_kept_and_drawn(dfdbench: Command, tiny_store: Dataset
     assert "how sure it is" in Path("page/report.html").read_text("utf-8")
     dfdbench.fine("score --predictions maps --out scored --dataset", store)
     for one, other in zip(result.pairs, load_result("scored").pairs, strict=True):
-        assert one.scores == other.scores
-        assert one.prediction_sha256 == other.prediction_sha256
+        assert (one.scores, one.prediction_sha256) == (other.scores, other.prediction_sha256)
 
 
 @pytest.mark.slow

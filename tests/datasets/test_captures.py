@@ -16,8 +16,7 @@ def test_metres_have_levels_and_two_images_of_a_stack_are_a_pair() -> None:
     depth[0, 0] = np.nan
     capture = Capture(Pair("Desk", ()), images, depth, facts, METRES)
     assert not capture.is_pair
-    assert capture.valid.sum() == 19
-    assert capture.levels[0, 0] == 0
+    assert (capture.valid.sum(), capture.levels[0, 0]) == (19, 0)
     assert capture.levels[1, 1] == SCALE.to_levels(np.array([1.5]))[0]
     about = capture.stack.attrs
     assert (about["unit"], about["near"], about["far"]) == ("metres", 0.5, 5.0)

@@ -69,8 +69,7 @@ def test_a_set_on_a_track_is_the_same_but_for_its_name() -> None:
 def test_it_has_a_place_of_its_own_but_the_files_of_the_clean_set(tmp_path: Path) -> None:
     clean, tracked = catalog.find_manifest("middlebury"), catalog.find_manifest("middlebury@law-1")
     assert catalog.default_store(tracked, tmp_path).name == "middlebury-third-1@law-1.zarr"
-    assert tracked.file_stem == clean.file_stem
-    assert lock_name(tracked) == lock_name(clean)
+    assert (tracked.file_stem, lock_name(tracked)) == (clean.file_stem, lock_name(clean))
 
 
 @pytest.mark.parametrize(

@@ -75,8 +75,7 @@ def test_what_has_no_name_is_run_with_its_facts_and_parameters(tiny_store: Datas
         pass
 
     kind = evaluate(Here, tiny_store)
-    assert kind.result.method.uses == ["training_mean"]
-    assert kind.result.averages == mean
+    assert (kind.result.method.uses, kind.result.averages) == (["training_mean"], mean)
     thing = evaluate(Level(90.0), tiny_store, "One")
     assert thing.result.averages != mean
     assert thing.result.method.uses == []
@@ -154,8 +153,7 @@ def test_what_looks_like_another_unit_is_said(tiny_store: Dataset, tmp_path: Pat
     store, _ = in_metres(tiny_store)
     write_all(store, "test", tmp_path / "b", lambda stem, d: np.save(f"{stem}.npy", 1 + d / 200))
     done = score_predictions(tmp_path / "b", store, "test", tmp_path / "out", "mine", "metres")
-    assert done.set_aside == tmp_path / "out.previous"
-    assert done.result.method.scored == "metres"
+    assert (done.set_aside, done.result.method.scored) == (tmp_path / "out.previous", "metres")
     (told,) = [text for text in done.result.warnings if "beyond" in text]
     assert told.endswith("of all pixels lie beyond 0.5 to 2 m and count as the end")
 

@@ -115,5 +115,4 @@ def test_a_run_says_that_a_lens_was_told(tiny_store: Dataset, tmp_path: Path) ->
     for recipe in ("rig", LENS):
         loaded = load_for(tiny_store, "local", {"recipe": recipe})
         result = run_method(tiny_store, loaded, "Two", tmp_path / "o", RunOptions(limit=1)).result
-        assert result.method.parameters == {"recipe": recipe}
-        assert given_to(result) == "the lens"
+        assert (result.method.parameters, given_to(result)) == ({"recipe": recipe}, "the lens")

@@ -28,8 +28,7 @@ def test_a_run_predicts_once_for_every_protocol(tiny_store: Dataset, tmp_path: P
     predict = Counting()
     run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
     # One more, to see whether the first answer comes again.
-    assert predict.calls == 8
-    assert predict.warmed == 1
+    assert (predict.calls, predict.warmed) == (8, 1)
     assert run.result.complete
     assert load_result(tmp_path / "out" / RESULT) == run.result
     for pair, record in zip(tiny_store.pairs("test"), run.result.pairs, strict=True):

@@ -45,8 +45,7 @@ def test_no_capture_is_scored_by_its_own_group(few_demo: Dataset, off: str, tmp_
     log = tmp_path / "log"
     tried = dfdbench.tune(off, few_demo, parameters={"log": str(log)}, protocol="valid")
     # Off by nothing is best, and what is off by most comes last.
-    assert tried.index.names == ["off"]
-    assert tried.index.tolist() == [0, 10, 30]
+    assert (tried.index.names, tried.index.tolist()) == (["off"], [0, 10, 30])
     captures = {str(each.infocus.sum()): each.pair.scene for each in few_demo.captures("train")}
     lines = [line.split() for line in log.read_text().splitlines()]
     assert len(lines) == 3 * len(captures) == 3 * len({image for image, *_ in lines})

@@ -33,8 +33,7 @@ def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() 
         prior.fit([made_pair(image, image, near, known), made_pair(image, image, far, ~known)])
     )
     found = prior(np.zeros((24, 100, 3), np.uint8), np.zeros((24, 100, 3), np.uint8))
-    assert found.shape == (24, 100)
-    assert found[:, [0, -1]].tolist() == [[200, 40]] * 24
+    assert (found.shape, found[:, [0, -1]].tolist()) == ((24, 100), [[200, 40]] * 24)
     prior.restore(prior.fit([made_pair(image, image, near, known)]))
     assert (prior(image, image) == 200).all()
     with pytest.raises(MethodError, match="nothing to fit"):

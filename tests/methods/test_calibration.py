@@ -182,6 +182,5 @@ def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
     pairs = Pairs([plane(100, seed, 40, 400) for seed in range(40)])
     (parts,) = parts_of(pairs)
     assert len(parts) == len(looked_at) == 16
-    assert looked_at == sorted(looked_at)
-    assert (looked_at[0], looked_at[-1]) == (0, 39)
+    assert (looked_at, looked_at[0], looked_at[-1]) == (sorted(looked_at), 0, 39)
     assert {part.infocus.shape for part in parts} == {(40, 320, 1)}

@@ -56,8 +56,7 @@ class Saying:
 def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
     method = Saying()
     prediction = call(method, IMAGE, IMAGE)
-    assert prediction.error == ""
-    assert prediction.numbers == {"energy": 12.0, "gap": 0.5}
+    assert (prediction.error, prediction.numbers) == ("", {"energy": 12.0, "gap": 0.5})
     # A pair that failed has none, least of all those of the pair before.
     assert call(method, IMAGE + np.uint8(20), IMAGE).numbers == {}
 

@@ -111,8 +111,7 @@ PUBLISHED = RECIPES["published"]
 def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
     pair = plane(120)
     costs = law_cost.level_costs([PUBLISHED], pair.infocus, [pair.defocus], 50)
-    assert costs.shape == (64, 80, 256)
-    assert costs.max() == 50 * law_cost.UNIT
+    assert (costs.shape, costs.max()) == ((64, 80, 256), 50 * law_cost.UNIT)
     assert costs.min(2).max() == 0
     # Rounding leaves half a nat a channel, in the mean.
     right = costs[14:-14, 14:-14, 255 - 120] / law_cost.UNIT

@@ -82,8 +82,7 @@ def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weight
         for number in (1, 8)
     )
     found = mean(*pair)
-    assert found.dtype == np.float32
-    assert found.shape == (24, 31)
+    assert (found.dtype, found.shape) == (np.float32, (24, 31))
     turned = np.ascontiguousarray(np.rot90(pair, axes=(1, 2))[:, :, ::-1])
     assert np.array_equal(mean(*turned), np.rot90(found)[:, ::-1])
     assert not np.array_equal(one(*turned), np.rot90(one(*pair))[:, ::-1])

@@ -112,8 +112,7 @@ def test_pairs_stand_worst_first_and_a_name_runs_no_script(page: webdriver.Chrom
     assert HOSTILE in page.find_element(By.TAG_NAME, "table").text
     choose(page, "method", "")
     scores = [float(p.find_element(By.CSS_SELECTOR, ".scores b").text) for p in shown(page)]
-    assert len(scores) == 24
-    assert scores == sorted(scores, reverse=True)
+    assert (len(scores), scores) == (24, sorted(scores, reverse=True))
 
 
 def test_the_slider_moves_by_keyboard_and_by_mouse(page: webdriver.Chrome) -> None:

@@ -171,3 +171,13 @@ def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str)
         lidar.read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
         lidar.read_beams(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9", "(2, -9)"])
+def test_a_head_that_claims_what_the_file_does_not_hold(tmp_path: Path, shape: str) -> None:
+    np.save(tmp_path / "a.npy", np.ones((64, 64), np.int64))
+    content = (tmp_path / "a.npy").read_bytes()
+    head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    (tmp_path / "a.npy").write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
+    with pytest.raises(SourceError, match="not a NumPy array"):
+        lidar.read_ranges(tmp_path / "a.npy")

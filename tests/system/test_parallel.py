@@ -59,8 +59,7 @@ def test_answers_come_in_the_items_order_and_progress_counts_up(pool: Pool) -> N
     assert answers == [item * item for item in range(12)]
     assert sorted(seen) == [(item, item * item) for item in range(12)]
     # One by one, and each after its outcome.
-    assert said[::2] == ["outcome"] * 12
-    assert said[1::2] == [(done, 12) for done in range(1, 13)]
+    assert (said[::2], said[1::2]) == (["outcome"] * 12, [(done, 12) for done in range(1, 13)])
 
 
 def test_errors_come_through(pool: Pool) -> None:

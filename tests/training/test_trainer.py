@@ -51,8 +51,7 @@ def losses(folder: Path) -> list[str]:
 def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: Path) -> None:
     outcome = train(task(tiny_store), tmp_path / "t")
     network, card = load_weights(outcome.weights, "dfd-net")
-    assert card == outcome.card
-    assert (card.steps, card.ended_by) == (12, "its number of steps")
+    assert (card, card.steps, card.ended_by) == (outcome.card, 12, "its number of steps")
     assert (card.trained_on, card.scored_on) == ("tiny-1, split train", "test, 7 pairs")
     assert list(card.further_scores) == ["thesis-networks-2"]
     assert card.fingerprint == tiny_store.fingerprint

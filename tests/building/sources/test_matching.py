@@ -86,8 +86,7 @@ def matched(gain: float = 1, **how: float) -> Matching:
 
 def test_what_is_proposed_is_what_was_measured() -> None:
     found = matched()
-    assert (found.align, found.match_gain, found.open) == ("none", False, ())
-    assert found.found == ()
+    assert (found.align, found.match_gain, found.open, found.found) == ("none", False, (), ())
     assert matched(right=1.3, down=-0.7).align == "translation"
     assert matched(degrees=0.3).align == "euclidean"
     found = matched(gain=0.9)

@@ -68,8 +68,7 @@ def test_a_folders_file_comes_before_an_archives(tmp_path: Path, top: str) -> No
     (tmp_path / "One").mkdir()
     (tmp_path / "One/view1.png").write_bytes(b"unpacked")
     files = middlebury.SceneFiles("One", tmp_path / "One", packed)
-    assert files.read("view1.png") == b"unpacked"
-    assert files.read("view5.png") == b"packed too"
+    assert (files.read("view1.png"), files.read("view5.png")) == (b"unpacked", b"packed too")
     assert files.where("view1.png") == str(tmp_path / "One/view1.png")
     assert files.where("view5.png") == f"{packed}, view5.png"
     assert not files.has("disp1.png")

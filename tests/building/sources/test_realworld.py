@@ -100,8 +100,7 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
     before = RealworldFolder(CAPTURED, spoiled).signature("k01")
     shutil.rmtree(spoiled / "truth")
     source = RealworldFolder(CAPTURED, spoiled)
-    assert source.signature("k01") == before
-    assert source.problems == ()
+    assert (source.signature("k01"), source.problems) == (before, ())
 
 
 def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
@@ -148,8 +147,7 @@ def test_all_that_is_wrong_is_told_others_build(
 
     source = open_source(CAPTURED, spoiled)
     report = build_store(CAPTURED, source, tmp_path / "s.zarr")
-    assert report.scenes_built == ("k01", "k03", "k33")
-    assert report.pairs == 3
+    assert (report.scenes_built, report.pairs) == (("k01", "k03", "k33"), 3)
     said = source.missing_help(report.missing)
     for what, where in (
         ("scene has no lidar/lidar_rng_00000.bin", "k32"),
@@ -186,8 +184,7 @@ def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None
     touch(frames / "exp_10/image_thumb_10.00.png", frames / "exp_70")
     scene = RawScene(tmp_path, CAPTURE)
     # A file is no exposure; a folder without a number neither.
-    assert scene.exposures() == (5, 10)
-    assert scene.steps(10) == (129, 141)
+    assert (scene.exposures(), scene.steps(10)) == ((5, 10), (129, 141))
     names = [path.name for path in scene.images(10, 141)]
     assert names == ["image_141_10.00_0.png", "image_141_10.00_1.png"]
     assert scene.images(10, 130) == scene.images(20, 141) == []

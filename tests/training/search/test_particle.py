@@ -49,8 +49,7 @@ def test_mapping_functions_are_those_of_appendix_c() -> None:
     widths = dict(zip(LAYERS, found.filters, strict=True))
     assert widths[5] == widths[12] == 128
     assert (found.activations[0], found.activations[-1]) == ("relu", "srelu")
-    assert found.normalized == [False] + [True] * 8
-    assert found.crop == 64
+    assert (found.normalized, found.crop) == ([False] + [True] * 8, 64)
 
 
 @settings(max_examples=50, deadline=None)
@@ -73,8 +72,7 @@ def test_bounds_make_the_box_smaller() -> None:
     ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(pso.COMPONENTS)}
     assert ends["width_8"] == (16, 64)
     assert ends["rows_8"] == ends["columns_48"] == (1, 2)
-    assert ends["crop"] == (0, 3)
-    assert ends["activation_entry"] == (0, 5)
+    assert (ends["crop"], ends["activation_entry"]) == ((0, 3), (0, 5))
 
 
 @pytest.mark.parametrize(
