@@ -30,17 +30,6 @@ def texture(contrast: float, seed: int = 0) -> np.ndarray[tuple[int, ...], np.dt
     return np.asarray(128 + contrast * noise, np.uint8)
 
 
-def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> None:
-    depth = np.full((24, 24), 120, np.uint8)
-    flat = smallest_step(texture(0), depth, depth > 0, RECIPE)
-    assert (flat.step == UNSEEN).all()
-    assert (flat.share_above(1), flat.share_above(UNSEEN)) == (1.0, 0.0)
-    near = np.full((24, 24), 250, np.uint8)
-    step = median_step([smallest_step(texture(1), near, near > 0, RECIPE)])
-    assert step is not None
-    assert step <= 2
-
-
 @pytest.mark.parametrize("noise", [0, 1, 3])
 def test_a_step_is_seen_where_both_neighbours_are_stored_differently(noise: int) -> None:
     image, depth = texture(0.5), np.full((24, 24), 200, np.uint8)

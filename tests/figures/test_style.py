@@ -41,15 +41,3 @@ def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> N
         style.write_figure(figure, tmp_path / f"x{suffix}")
         written.append((tmp_path / f"x{suffix}").read_bytes())
     assert written[0] == written[1]
-
-
-def test_a_legend_beside_axes_lies_on_none_of_their_data() -> None:
-    figure = Figure(layout="constrained")
-    axis = figure.subplots()
-    axis.plot([1, 2], [3, 1], label="a line whose name is long")
-    style.legend_beside(axis)
-    figure.draw_without_rendering()
-    legend = axis.get_legend()
-    assert legend is not None
-    assert legend.get_window_extent().x0 >= axis.get_window_extent().x1
-    assert legend.get_window_extent().x1 <= figure.bbox.x1

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import made_pair
-from dfdbench.methods.baselines import Local
 from dfdbench.methods.fitted import depth_table, learned_array
 from dfdbench.methods.method import Predict, restore, teach
 from dfdbench.methods.registry import load, load_method
@@ -163,11 +161,3 @@ def test_a_window_larger_than_the_image_is_refused(name: str) -> None:
         method.warm_up(pair.infocus, pair.defocus)
     with pytest.raises(MethodError, match="larger than the image, 255 of 64 x 80"):
         load(name, recipe="published", window=255)(pair.infocus, pair.defocus)
-
-
-def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
-    few = BlurRecipe(0.3, 0.1, levels=16)
-    for told in (RECIPES["published"], few, BlurLaw(tuple(few.sigmas.tolist()))):
-        method = Local(told)
-        assert method.fit is None
-        assert (method.blur, method.levels) == (told, told.levels)

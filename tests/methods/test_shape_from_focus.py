@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, focus_cells, power_of_blur
+from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, focus_cells
 from tests.made_stacks import antinous, made_capture, stack_of, wall
 from tests.methods.made_planes import texture
 
@@ -115,16 +115,6 @@ def test_bands_of_rows_leave_no_seam() -> None:
             power * focus_cells(image.mean(2).round().astype(np.uint8)[..., None], measure)
         )
         np.testing.assert_allclose(found[:39, :16], cells + 0.01**power, rtol=1e-4)
-
-
-def test_the_law_of_contrast_is_told_by_the_next_image() -> None:
-    places = np.arange(6.0)
-    for power in (1.0, 2.0):
-        # A cell for each place of the peak between the second image and the last but one.
-        peaks = np.linspace(1.1, 3.9, 64)
-        contrast = (0.3 + (places[:, np.newaxis] - peaks) ** 2) ** (-1 / power)
-        focus = np.log(contrast)[:, np.newaxis].repeat(8, 1).astype(np.float32)
-        assert power_of_blur(focus, places) == power
 
 
 def test_reaches_its_goal_on_refocused_views(shared_data: Path) -> None:

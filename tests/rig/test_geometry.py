@@ -27,17 +27,6 @@ def test_a_turn_is_a_rotation_and_has_an_inverse(pose: Pose) -> None:
     assert rotation(pose).inv().apply(turned) == pytest.approx(AHEAD, abs=1e-12)
 
 
-def test_yaw_looks_right_pitch_up_and_roll_takes_the_right_side_down() -> None:
-    # x to the right, y downwards, z ahead.
-    ahead_and_right = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-    for pose, turned in (
-        (Pose(yaw=90), [[1, 0, 0], [0, 0, -1]]),
-        (Pose(pitch=90), [[0, -1, 0], [1, 0, 0]]),
-        (Pose(roll=90), [[0, 0, 1], [0, 1, 0]]),
-    ):
-        assert pose.turn(ahead_and_right) == pytest.approx(np.array(turned), abs=1e-12)
-
-
 @settings(max_examples=20)
 @given(pose=POSES, baseline=st.floats(0, 0.5))
 def test_the_lidar_lies_above_the_camera(pose: Pose, baseline: float) -> None:

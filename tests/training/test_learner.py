@@ -19,7 +19,6 @@ from dfdbench.training.learner import (
     LevelLoss,
     cosine_rate,
     probability_of_fall,
-    without_largest,
 )
 from tests.training.test_trainer import task
 
@@ -195,9 +194,3 @@ def test_the_probability_of_a_fall_is_that_of_the_line_through_all(seed: int) ->
     losses = np.linspace(1.03, 1, 200) + np.random.default_rng(seed).normal(0, 0.1, 200)
     fit = linregress(np.arange(200), losses)
     assert probability_of_fall(losses) == pytest.approx(norm.cdf(-fit.slope / fit.stderr))
-
-
-def test_the_largest_tenth_is_left_out_and_what_equals_its_least_is_kept() -> None:
-    losses = np.random.default_rng(2).permutation(2500).astype(float)
-    assert without_largest(losses).tolist() == [loss for loss in losses if loss <= 2249]
-    assert without_largest([1.0] * 30).tolist() == [1.0] * 30

@@ -151,17 +151,6 @@ def test_expansion_starts_and_stops_as_told(rng: np.random.Generator) -> None:
     assert (solution.history[0], len(solution.history)) == (energy.evaluate(start), 2)
 
 
-@pytest.mark.parametrize("kind", ["absolute", "quadratic", "potts"])
-def test_no_round_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
-    energy = random_energy(rng, 14, 17, 20, kind, weighted=True)
-    start = rng.integers(0, 20, energy.shape)
-    solution = repair(energy, start, [(8, 4), (-8,), (2, 1), (0,), (-3, 16, 0)])
-    assert len(solution.history) == 6
-    assert list(solution.history) == sorted(solution.history, reverse=True)
-    assert solution.history[-1] < solution.history[0] == energy.evaluate(start)
-    assert solution.energy == energy.evaluate(solution.labels)
-
-
 def test_jumps_go_both_ways_and_snaps_reach_every_label_within_half_a_period() -> None:
     jumps = [(4, 9, 5, 9), (4, 1, 5, 1), (4, 7, 5, 5)]
     snaps = [(-5, n, start, n) for n in range(10) for start in range(10) if abs(n - start) <= 2]

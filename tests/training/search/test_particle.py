@@ -24,16 +24,6 @@ def test_a_particle_has_51_components_as_the_author_counts_them() -> None:
     assert np.array_equal(pso.published_position(), position_of(FILTERS["original"]))
 
 
-def test_every_named_network_is_a_particle_s() -> None:
-    for name, filters in FILTERS.items():
-        first = "sigmoid" if name == "pso" else "prelu"
-        particle = pso.particle_at(position_of(filters, first_activation=first))
-        found = TrainingConfiguration.model_validate(particle.model_dump()).architecture("dfd-net")
-        named = TrainingConfiguration.model_validate({"filters": name, "first_activation": first})
-        assert found == named.architecture("dfd-net")
-        assert particle.crop == 32
-
-
 def test_mapping_functions_are_those_of_appendix_c() -> None:
     position = position_of(FILTERS["original"])
     for name, value in {
@@ -167,26 +157,9 @@ def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
     assert any(own)
 
 
-def ackley(x: pso.Numbers) -> pso.Numbers:
-    distance, waves = np.sqrt((x**2).mean(-1)), np.cos(2 * np.pi * x).mean(-1)
-    return np.asarray(-20 * np.exp(-0.2 * distance) - np.exp(waves) + 20 + np.e)
-
-
 def cube(side: float, components: int, share: float = 1.0) -> pso.Box:
     sides = np.full(components, side)
     return pso.Box(-sides, sides, share * sides, share * sides, np.zeros(components, bool))
-
-
-def test_with_the_thesis_s_constants_it_finds_the_minimum() -> None:
-    def judge(swarm: pso.Swarm) -> pso.Numbers:
-        return ackley(swarm.positions)
-
-    found = []
-    for seed in range(5):
-        *_, last = pso.search(judge, cube(32.0, 4, 0.25), 20, 150, seed)
-        assert last.best_value == ackley(last.best)
-        found.append(last.best_value)
-    assert sorted(found)[2] < 1e-5
 
 
 def test_an_iteration_is_eq_c2_and_c3_by_hand() -> None:
