@@ -24,14 +24,6 @@ def test_expected_uses_are_those_of_all_crops() -> None:
     assert sides.expected_uses((height, width), crop) == pytest.approx(uses / len(places))
 
 
-def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
-    depth = np.full((60, 90), 77, np.uint8)
-    whole = sides.depth_histogram(depth, np.ones(depth.shape, bool))
-    assert whole.expanded.sum() == pytest.approx(8 * 32 * 32)
-    small = sides.depth_histogram(depth[:10], np.ones((10, 90), bool))
-    assert small.expanded.sum() == pytest.approx(8 * 10 * 32)
-
-
 def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) -> None:
     # 5.2.1: each image was drawn 8753.74 times, each level used "approximately 422 times more".
     folder = shared_data / "middlebury"

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.board.board import leaderboard
-from dfdbench.board.cards import find_card, load_cards
+from dfdbench.board.cards import load_cards
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_to_check
 from tests.board.made_boards import add, add_card
@@ -34,16 +34,6 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     assert any(text.startswith("the name is that of our own local") for text in found)
     assert any(text.startswith("cannot read the card") for text in found)
     assert len(found) == 5
-
-
-def test_a_card_is_found_by_entry_and_parameters(tmp_path: Path) -> None:
-    add_card(tmp_path, "plain", "local")
-    add_card(tmp_path, "wide", "local", parameters={"window": 9})
-    entry = "dfdbench.methods.baselines:Local"
-    assert find_card(tmp_path, "local", entry, {}) == "plain"
-    assert find_card(tmp_path, "local", entry, {"window": 9}) == "wide"
-    with pytest.raises(ResultError, match="local window=11 has no card"):
-        find_card(tmp_path, "local", entry, {"window": 11})
 
 
 def test_a_row_needs_the_card_of_its_name(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.manifest import Manifest, training_of
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
@@ -87,10 +87,6 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
     assert set(manifest.pairs("train")) | set(manifest.pairs("test")) == set(pairs)
     assert not set(manifest.pairs("train")) & set(manifest.pairs("test"))
     assert len({pair.id for pair in pairs}) == len(pairs)
-
-
-def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
-    assert training_of(tiny_manifest, "K2") == ("One", "Two")
 
 
 def test_a_sigma_turns_with_its_depth_and_is_above_0_at_and_beyond_the_ends(

@@ -1,6 +1,5 @@
 import pickle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,25 +10,12 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from tests.evaluation.made_methods import method
 
 
 def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
     result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
     assert result.pairs[0].numbers["energy"] > 0
-
-
-def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
-    def drawing(infocus: Any, defocus: Any) -> Any:
-        return np.random.uniform(0, 255, infocus.shape[:2])
-
-    pair, other = tiny_store.pairs("One")[:2]
-    evaluate = PairEvaluator(tiny_store, method(drawing), 3)
-    first = evaluate(pair)[0].prediction_sha256
-    evaluate(other)
-    assert evaluate(pair)[0].prediction_sha256 == first
-    assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
 
 
 def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -70,15 +70,6 @@ def test_metres_become_levels_by_the_scale(tiny_store: Dataset, folder: Path) ->
             np.testing.assert_allclose(found.read(pair, levels.shape)[0], levels, rtol=0, atol=0.4)
 
 
-def test_what_lies_beyond_the_scale_is_its_end(tiny_store: Dataset, folder: Path) -> None:
-    store, _ = in_metres(tiny_store)
-    write_all(store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", np.full(d.shape, 9)))
-    found = find_predictions(folder, store, "test", "metres")
-    assert found.beyond == 1
-    pair = next(iter(found.files))
-    assert (found.read(pair, store.shape_of(pair.scene))[0] == 1).all()
-
-
 def test_all_that_is_wrong_and_only_it_is_told(tiny_store: Dataset, folder: Path) -> None:
     write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     files = sorted(folder.rglob("*.npy"))

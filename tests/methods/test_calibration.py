@@ -16,7 +16,7 @@ from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.calibration import KERNEL_SIZE, calibrate, parts_of
 from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.measured_law import Calibration
-from dfdbench.methods.registry import load, load_method
+from dfdbench.methods.registry import load_method
 from tests.methods.made_planes import pair_of, plane, texture
 
 DEPTHS = np.arange(LEVELS)
@@ -140,15 +140,6 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     found = FOCUSED[np.asarray(method.predict(made.infocus, made.defocus)).astype(int)]
     assert np.median(np.abs(found - FOCUSED[made.levels])) < 0.03
     assert load_method(name, {}, {}).learner is None
-
-
-def test_a_law_can_be_given_by_its_fields() -> None:
-    law = BlurLaw(tuple(RISING.tolist()))
-    (made,) = pairs(law, 1)
-    told = load("graph-cuts", recipe=law)(made.infocus, made.defocus)
-    fields = load("graph-cuts", recipe=law.as_dict())(made.infocus, made.defocus)
-    assert np.array_equal(told, fields)
-    assert np.median(np.abs(told - made.depth)) <= 1
 
 
 def test_pixels_near_a_jump_the_border_or_the_unknown_or_too_bright_do_not_count() -> None:

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-import torch
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import run_method
-from dfdbench.methods.networks.weights import build_network, load_weights, save_weights
+from dfdbench.methods.networks.weights import load_weights, save_weights
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
-from tests.methods.networks.test_architectures import SMALL
 from tests.process import dfdbench_without
 
 
@@ -36,19 +33,6 @@ def test_weights_know_their_hash_and_warn_of_another_recipe(
 
 
 PAIR = np.random.default_rng(4).integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
-
-
-def test_other_weights_under_the_same_name_are_another_run(
-    weights: Path, tiny_store: Dataset, tmp_path: Path
-) -> None:
-    parameters = {"weights": str(weights), "device": "cpu"}
-    run_method(tiny_store, load_for(tiny_store, "dfd-net", parameters), "test", tmp_path / "run")
-    torch.manual_seed(9)
-    save_weights(weights, build_network("dfd-net", {"filters": list(SMALL)}), card())
-    method = load_for(tiny_store, "dfd-net", parameters)
-    done = run_method(tiny_store, method, "test", tmp_path / "run")
-    assert done.reused == 0
-    assert done.set_aside is not None
 
 
 def levels(path: Path, **parameters: Any) -> Any:

@@ -111,26 +111,6 @@ def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_pat
     assert f"<span>{TITLE} <b>" in page
 
 
-@pytest.mark.usefixtures("with_a_fourth")
-def test_a_metric_more_is_in_what_experiments_show() -> None:
-    pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.figures.trainings import experiment_figure, training_figure
-    from dfdbench.training.experiments import experiment_table, find_experiment
-    from dfdbench.training.trainer import Log
-    from tests.methods.made_weights import card
-
-    scores = {"nrmse": 0.2, "nmae": 0.1, "ssim": 0.9}
-    cards = [("", card(seed=n, scores=scores | {"mae_levels": 20.0 + 10 * n})) for n in (0, 1)]
-    table = experiment_table(find_experiment("repeatability"), cards)
-    assert table.columns[-1] == HEADING
-    assert len(table.columns) == len(table.align)
-    assert table.rows[1][-1] == "25.0000"
-    assert TITLE in labels_of(experiment_figure("experiment", cards))
-    losses = [{"step": "1", "loss": "2", "learning_rate": "1"}]
-    log = Log(losses, [{"step": "1", "test_mae_levels": "20"}])
-    assert TITLE in labels_of(training_figure(log, "training"))
-
-
 @pytest.mark.slow
 def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path: Path) -> None:
     store, _ = in_metres(tiny_store)

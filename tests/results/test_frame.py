@@ -6,7 +6,6 @@ import pytest
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
-from tests.board.made_boards import make_tracks
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
@@ -20,17 +19,6 @@ def test_a_row_a_pair_with_its_place_and_scores() -> None:
     assert frame.loc["One/view1/illumination1/exposure0", "nmae"] == 0.1
     assert frame["nrmse"].isna().tolist() == [False, True, False]
     assert frame.groupby("scene")["nrmse"].mean().to_dict() == {"One": 0.2, "Two": 0.1}
-
-
-def test_any_number_of_runs_are_one_long_table() -> None:
-    runs = make_tracks("solver", 0.5, ["camera-2"], parameters={"window": 9})
-    scores = scores_of([make_result(SCORES), *runs.values()])
-    assert scores.groupby("run").size().tolist() == [3 * 3, 54 * 3, 54 * 3]
-    last = scores.iloc[-1]
-    names = ["dataset", "track", "severity", "method", "parameters"]
-    assert last[names].tolist() == ["demo-1", "camera", 2, "solver (window=9)", "window=9"]
-    assert last["coordinates"] == {"view": 5, "illumination": 3, "exposure": 2}
-    assert scores.loc[scores["metric"] == "nrmse", "value"].isna().sum() == 1
 
 
 def test_a_mean_leaves_out_what_is_undefined_and_needs_every_pair() -> None:

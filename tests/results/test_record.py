@@ -111,14 +111,6 @@ def test_sets_with_printed_tables_are_headed_by_the_thesis_all_else_by_known_pix
     assert first_protocol("mine") == first_protocol("realworld-synthetic@law-1") == "valid"
 
 
-def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
-    result = make_result(VALUES)
-    save_result(result, tmp_path / "r.json")
-    assert load_result(tmp_path / "r.json") == load_result(f"{tmp_path}/r.json") == result
-    with pytest.raises(ResultError, match="cannot read the result"):
-        load_result("no such file")
-
-
 def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> None:
     published = (resources.files("dfdbench.results.schemas") / "result-1.json").read_text("utf-8")
     assert published == json.dumps(Result.model_json_schema(), indent=1, sort_keys=True) + "\n"

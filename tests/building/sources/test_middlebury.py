@@ -32,18 +32,6 @@ def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder
     assert np.argwhere(~images.valid[0]).tolist() == [[3, 4]]
 
 
-def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> None:
-    manifest = parse_manifest(TINY_DEFAULT_TOML.encode(), "tiny-1.toml")
-    for view in (1, 5):
-        (tiny_folder / f"One/Illum1/Exp1/view{view}.png").rename(
-            tiny_folder / f"One/view{view}.png"
-        )
-    source = middlebury.MiddleburyScenes(manifest, tiny_folder)
-    assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
-    assert source.read("One").infocus.shape == (2, 24, 30, 3)
-    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(manifest.pairs("test"))
-
-
 def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
         middlebury.MiddleburyScenes(tiny_manifest, tmp_path)

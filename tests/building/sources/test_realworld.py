@@ -12,7 +12,6 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.system.parallel import Threads
 from tests.conftest import make_published, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
@@ -188,17 +187,6 @@ def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None
     names = [path.name for path in scene.images(10, 141)]
     assert names == ["image_141_10.00_0.png", "image_141_10.00_1.png"]
     assert scene.images(10, 130) == scene.images(20, 141) == []
-
-
-def test_a_scenes_own_calibration_comes_before_its_folders(tmp_path: Path) -> None:
-    scene = RawScene(tmp_path / "k00", CAPTURE)
-    assert scene.beams_file() is None
-    assert len(scene.beams().altitude) == 64
-    touch(tmp_path / "beams.csv")
-    assert scene.beams_file() == tmp_path / "beams.csv"
-    touch(tmp_path / "k00/beams.csv")
-    assert scene.beams_file() == tmp_path / "k00/beams.csv"
-    assert scene.depth_files() == [tmp_path / "k00/beams.csv", tmp_path / "k00" / REGISTRATION]
 
 
 def test_of_published_depth_maps_the_scaled_one_is_taken(tmp_path: Path) -> None:
