@@ -1,4 +1,5 @@
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,18 +20,10 @@ def test_a_terminal_of_ascii_is_shown_all_in_line(tmp_path: Path) -> None:
         assert r"blur radius (\xb5m)" in done.stdout
 
 
-class _Clock:
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def monotonic(self) -> float:
-        return self.seconds
-
-
 def test_without_a_terminal_long_work_says_every_minute_how_far_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clock = _Clock()
+    clock = SimpleNamespace(seconds=0.0, monotonic=lambda: clock.seconds)
     monkeypatch.setattr(screen, "time", clock)
     with screen.progress("training dfd-net") as step:
         # Half of it was done by an earlier call, in no time: that says nothing of the speed.

@@ -41,28 +41,18 @@ def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
     assert told in prediction.error
 
 
-class Saying:
-    """Says of its second answer what it did not of its first."""
-
-    numbers: Any = None
-
-    def __call__(self, infocus: Any, defocus: Any) -> Any:
+def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
         if infocus.max() > 9:
             raise RuntimeError("too bright")
-        self.numbers = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
         return np.zeros((4, 6))
 
-
-def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
-    method = Saying()
-    prediction = call(method, IMAGE, IMAGE)
+    said = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
+    predict.numbers = said  # type: ignore[attr-defined]
+    prediction = call(predict, IMAGE, IMAGE)
     assert (prediction.error, prediction.numbers) == ("", {"energy": 12.0, "gap": 0.5})
     # A pair that failed has none, least of all those of the pair before.
-    assert call(method, IMAGE + np.uint8(20), IMAGE).numbers == {}
-
-    def predict(infocus: Any, defocus: Any) -> Any:
-        return np.zeros((4, 6))
-
+    assert call(predict, IMAGE + np.uint8(20), IMAGE).numbers == {}
     # More than a table has room for are refused.
     predict.numbers = {str(index): index for index in range(100)}  # type: ignore[attr-defined]
     assert len(call(predict, IMAGE, IMAGE).numbers) == 100

@@ -2,7 +2,9 @@ import os
 import random
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -44,20 +46,10 @@ def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.M
         assert state() == before
 
 
-class Torch:
-    """Stands for PyTorch, which takes seconds to load."""
-
-    threads = 4
-
-    def get_num_threads(self) -> int:
-        return self.threads
-
-    def set_num_threads(self, number: int) -> None:
-        self.threads = number
-
-
 def test_a_method_cannot_change_the_numbers_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    torch = Torch()
+    # It stands for PyTorch, which takes seconds to load.
+    torch = SimpleNamespace(threads=4, get_num_threads=lambda: torch.threads)
+    torch.set_num_threads = partial(setattr, torch, "threads")
     monkeypatch.setitem(sys.modules, "torch", torch)
 
     def state() -> tuple[int, ...]:

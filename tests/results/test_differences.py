@@ -22,9 +22,11 @@ SCENES = "abcdefghij"
 PLACES = [(scene, 1, i, e) for scene in SCENES for i in (1, 2) for e in (0, 1)]
 
 
-def difference(found: tuple[PairChange, ...], metric: str) -> PairedDifference | None:
-    groups = [change.first.scene for change in found]
-    return paired_difference([change.difference for change in found], groups, metric)
+def difference(changes: tuple[PairChange, ...], metric: str) -> PairedDifference:
+    groups = [change.first.scene for change in changes]
+    found = paired_difference([change.difference for change in changes], groups, metric)
+    assert found is not None
+    return found
 
 
 def result(value: float, name: str = "mine", scenes: str = SCENES) -> Result:
@@ -37,14 +39,11 @@ def result(value: float, name: str = "mine", scenes: str = SCENES) -> Result:
 def test_the_mean_difference_is_that_of_the_means() -> None:
     first, second = result(0.2), result(0.15)
     found = difference(changes(first, second, "thesis", "nrmse"), "nrmse")
-    assert found is not None
     assert found.mean == pytest.approx(-0.05)
     assert (found.wins, found.losses, found.ties, found.verdict) == (len(PLACES), 0, 0, "real")
     ssim = difference(changes(first, second, "thesis", "ssim"), "ssim")
-    assert ssim is not None
     assert (ssim.mean, ssim.wins) == (pytest.approx(0.05), len(PLACES))
     same = difference(changes(first, first, "thesis", "nrmse"), "nrmse")
-    assert same is not None
     assert (same.wins, same.losses, same.ties) == (0, 0, len(PLACES))
 
 
@@ -58,7 +57,6 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
 def test_below_ten_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
     both = (result(0.2, scenes=scenes), result(0.1, scenes=scenes))
     found = difference(changes(*both, "thesis", "nrmse"), "nrmse")
-    assert found is not None
     assert found.verdict == verdict
     assert str(found).endswith(f", {verdict}")
     assert (found.low is None) == (len(scenes) == 1)

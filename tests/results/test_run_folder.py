@@ -1,6 +1,7 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,35 +19,23 @@ from dfdbench.results.run_folder import (
 from tests.system.test_files import kill_while_writing
 
 
-def other_dtype(place: Path) -> None:
-    zarr.open_group(place, mode="a").create_array("depth", shape=(2,), dtype="int8", overwrite=True)
-
-
-def no_array(place: Path) -> None:
-    shutil.rmtree(place / "depth")
-
-
-def other_axes(place: Path) -> None:
-    zarr.open_group(place, mode="a")["depth"].attrs["axes"] = {"colour": [1]}
-
-
-def no_metadata(place: Path) -> None:
-    (place / "depth/zarr.json").write_text("nonsense")
-
-
-def below_0(place: Path) -> None:
-    zarr.open_array(place / "depth", mode="a")[...] = -0.5
-
-
-def above_255(place: Path) -> None:
-    zarr.open_array(place / "depth", mode="a")[...] = 255.5
+def kept(place: Path) -> Any:
+    return zarr.open_array(place / "depth", mode="a")
 
 
 @pytest.mark.parametrize(
-    "spoil", [other_dtype, no_array, other_axes, no_metadata, below_0, above_255]
+    "spoil",
+    [
+        lambda place: zarr.create_array(place / "depth", shape=2, dtype="int8", overwrite=True),
+        lambda place: shutil.rmtree(place / "depth"),
+        lambda place: kept(place).attrs.update(axes={"colour": [1]}),
+        lambda place: (place / "depth/zarr.json").write_text("nonsense"),
+        lambda place: kept(place).set_basic_selection(..., -0.5),
+        lambda place: kept(place).set_basic_selection(..., 255.5),
+    ],
 )
 def test_depth_maps_that_are_something_else_are_told(
-    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], None]
+    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], object]
 ) -> None:
     pair = tiny_store.pairs("test")[0]
     shape = tiny_store.shape_of(pair.scene)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +10,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, expansion, split
-from tests.conftest import aloe_pair
+from tests.conftest import aloe_pair, read_rgb
 
 # The least energies known for Aloe, Illum1, view 1, step 0.01: the author's program at Exp1, a
 # long run of several solvers at Exp2 (the author's program: 1,239,153).
@@ -51,12 +50,9 @@ def test_split_is_near_expansion_where_one_label_alone_explains_a_pixel(
     # With the matched blur the costs are sharp: splits by the mean cost of a range ended up to
     # 28 % above one sweep of expansion here, and a score would have taken that for the energy's.
     folder, part = shared_data / "middlebury/ThirdSize" / scene, np.s_[100:200, 100:220]
-    image = cv2.imread(str(folder / "view1.png"), cv2.IMREAD_COLOR_RGB)
-    depth = cv2.imread(str(folder / "disp1.png"), cv2.IMREAD_GRAYSCALE)
-    assert image is not None
-    assert depth is not None
-    infocus = np.asarray(image[part], np.uint8)
-    defocus = synthesize(infocus, np.asarray(depth[part], np.uint8), RECIPES["published"])
+    infocus = read_rgb(folder / "view1.png")[part]
+    depth = read_rgb(folder / "disp1.png")[part][..., 0]
+    defocus = synthesize(infocus, depth, RECIPES["published"])
     energy = GraphCuts(color_space=color_space).energy(infocus, defocus)
     reference = expansion(energy, start=energy.unary.argmin(axis=2), max_sweeps=1).energy
     assert split(energy).energy < 1.0025 * reference
