@@ -40,8 +40,7 @@ def served(folder: Path, certificate: ssl.SSLContext | None = None) -> Iterator[
         server.socket = certificate.wrap_socket(server.socket, server_side=True)
         site.address = f"https://localhost:{server.server_port}"
     # Asked to stop, it looks once in an interval, of half a second if nobody says otherwise.
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
-    thread.start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     try:
         yield site
     finally:

@@ -128,8 +128,7 @@ def test_the_frame_to_download_is_the_boards(made: Any, board: Board) -> None:
 
 @pytest.mark.slow
 def test_every_method_has_a_page_with_pictures_parameters_and_rows(made: Any, board: Board) -> None:
-    module = made("cards")
-    pages = dict(module.method_pages(board))
+    pages = dict(made("cards").method_pages(board))
     assert {Path(place).stem for place in pages} == {"index", *board.cards}
     for name, card in board.cards.items():
         page = pages[f"method/{name}.md"]
@@ -316,8 +315,7 @@ def test_pages_have_the_addresses_that_the_package_names(
     config = hooks.on_config(config_module.load_config(str(ROOT / "mkdocs.yml")))
     assert config.site_url == "https://example.org/dfdbench/"
     (methods,) = [section["Methods"] for section in config.nav if "Methods" in section]
-    at = methods.index("method/index.md")
-    assert methods[at + 1] == "method/mine.md"
+    assert methods[methods.index("method/index.md") + 1] == "method/mine.md"
 
 
 def column(page: Any, number: int) -> list[str]:

@@ -35,8 +35,7 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
         assert candidate.covered == (not levels.any())
     order = [(c.uncovered, -c.overlap) for c in ranking.candidates]
     assert order == sorted(order)
-    worst = ranking.candidates[-1].test
-    assert ranking.rank(worst[::-1]) == 56
+    assert ranking.rank(ranking.candidates[-1].test[::-1]) == 56
     assert ranking.rank(("A",)) is None
     assert (
         splits.rank_tests(make(rule=Rule(allowed_share=1.0)), 3, 0).covered == 56 > ranking.covered

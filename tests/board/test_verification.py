@@ -96,8 +96,7 @@ def test_made_up_scores_are_found_out(row: Row) -> None:
 def test_a_score_that_was_left_out_is_found_out(row: Row) -> None:
     (run,) = row.runs
     scores = {**run.scores, "valid": {**run.scores["valid"], "ssim": [None] * 7}}
-    without = edited(row, runs=[edited(run, scores=scores)])
-    found = verify(without, HERE, count=2)
+    found = verify(edited(row, runs=[edited(run, scores=scores)]), HERE, count=2)
     assert [pair.difference for pair in found.pairs] == [float("inf")] * 2
 
 
@@ -171,8 +170,7 @@ def test_a_fitted_method_is_fitted_anew(stores: dict[str, Dataset], tmp_path: Pa
 @pytest.mark.slow
 def test_runs_on_tracks_are_run_as_they_were(stores: dict[str, Dataset], tmp_path: Path) -> None:
     results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
-    row = row_of(results, ["tracks-1"])
-    found = verify(row, HERE, count=9, seed=3)
+    found = verify(row_of(results, ["tracks-1"]), HERE, count=9, seed=3)
     assert found.passed
     assert found.drawn_from == 14
     assert {pair.name.partition(": ")[0] for pair in found.pairs} == {"clean", "gain-3"}

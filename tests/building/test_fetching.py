@@ -99,8 +99,7 @@ def test_a_server_that_is_gone_costs_no_hours(tmp_path: Path) -> None:
 
 
 def fetched(address: str, folder: Path) -> fetching.Fate:
-    file = fetching.WantedFile("file", (address,), lambda *_: None)
-    return fetch([file], folder)[0]
+    return fetch([fetching.WantedFile("file", (address,), lambda *_: None)], folder)[0]
 
 
 @pytest.mark.parametrize("faults", [["429"], ["stall"], ["truncate", "500", "redirect"]])

@@ -28,8 +28,7 @@ def folder(tmp_path: Path) -> Path:
 def rewrite(folder: Path, name: str, change: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
     for scene in SCENES:
         path = str(folder / scene / name)
-        image = np.asarray(cv2.imread(path, cv2.IMREAD_UNCHANGED))
-        cv2.imwrite(path, change(image))
+        cv2.imwrite(path, change(np.asarray(cv2.imread(path, cv2.IMREAD_UNCHANGED))))
 
 
 def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path) -> None:

@@ -181,8 +181,7 @@ def test_methods_get_a_stack_or_two_of_its_images(stacks: Dataset) -> None:
         seen.append((infocus, defocus))
         return defocus[..., 0].astype(float)
 
-    pair = stacks.pairs("test")[0]
-    images = stacks.read(pair).images
+    images = stacks.read(stacks.pairs("test")[0]).images
     assert result_of(run(of_stack, stacks, limit=1)).pairs[0].status == "ok"
     assert np.array_equal(seen[-1].values, images)
     run(of_pair, stacks, limit=1)

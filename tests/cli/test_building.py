@@ -112,8 +112,7 @@ def test_a_cluster_does_both(dfdbench: Command, site: Site, cluster: str, tmp_pa
     here = dfdbench("build tiny-1.toml --store", other, "--workers", "2")
     assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
     run = f"run --method constant --dataset {store} --scheduler {cluster} --out out --tables"
-    ran = dfdbench.fine(run)
-    assert "several at once: not comparable" in " ".join(ran.out.split())
+    assert "several at once: not comparable" in " ".join(dfdbench.fine(run).out.split())
 
 
 def test_the_next_command_can_be_pasted(dfdbench: Command, tmp_path: Path) -> None:

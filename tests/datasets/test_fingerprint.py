@@ -172,8 +172,7 @@ def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
 def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Dataset) -> None:
     rewrite_array(tiny_store, "Two/depth", np.fliplr)
     scene = zarr.open_group(Path(tiny_store.path.path), path="Two", mode="r+")
-    dataset = Dataset(tiny_store.path).stored("Two")
-    digests = fingerprint.scene_digests(dataset)
+    digests = fingerprint.scene_digests(Dataset(tiny_store.path).stored("Two"))
     scene.attrs.update({"array_digests": digests, "digest": fingerprint.combine(digests)})
     found = fingerprint.verify_store(Dataset(tiny_store.path))
     assert not found.differences

@@ -19,8 +19,7 @@ def problems(predict: Any) -> dict[str, str]:
 
 def test_a_method_for_even_sizes_only_is_found_out() -> None:
     def halving(infocus: Any, defocus: Any) -> Any:
-        small = infocus[::2, ::2, 0]
-        return np.kron(small, np.ones((2, 2)))
+        return np.kron(infocus[::2, ::2, 0], np.ones((2, 2)))
 
     assert "returned shape (242, 318)" in problems(halving)["odd sizes, 241 × 317"]
 
@@ -103,8 +102,7 @@ def test_what_torch_could_do_without_is_told(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OF_TORCH)
     told = []
     for name in ("with_gradient", "Net"):
-        method = load_method(f"{tmp_path / 'mine.py'}:{name}", {}, {})
-        trials = check_method(method)
+        trials = check_method(load_method(f"{tmp_path / 'mine.py'}:{name}", {}, {}))
         assert not any(trial.error for trial in trials)
         told.append({trial.name: trial.warning for trial in trials})
     assert "no_grad() would save memory" in told[0]["leaves its input alone"]

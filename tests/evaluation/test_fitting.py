@@ -79,8 +79,7 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
     store = Guarded(tiny_store.path, *tests)
     with pytest.raises(AssertionError, match="read Two"):
         store.read(store.pairs("Two")[0])
-    method = load_for(store, mean, {})
-    fit = fit_method(store, method, split, 0)
+    fit = fit_method(store, load_for(store, mean, {}), split, 0)
     assert fit is not None
     assert fit.fitted_on == name
     assert fit.learned is not None

@@ -36,8 +36,7 @@ def test_the_law_is_the_thin_lens_equation_by_hand() -> None:
     # At 4 m: imaged at 0.2 / 3.95 = 50.6329 mm; 25 * (52.5 - 50.6329) / 50.6329 = 0.921875 mm.
     assert law.sigmas[1] == pytest.approx(9.21875 / 4)
     assert law.sigmas[0] == law.sigmas[1], "nothing is farther than far"
-    focus = int(SCALE.to_levels(np.array(1.05)))
-    assert min(law.sigmas) == law.sigmas[focus] == 0.1
+    assert min(law.sigmas) == law.sigmas[int(SCALE.to_levels(np.array(1.05)))] == 0.1
     assert law.kernel_size == 2 * math.ceil(3 * 13.75 / 4) + 1
     # Blur of the in-focus image is taken off: of twice the f-number, half the width, three
     # quarters of the variance are left.

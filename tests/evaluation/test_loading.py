@@ -17,12 +17,9 @@ from tests.conftest import TINY_TOML, store_of
 
 
 def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> None:
-    scene = tiny_store.to_xarray("One")
-    depth = scene["depth"].values
-    valid = np.isfinite(depth)
-    assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
-    loaded = load_for(tiny_store, "constant", {})
-    assert loaded.uses == ("training_mean",)
+    depth = tiny_store.to_xarray("One")["depth"].values
+    assert training_mean(tiny_store) == pytest.approx(depth[np.isfinite(depth)].mean())
+    assert load_for(tiny_store, "constant", {}).uses == ("training_mean",)
 
 
 def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ from dfdbench.figures import audits
 
 def test_offending_ranges_are_marked(tiny_store: Dataset) -> None:
     record = compare_depths(*sides_of(tiny_store))
-    figure = audits.coverage_figure(record)
-    top, middle, _ = figure.axes
+    top, middle, _ = audits.coverage_figure(record).axes
     assert len(top.patches) == len(middle.patches) == len(record.ranges)
     assert middle.get_yscale() == "log"
 

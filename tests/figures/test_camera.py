@@ -14,8 +14,7 @@ def test_the_law_sets_the_scale_and_levels_without_pixels_have_no_dot() -> None:
     measured[10:20] = 90.0  # levels that showed no blur
     pixels = np.where(np.isnan(measured), 0, 50)
     law = BlurLaw(tuple(np.linspace(3, 1, 256).tolist()), exponent=8.0, linear=True)
-    figure = camera.law_figure(Calibration(law, measured, pixels, measured))
-    widths, left = figure.axes
+    widths, left = camera.law_figure(Calibration(law, measured, pixels, measured)).axes
     assert widths.get_ylim() == (0, 1.3 * 3)
     assert "p = 8; linear light" in widths.get_title()
     assert np.isfinite(np.asarray(left.lines[0].get_ydata())).sum() == 10
@@ -38,8 +37,7 @@ def test_depth_maps_lie_over_one_image_on_one_scale() -> None:
     levels = np.linspace(50, 200, 600).reshape(20, 30).astype(np.uint8)
     valid = levels > 80
     maps = dict.fromkeys(("parallel", "turned"), (levels, valid))
-    figure = camera.overlay_figure(image, maps, "k33")
-    panels = figure.axes[:2]
+    panels = camera.overlay_figure(image, maps, "k33").axes[:2]
     assert [axis.get_title() for axis in panels] == ["parallel", "turned"]
     scales = {axis.images[1].get_clim() for axis in panels}
     assert scales == {(float(levels[valid].min()), 200.0)}
@@ -63,8 +61,7 @@ def test_sharpness_is_drawn_over_temperature_and_each_way_through_the_steps() ->
 
 def test_blur_touches_nothing_at_the_focus_and_its_limit_far_off() -> None:
     lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)
-    axis = camera.blur_figure(lens, 0.4, 4.0).axes[0]
-    blur, quantised, limit, _ = axis.lines
+    blur, quantised, limit, _ = camera.blur_figure(lens, 0.4, 4.0).axes[0].lines
     distance, pixels = np.asarray(blur.get_xdata()), np.asarray(blur.get_ydata())
     (highest, _) = np.asarray(limit.get_ydata())
     assert distance[np.argmin(pixels)] == pytest.approx(0.5, abs=1e-3)

@@ -59,8 +59,7 @@ def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
     figure = comparisons.time_figure([run("one"), run("two")])
     assert figure is not None
     assert figure.axes[0].get_xscale() == "log"
-    nothing = limited(make_result(VALUES), 0)
-    saved = SavedRun(Path("r.json"), nothing, None, "")
+    saved = SavedRun(Path("r.json"), limited(make_result(VALUES), 0), None, "")
     assert comparisons.time_figure([saved]) is None
     assert comparisons.lighting_figures([saved], "thesis") == {}
     assert comparisons.accuracy_figure([saved], "thesis") is None

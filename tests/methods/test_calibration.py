@@ -69,8 +69,7 @@ def found_of(law: BlurLaw) -> Calibration:
     ],
 )
 def test_the_widths_and_the_shape_are_found(curve: NDArray[np.float64], exponent: float) -> None:
-    law = BlurLaw(tuple(curve.tolist()), exponent)
-    found = found_of(law)
+    found = found_of(BlurLaw(tuple(curve.tolist()), exponent))
     assert found.law.exponent == exponent
     assert (found.law.linear, found.law.registered, found.law.even) == (False, True, True)
     seen = found.pixels > 0
@@ -84,8 +83,7 @@ def test_the_widths_and_the_shape_are_found(curve: NDArray[np.float64], exponent
 
 @pytest.mark.slow
 def test_gain_and_offset_are_found() -> None:
-    law = BlurLaw(tuple(RISING.tolist()), gain=0.9, offset=12.0)
-    found = calibrate(pairs(law)).law
+    found = calibrate(pairs(BlurLaw(tuple(RISING.tolist()), gain=0.9, offset=12.0))).law
     assert (found.gain, found.offset) == pytest.approx((0.9, 12.0), abs=0.3)
     assert found.gain == pytest.approx(0.9, abs=0.01)
     assert np.abs(np.array(found.sigmas) - RISING)[10:246].max() < 0.1
@@ -121,8 +119,7 @@ def test_a_bare_surface_does_not_bend_the_curve_at_its_end() -> None:
     depth = np.full(bare.shape[:2], 20, np.uint8)
     blurred = blur_by_level(bare.astype(np.float64), depth.astype(np.int64), law.kernels())
     seen.append(made_pair(bare, np.rint(blurred).astype(np.uint8), depth, depth > 0))
-    found = calibrate(seen).law.sigmas
-    assert np.abs(np.array(found) - RISING)[:60].max() < 0.1
+    assert np.abs(np.array(calibrate(seen).law.sigmas) - RISING)[:60].max() < 0.1
 
 
 @pytest.mark.slow
@@ -170,8 +167,7 @@ def test_some_pairs_stand_for_many_and_a_part_for_a_large_one() -> None:
             looked_at.append(index)
             return super().__getitem__(index)
 
-    pairs = Pairs([plane(100, seed, 40, 400) for seed in range(40)])
-    (parts,) = parts_of(pairs)
+    (parts,) = parts_of(Pairs([plane(100, seed, 40, 400) for seed in range(40)]))
     assert len(parts) == len(looked_at) == 16
     assert (looked_at, looked_at[0], looked_at[-1]) == (sorted(looked_at), 0, 39)
     assert {part.infocus.shape for part in parts} == {(40, 320, 1)}

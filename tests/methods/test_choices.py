@@ -107,8 +107,7 @@ def test_a_cut_takes_the_depth_that_occurs_where_nothing_is_seen(name: str) -> N
     assert isinstance(method, Solver)
     method.calibrations = (Calibration(law, FOCUSED, np.ones(LEVELS, np.int64), np.ones(LEVELS)),)
     bare = np.full((20, 25, 3), 120, np.uint8)
-    energy = np.abs(np.arange(LEVELS) - 77.0)
-    method.chosen = Chosen(energy, weight=1.0)
+    method.chosen = Chosen(np.abs(np.arange(LEVELS) - 77.0), weight=1.0)
     np.testing.assert_allclose(method(bare, bare), 77, atol=2)
 
 

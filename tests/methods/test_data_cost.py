@@ -49,8 +49,7 @@ def test_costs_equal_the_definition(rng: np.random.Generator, shape: tuple[int, 
     least = exact.min(-1, keepdims=True)
     assert unary.dtype == np.uint16
     # Noise of full contrast: costs run to a million, of which float32 keeps seven digits.
-    error = np.abs(unary - np.minimum(exact - least, 1021))
-    assert error.max() <= 60
+    assert np.abs(unary - np.minimum(exact - least, 1021)).max() <= 60
     assert abs(offset - int(least.sum())) <= 8 * least.size
 
 

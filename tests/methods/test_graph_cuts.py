@@ -22,8 +22,7 @@ Image = NDArray[np.uint8]
 
 @pytest.fixture
 def pair() -> tuple[Image, Image, Image]:
-    random = np.random.default_rng(4)
-    image = random.integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    image = np.random.default_rng(4).integers(0, 256, (48, 64, 3)).astype(np.uint8)
     depth = np.full((48, 64), 90, np.uint8)
     depth[:, 32:] = 170
     return image, synthesize(image, depth, RECIPES["published"]), depth
@@ -72,8 +71,7 @@ def test_depth_is_the_inverse_of_the_recipe(pair: tuple[Image, Image, Image]) ->
     infocus, _, depth = pair
     recipe = BlurRecipe(0.4, 0.008, levels=200, kernel_size=21, invert=False)
     defocus = synthesize(infocus, depth, recipe)
-    found = GraphCuts(recipe)(infocus, defocus)
-    assert np.abs(found - depth).mean() < 2
+    assert np.abs(GraphCuts(recipe)(infocus, defocus) - depth).mean() < 2
     plain = GraphCuts()(infocus, defocus)
     raised = GraphCuts(published_offset=True)(infocus, defocus)
     assert np.array_equal(raised, np.minimum(plain + 1, 255))

@@ -59,8 +59,7 @@ def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
 
 
 def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weights: Path) -> None:
-    random = np.random.default_rng(5)
-    pair = random.integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)
+    pair = np.random.default_rng(5).integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)
     one, mean = (
         load("dfd-net", weights=str(weights), device="cpu", orientations=number)
         for number in (1, 8)

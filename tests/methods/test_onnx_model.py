@@ -151,8 +151,7 @@ def test_a_run_knows_the_model_and_its_description(
     method = first.result.method
     assert (method.name, method.entry) == ("mean.onnx", "mean.onnx:OnnxMethod")
     assert set(first.scores["method"]) == {"mean.onnx"}
-    description = Path(mean).with_suffix(".toml")
-    description.write_text(PAIR + "scale = 0.5\n")
+    Path(mean).with_suffix(".toml").write_text(PAIR + "scale = 0.5\n")
     done = run(mean, tiny_store, out=tmp_path / "run")
     assert "mean.toml has changed" in " ".join(done.notes)
     Path(mean).write_bytes(Path(mean).read_bytes() + b"\x2a\x00")  # an empty field of no meaning

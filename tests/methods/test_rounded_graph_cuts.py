@@ -42,8 +42,7 @@ def test_what_rounding_rules_out_is_never_taken(truncation: int) -> None:
     recipe = RECIPES["published"]
     defocus = synthesize(infocus, depth.astype(np.uint8), recipe)
     found = RoundedGraphCuts(recipe, truncation)(infocus, defocus)
-    again = synthesize(infocus, found.astype(np.uint8), recipe)
-    assert np.array_equal(again, defocus)
+    assert np.array_equal(synthesize(infocus, found.astype(np.uint8), recipe), defocus)
 
 
 def test_no_level_is_proposed_that_training_did_not_show() -> None:

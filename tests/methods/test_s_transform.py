@@ -12,8 +12,7 @@ def test_its_variance_is_that_of_the_blur() -> None:
     # Coarse texture: near enough to a cubic polynomial for the paper's theorem.
     waves = 120 + 60 * np.sin(np.arange(90) / 9)[:, np.newaxis] * np.cos(np.arange(90) / 8)
     infocus = np.repeat(waves[..., np.newaxis], 3, axis=2).round().astype(np.uint8)
-    recipe = BlurRecipe(1.0, 0.01)
-    pair = pair_of(infocus, np.full((90, 90), 155, np.uint8), recipe)
+    pair = pair_of(infocus, np.full((90, 90), 155, np.uint8), BlurRecipe(1.0, 0.01))
     assert np.median(STransform().variance(pair.infocus, pair.defocus)) == pytest.approx(4, rel=0.1)
 
 

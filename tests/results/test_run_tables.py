@@ -37,8 +37,7 @@ def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -
         edited(result, pairs=[first, edited(result.pairs[1], regions=values, answered=share)])
         for share in (1, 0.5)
     )
-    runs = {"all": whole, "most": gaps, "older": result}
-    table = region_table(runs)
+    table = region_table({"all": whole, "most": gaps, "older": result})
     assert table.columns == ("method", "edges", "flat", "far", "near")
     assert table.rows[0] == ("all", "0.2000", "–", "0.2000", "0.0500")
     assert {cell for row in table.rows[1:] for cell in row[1:]} == {"–"}

@@ -23,5 +23,4 @@ from tests.made_results import edited, make_demo_result
     ],
 )
 def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
-    result = make_demo_result(lambda pair: 0.1)
-    assert given_to(edited(result, method=method)) == said
+    assert given_to(edited(make_demo_result(lambda pair: 0.1), method=method)) == said

@@ -19,8 +19,7 @@ def test_scans_that_differ_in_shape_have_no_average() -> None:
 
 
 def test_equations_3_5_to_3_9_by_hand() -> None:
-    beams = lidar.read_beams()
-    x, y, z = lidar.to_cartesian(np.full((64, 2048), 2000.0), beams)
+    x, y, z = lidar.to_cartesian(np.full((64, 2048), 2000.0), lidar.read_beams())
     # Beam 0: altitude 16.4486 degrees, azimuth index 17; measurement 1000 is column 1017.
     theta, phi = 2 * np.pi * (1017 - 1023.5) / 2048, np.deg2rad(16.4486)
     assert x[0, 1000] == pytest.approx(2000 * np.cos(theta) * np.cos(phi))
@@ -54,8 +53,7 @@ def test_filling_needs_a_value() -> None:
 
 def flat_wall(distance: float) -> np.ndarray:
     """Ranges of a wall straight ahead, at X = distance in mm; nothing behind the LIDAR."""
-    beams = lidar.read_beams()
-    ahead, _, _ = lidar.to_cartesian(np.ones((64, 2048)), beams)
+    ahead, _, _ = lidar.to_cartesian(np.ones((64, 2048)), lidar.read_beams())
     return np.where(ahead > 0.2, distance / np.maximum(ahead, 0.2), 0.0)
 
 
@@ -64,8 +62,7 @@ def test_six_steps_of_upsampling_keep_a_plane_within_a_level() -> None:
     levels, valid = lidar.upsample(plane, np.ones(plane.shape, bool))
     assert levels.shape == (360, 360)
     assert valid.all()
-    expected = plane[0].repeat(6)
-    assert np.abs(levels - expected)[:, 12:-12].max() <= 1
+    assert np.abs(levels - plane[0].repeat(6))[:, 12:-12].max() <= 1
 
 
 def test_a_missing_return_stays_missing_and_smears_nowhere() -> None:

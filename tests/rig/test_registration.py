@@ -25,8 +25,7 @@ RIG = CaptureRig()
 def seen(number: int) -> tuple[View, np.ndarray]:
     scene = SimulatedScene(number)
     view = scene.look()
-    light = defocus(view, read_lens_table(), 135)
-    return view, scene.frame(light, 40, (135, 40, 0))
+    return view, scene.frame(defocus(view, read_lens_table(), 135), 40, (135, 40, 0))
 
 
 @cache

@@ -27,8 +27,7 @@ TEXTURE = np.array([1.0, 0.0, -(LEFT + 60)])
 
 
 def rays(pose: Pose = TRUE) -> sights.Rays:
-    random = np.random.default_rng(5)
-    across, down = random.uniform(-2 * HALF, 2 * HALF, (2, 60, 80))
+    across, down = np.random.default_rng(5).uniform(-2 * HALF, 2 * HALF, (2, 60, 80))
     there = np.stack([across, down, np.full_like(across, DISTANCE)], axis=-1)
     hit = (np.abs(across) < HALF) & (np.abs(down) < HALF)
     turn = Rotation.from_euler("yxz", [pose.yaw, pose.pitch, pose.roll], degrees=True)
@@ -120,8 +119,7 @@ def expected(shift: float) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def distance_to(line: np.ndarray, side: int) -> float:
-    ends = CORNERS[[side, (side + 1) % 4]]
-    return float(np.abs(ends @ line[:2] + line[2]).max())
+    return float(np.abs(CORNERS[[side, (side + 1) % 4]] @ line[:2] + line[2]).max())
 
 
 @pytest.mark.parametrize("shift", [0.0, 25.0, -40.0])

@@ -188,8 +188,7 @@ def _overlap(a: float, b: float, apart: float) -> float:
 @pytest.mark.slow
 def test_colour_errors_move_and_widen_channels_as_stated() -> None:
     scene = dot(2.0, x=0.03, pixels=3)
-    taken = camera(1.0, 4.0, lateral=(0.05, 0.0, -0.05))
-    light = render(scene, taken, 256, (13,))
+    light = render(scene, camera(1.0, 4.0, lateral=(0.05, 0.0, -0.05)), 256, (13,))
     places = [moments(light[..., channel])[0] for channel in range(3)]
     assert places[0] / places[1] == pytest.approx(1.05, abs=0.003)
     assert places[2] / places[1] == pytest.approx(0.95, abs=0.003)

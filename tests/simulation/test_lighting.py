@@ -39,8 +39,7 @@ def test_what_stands_between_casts_a_shadow_soft_by_the_lamp() -> None:
 
 def test_a_corner_gets_less_ambient_light_than_a_free_wall() -> None:
     across, down, away = upright(np.pi / 2)
-    side = Panel((0.5, 0, 2), (across, down, away), (4, 4), PLAIN)
-    scene = made([], 1.0, WALL, side)
+    scene = made([], 1.0, WALL, Panel((0.5, 0, 2), (across, down, away), (4, 4), PLAIN))
     assert at(scene, -1.5, 0) == pytest.approx(1)
     assert at(scene, 0.4, 0) < 0.8
 

@@ -107,8 +107,7 @@ def test_a_note_begins_no_block() -> None:
 @pytest.mark.parametrize("format", Format)
 def test_what_cannot_be_seen_is_spelt_out_in_every_form(format: Format) -> None:
     text = "a\x1b[2J\x07\x9b\u202e\u2066\u200b\u2028b"
-    table = Table(text, (text,), ((text,),), "l", (text,))
-    shown = render.render([table], format)
+    shown = render.render([Table(text, (text,), ((text,),), "l", (text,))], format)
     assert all(letter.isprintable() or letter == "\n" for letter in shown)
     if format is Format.json:
         assert json.loads(shown)["tables"][0]["rows"] == [{text: text}]

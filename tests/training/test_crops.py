@@ -112,8 +112,7 @@ def test_redrawn_depths_lie_in_their_range_and_keep_what_is_unknown() -> None:
 
 def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
     # No tilt and one level: patches of the image that was blurred whole, up to their edges.
-    random = np.random.default_rng(5)
-    infocus = random.integers(0, 256, (40, 40, 3)).astype(np.uint8)
+    infocus = np.random.default_rng(5).integers(0, 256, (40, 40, 3)).astype(np.uint8)
     depth = np.full((40, 40), 100, np.uint8)
     images = of_one(infocus, synthesize(infocus, depth, SMALL_BLUR), depth)
     redraw = crops.Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
@@ -123,8 +122,7 @@ def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
 
 
 def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tensor, torch.Tensor]:
-    random = np.random.default_rng(5)
-    infocus = random.integers(40, 200, (64, 64, 3)).astype(np.uint8)
+    infocus = np.random.default_rng(5).integers(40, 200, (64, 64, 3)).astype(np.uint8)
     depth = np.full((64, 64), 100, np.uint8)
     redraw = crops.Redraw(SMALL_BLUR, 60, 160, 0.5, 0, crops.severities_of(names))
     images = of_one(infocus, infocus, depth)
@@ -176,8 +174,7 @@ def test_tracks_and_severities_are_drawn_alike() -> None:
 @pytest.mark.parametrize("name", OF_PATCHES)
 def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> None:
     # Where noise is drawn for each pixel by its place in the image, patch and whole differ.
-    random = np.random.default_rng(2)
-    image = random.integers(60, 190, (120, 120, 3)).astype(np.uint8)
+    image = np.random.default_rng(2).integers(60, 190, (120, 120, 3)).astype(np.uint8)
     depth = np.tile(np.repeat(np.array([80, 140], np.uint8), 60), (120, 1))
     *_, one = crops.severities_of([name])
     assert one.severity == 3

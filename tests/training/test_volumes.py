@@ -30,8 +30,7 @@ def test_examples_tell_the_depth_and_know_the_others_prior() -> None:
     cheapest = levels_of(volumes.COUNT)[first.roots.argmin(0)]
     truth = first.levels[::2, ::2]
     # Where blur is too little to be told, levels are confused.
-    off = np.abs(cheapest - truth)[10:40, 8:100]
-    assert np.median(off) <= 8
+    assert np.median(np.abs(cheapest - truth)[10:40, 8:100]) <= 8
     assert second.prior.max() == 0
     assert first.prior.shape == (volumes.COUNT,)
 

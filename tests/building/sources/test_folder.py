@@ -55,8 +55,7 @@ def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> 
     assert np.array_equal(even.infocus, plain.infocus)
     before, after = (decode(images.defocus[0, 0, 0].astype(float)) for images in (plain, even))
     seen = before < 0.45
-    times = np.array([2, 2, 1])
-    assert after[seen] == pytest.approx((times * before)[seen], rel=0.03)
+    assert after[seen] == pytest.approx((np.array([2, 2, 1]) * before)[seen], rel=0.03)
 
 
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:

@@ -33,8 +33,7 @@ def test_a_seed_builds_the_same_rooms_with_one_thread_and_two(tmp_path: Path) ->
 
 
 def test_a_set_of_another_generator_is_refused(tmp_path: Path) -> None:
-    manifest = unseen_manifest("unseen", 5)
-    text = manifest.toml.replace("by generator 1", "by generator 0")
+    text = unseen_manifest("unseen", 5).toml.replace("by generator 1", "by generator 0")
     older = parse_manifest(text.encode(), "unseen-5-1.toml")
     older = older.model_copy(update={"scenes": older.scenes[:1]})
 

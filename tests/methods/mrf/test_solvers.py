@@ -108,8 +108,7 @@ def test_split_is_near_expansion_if_convex(
     surface = (labels - 1) * (0.5 + 0.4 * np.sin(y / 7) * np.cos(x / 9))
     valley = surface + rng.normal(0, 1.5, surface.shape)
     unary = np.minimum(3 * (valley[..., None] - np.arange(labels)) ** 2, 400).astype(np.uint16)
-    table = random_energy(rng, 1, 1, labels, kind).smoothness
-    energy = Energy(unary, table)
+    energy = Energy(unary, random_energy(rng, 1, 1, labels, kind).smoothness)
     swept = expansion(energy).energy
     assert split(energy, "default").energy <= 1.03 * swept
     assert split(energy, "high").energy <= 1.01 * swept

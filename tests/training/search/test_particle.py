@@ -18,8 +18,7 @@ def test_a_particle_has_51_components_as_the_author_counts_them() -> None:
     rows = [1, 2, 3, 2, 4, 5, 6, 5, 7, 8, 9, 8, 10, 11, 10, 12, 13, 12]
     for layer, row in list(zip(reversed(LAYERS), rows, strict=True))[1:]:
         assert layer in pso.ROWS[row - 2][0]
-    free = {layer for _, sized in pso.ROWS for layer in sized}
-    assert free == set(SIZED) - {1}
+    assert {layer for _, sized in pso.ROWS for layer in sized} == set(SIZED) - {1}
     # The author begins with DfD-Net itself.
     assert np.array_equal(pso.published_position(), position_of(FILTERS["original"]))
 
@@ -45,8 +44,7 @@ def test_mapping_functions_are_those_of_appendix_c() -> None:
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_all_of_the_box_is_networks_and_back(seed: int, author: bool) -> None:
-    box = pso.box_of(pso.Bounds(), author)
-    (position,) = pso.begun(box, 1, seed).positions
+    (position,) = pso.begun(pso.box_of(pso.Bounds(), author), 1, seed).positions
     particle = pso.particle_at(position)
     assert set(particle.filters[:-1]) <= set(range(8, 513))
     assert {side for size in particle.kernels for side in size} <= {1, 3, 5, 7, 9}

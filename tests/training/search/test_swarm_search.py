@@ -63,8 +63,7 @@ def test_elsewhere_it_ends_with_the_same_swarm(
 ) -> None:
     pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     here = searched(tiny_store, tmp_path / "here")
-    there = searched(tiny_store, tmp_path / "there", pool=pool)
-    assert same(here, there)
+    assert same(here, searched(tiny_store, tmp_path / "there", pool=pool))
     assert losses(tmp_path / "here") == losses(tmp_path / "there")
 
 
@@ -114,8 +113,7 @@ def test_time_is_up_and_more_time_goes_on(
 
 
 def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
-    plan = small_plan(tiny_store)
-    swarm = begun(plan.box, 4, 0)
+    swarm = begun(small_plan(tiny_store).box, 4, 0)
     same = np.repeat(swarm.positions[1][None], 4, 0)
     same[3, :17] += 1  # a third of one of four differs
     values = np.array([3.0, 1.0, np.inf, 2.0])
