@@ -13,7 +13,7 @@ from dfdbench.board.ranking import ScoreBoard, boards, over_tracks
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
-from tests.made_results import edited, limited, make_demo_result
+from tests.made_results import edited, make_demo_result
 
 
 def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
@@ -77,15 +77,6 @@ def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
         ("thesis", "2", 1),
         ("thesis", "2", 1),
     ]
-
-
-def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
-    add(tmp_path, "whole", 0.3)
-    submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path)
-    board = only_board(tmp_path)
-    assert ranks(board) == [(1, "whole"), (None, "stopped")]
-    assert board.standings[1].scores["nrmse"] is None
-    assert board.shown(1, "nrmse") == "(0.0010)"
 
 
 def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:

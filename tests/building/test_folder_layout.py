@@ -6,8 +6,7 @@ import pytest
 
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
-from dfdbench.datasets.manifest_file import parse_manifest
-from tests.made_folder import SCENES, built, make_folder, rearranged
+from tests.made_folder import SCENES, built, rearranged
 from tests.made_stack_folder import FOCUS, make_stacks
 from tests.made_zedd import MOTORS, make_zedd
 
@@ -131,18 +130,3 @@ def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) ->
     paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))
     assert find_stacks(folder, paths) is None
     assert "defocus" in new_manifest(folder).toml
-
-
-def test_scenes_of_one_place_are_in_one_split(tmp_path: Path) -> None:
-    # As in iDFD, Apartment1_0 and Apartment1_1.
-    made = make_folder(tmp_path / "made")
-    for scene in SCENES:
-        for number in range(2):
-            for kind in ("sharp", "blurred", "depth"):
-                place = tmp_path / "set" / kind / f"{scene}_{number}.png"
-                place.parent.mkdir(parents=True, exist_ok=True)
-                place.write_bytes((made / scene / f"{kind}.png").read_bytes())
-    written = new_manifest(tmp_path / "set")
-    manifest = parse_manifest(written.toml.encode(), written.name)
-    assert manifest.scenes_of("test") == ("shelf_0", "shelf_1")
-    assert (manifest.groups["shelf_1"], len(manifest.groups)) == ("shelf", len(manifest.scenes))

@@ -1,11 +1,8 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dfdbench.blur.formation import move
-from dfdbench.blur.law import BlurLaw
 from dfdbench.methods import alignment
 
 SCENE = cv2.GaussianBlur(
@@ -35,36 +32,3 @@ def test_two_images_of_two_scenes_are_not_pulled_over_one_another() -> None:
     found = alignment.find_alignment(SCENE, 255 - SCENE + other)
     assert abs(found.down) + abs(found.right) <= 12
     assert 0.25 <= found.gain <= 4
-
-
-GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
-AS_IT_IS = alignment.Alignment(0.0, 0.0, 1.0)
-
-
-@pytest.mark.parametrize("linear", [False, True])
-def test_gain_and_offset_are_of_light_and_grey_levels_come_back(linear: bool) -> None:
-    assert np.array_equal(
-        alignment.aim_of(GREYS, linear, AS_IT_IS), alignment.light_of(GREYS, linear)
-    )
-    brighter = alignment.aim_of(GREYS, linear, alignment.Alignment(0.0, 0.0, 2.0), offset=10)
-    assert np.allclose(brighter, (alignment.light_of(GREYS, linear) - 10) / 2, atol=1e-4)
-
-    light = alignment.light_of(GREYS, linear).astype(np.float64)
-    assert (light.min(), light.max()) == (0, pytest.approx(255))
-    assert np.abs(alignment.grey_of(light, linear) - GREYS).max() < 0.01
-
-
-@given(st.integers(0, 255), st.booleans())
-def test_a_pixels_own_noise_does_not_choose_its_weight(level: int, linear: bool) -> None:
-    law = BlurLaw((1.0, 2.0), noise=(1.0, 9.0), linear=linear)
-    even = np.full((21, 21, 1), 100, np.uint8)
-    speck = even.copy()
-    speck[10, 10] = level
-    before, after = (
-        alignment.noise_of(law, alignment.light_of(image, linear))[10, 10, 0]
-        for image in (even, speck)
-    )
-    alone = alignment.noise_of(law, alignment.light_of(np.full_like(even, level), linear))[
-        10, 10, 0
-    ]
-    assert abs(after - before) <= 0.1 * abs(alone - before) + 0.15
