@@ -88,16 +88,6 @@ def test_one_track_s_store_is_not_replaced_by_another_s(
     assert Dataset(tracked.path).fingerprint == fingerprint
 
 
-def test_a_recipe_and_a_track_exclude_each_other(
-    tiny_manifest: Manifest, tiny_set: Path, tmp_path: Path
-) -> None:
-    manifest = with_track(tiny_manifest, "law-1")
-    source = open_source(manifest, tiny_set / "site")
-    with pytest.raises(InputError, match="--recipe"):
-        build_store(manifest, source, tmp_path / "a.zarr", "published")
-    assert not (tmp_path / "a.zarr").exists()
-
-
 def test_a_track_unknown_here_is_told(tiny_store: Dataset) -> None:
     attributes = zarr.open_group(str(tiny_store.path), mode="r+").attrs
     attributes["degradation"] = "haze-1"

@@ -1,4 +1,3 @@
-import copy
 import math
 from collections import deque
 from collections.abc import Iterable
@@ -23,17 +22,6 @@ from dfdbench.training.learner import (
 from tests.training.test_trainer import task
 
 CPU = torch.device("cpu")
-
-
-def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Dataset) -> None:
-    learner = Learner(task(tiny_store), "cpu")
-    learner.learn()
-    state = copy.deepcopy(learner.state())
-    losses = [learner.learn() for _ in range(2)]
-    other = Learner(task(tiny_store), "cpu")
-    other.restore(state)
-    assert [other.learn() for _ in range(2)] == losses
-    assert (other.step, other.trained.tolist()) == (3, learner.trained.tolist())
 
 
 def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Dataset) -> None:

@@ -109,6 +109,9 @@ def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
             train(task(tiny_store, schedule=schedule), tmp_path / "parts", on_step=interrupt)
     parts = train(task(tiny_store, schedule=schedule), tmp_path / "parts")
     assert losses(tmp_path / "parts") == losses(tmp_path / "whole")
+    assert rows_of(tmp_path / "parts/depth_levels.csv") == rows_of(
+        tmp_path / "whole/depth_levels.csv"
+    )
     networks = [load_weights(outcome.weights, "dfd-net")[0] for outcome in (whole, parts)]
     for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
         assert torch.equal(one, other)
