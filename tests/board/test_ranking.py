@@ -116,7 +116,7 @@ def test_a_suite_has_intervals_over_scenes_of_each_capture_s_mean(tmp_path: Path
     ends = [0.01 * length + 0.011 for length in (min(scenes), max(scenes))]
     assert best.interval == pytest.approx(ends)
     assert other.above is not None
-    assert (other.above.mean, other.above.low) == (pytest.approx(0.1), pytest.approx(0.1))
+    assert (other.above.mean, other.above.low) == pytest.approx((0.1, 0.1))
 
 
 def test_groups_of_a_row_are_its_manifest_s(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -23,7 +24,7 @@ def test_a_terminal_of_ascii_is_shown_all_in_line(tmp_path: Path) -> None:
 def test_without_a_terminal_long_work_says_every_minute_how_far_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clock = SimpleNamespace(seconds=0.0, monotonic=lambda: clock.seconds)
+    clock: Any = SimpleNamespace(seconds=0.0, monotonic=lambda: clock.seconds)
     monkeypatch.setattr(screen, "time", clock)
     with screen.progress("training dfd-net") as step:
         # Half of it was done by an earlier call, in no time: that says nothing of the speed.

@@ -17,7 +17,8 @@ def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
     scene = tree["Two"]
     axes = ("view", "illumination", "exposure")
     assert scene["images"].dims == (*axes, "image", "y", "x", "channel")
-    assert (scene["images"].dtype, scene["depth"].dtype) == (np.uint8, np.float32)
+    assert scene["images"].dtype == np.uint8
+    assert scene["depth"].dtype == np.float32
     assert scene["depth"].dims == ("view", "y", "x")
     assert not bool(tree["Three"]["available"].sel(view=5, illumination=1, exposure=1))
     assert zarr.open_array(str(tiny_store.path / "Two/images")).chunks == (1, 1, 1, 1, 24, 31, 3)

@@ -23,7 +23,8 @@ def test_losses_rates_and_scores_are_drawn_by_step() -> None:
     scores = [{"step": step, "train_nmae": 0.1, "test_nmae": 0.2} for step in (300, 600)]
     axes = trainings.training_figure(Log(losses, scores), "title").axes
     loss = heights(axes[0].lines[0])
-    assert (len(loss), loss[0]) == (449, pytest.approx((5 + 2.5) / 2))
+    assert len(loss) == 449
+    assert loss[0] == pytest.approx((5 + 2.5) / 2)
     nmae = {line.get_label(): heights(line) for line in axes[3].lines}
     assert nmae == {"train pairs": [0.1, 0.1], "test pairs": [0.2, 0.2]}
     assert all(heights(line) == [] for line in axes[4].lines)

@@ -48,7 +48,7 @@ def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_method_cannot_change_the_numbers_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     # It stands for PyTorch, which takes seconds to load.
-    torch = SimpleNamespace(threads=4, get_num_threads=lambda: torch.threads)
+    torch: Any = SimpleNamespace(threads=4, get_num_threads=lambda: torch.threads)
     torch.set_num_threads = partial(setattr, torch, "threads")
     monkeypatch.setitem(sys.modules, "torch", torch)
 

@@ -40,7 +40,8 @@ def test_solutions_are_consistent_and_bounded(
         before = energy.unary.copy()
         least = all_energies(energy).min()
         solution = SOLVERS[solver](energy)
-        assert (solution.labels.shape, solution.labels.dtype) == ((2, 3), np.uint8)
+        assert solution.labels.shape == (2, 3)
+        assert solution.labels.dtype == np.uint8
         assert isinstance(solution.energy, int)
         assert solution.energy == energy.evaluate(solution.labels) == solution.history[-1]
         assert list(solution.history) == sorted(solution.history, reverse=True)
