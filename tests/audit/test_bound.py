@@ -173,3 +173,19 @@ def test_local_comes_near_its_bound_away_from_rims(demo_store: Dataset) -> None:
     assert sums[0, 0] > 0.55 * sums[:, 0].sum()
     assert np.mean(pixels) > 0.85
     assert 1 < math.sqrt(sums[2, 0] / sums[2, 1]) < 1.34
+
+
+def test_rounding_tells_more_than_normal_noise_of_its_size() -> None:
+    # Why a method that knows of rounding may lie below the bound: of the levels that every stored
+    # pixel allows the middle one is nearer than any estimate under normal noise.
+    infocus, window = texture(40), 7
+    random = np.random.default_rng(0)
+    truth = LEVEL + random.uniform(-0.5, 0.5, 300)
+    stored = np.rint(looks(infocus, truth, window))
+    levels = np.linspace(LEVEL - 1, LEVEL + 1, 2001)
+    shown = looks(infocus, levels, window)
+    middle = np.array(
+        [levels[(np.abs(shown - values) <= 0.5).all(axis=1)].mean() for values in stored]
+    )
+    wanted = least(looked_at(infocus, 1e6, noise=1 / math.sqrt(12)), window)
+    assert math.sqrt(np.square(middle - truth).mean()) < 0.7 * wanted

@@ -130,3 +130,14 @@ def test_json_has_numbers_and_null_where_there_is_none(tiny_manifest: Manifest) 
     assert (dark["neighbours"], dark["median_step"]) == (1.0, None)
     assert bright["median_step"] == 64
     assert (unknown["neighbours"], unknown["coarse"], unknown["median_step"]) == (None, None, None)
+
+
+def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> None:
+    depth = np.full((24, 24), 120, np.uint8)
+    flat = smallest_step(texture(0), depth, depth > 0, RECIPE)
+    assert (flat.step == UNSEEN).all()
+    assert (flat.share_above(1), flat.share_above(UNSEEN)) == (1.0, 0.0)
+    near = np.full((24, 24), 250, np.uint8)
+    step = median_step([smallest_step(texture(1), near, near > 0, RECIPE)])
+    assert step is not None
+    assert step <= 2

@@ -113,3 +113,11 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
     # Within one data set nothing is turned, whichever way it grows.
     assert not any(side.inverted for side in sides.sides_of(far))
     assert not sides.sides_of(far, other=far)[1].inverted
+
+
+def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
+    depth = np.full((60, 90), 77, np.uint8)
+    whole = sides.depth_histogram(depth, np.ones(depth.shape, bool))
+    assert whole.expanded.sum() == pytest.approx(8 * 32 * 32)
+    small = sides.depth_histogram(depth[:10], np.ones((10, 90), bool))
+    assert small.expanded.sum() == pytest.approx(8 * 10 * 32)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.board.board import leaderboard
-from dfdbench.board.cards import load_cards
+from dfdbench.board.cards import find_card, load_cards
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_to_check
 from tests.board.made_boards import add, add_card
@@ -55,3 +55,13 @@ def test_our_own_cards_name_methods_that_can_be_loaded() -> None:
     for card in load_cards(HERE).values():
         method = load_to_check(card.entry, card.parameters)
         assert method.takes_stack == ("pair" not in card.takes)
+
+
+def test_a_card_is_found_by_entry_and_parameters(tmp_path: Path) -> None:
+    add_card(tmp_path, "plain", "local")
+    add_card(tmp_path, "wide", "local", parameters={"window": 9})
+    entry = "dfdbench.methods.baselines:Local"
+    assert find_card(tmp_path, "local", entry, {}) == "plain"
+    assert find_card(tmp_path, "local", entry, {"window": 9}) == "wide"
+    with pytest.raises(ResultError, match="local window=11 has no card"):
+        find_card(tmp_path, "local", entry, {"window": 11})

@@ -13,7 +13,7 @@ from dfdbench.board.ranking import ScoreBoard, boards, over_tracks
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
-from tests.made_results import edited, make_demo_result
+from tests.made_results import edited, limited, make_demo_result
 
 
 def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
@@ -159,3 +159,12 @@ def test_a_new_track_takes_no_rank_away(tmp_path: Path, monkeypatch: pytest.Monk
     submit(list(make_tracks("new", 0.1).values()), tmp_path)
     found = {board.suite: ranks(board) for board in leaderboard(tmp_path).boards}
     assert found == {"tracks-1": [(1, "new"), (2, "old")], "tracks-2": [(1, "new")]}
+
+
+def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
+    add(tmp_path, "whole", 0.3)
+    submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path)
+    board = only_board(tmp_path)
+    assert ranks(board) == [(1, "whole"), (None, "stopped")]
+    assert board.standings[1].scores["nrmse"] is None
+    assert board.shown(1, "nrmse") == "(0.0010)"

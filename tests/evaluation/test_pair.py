@@ -1,5 +1,6 @@
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
+from tests.evaluation.made_methods import method
 
 
 def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -39,3 +41,15 @@ def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: 
     with pytest.raises(MethodError, match="another version of the method") as told:
         remote(pair)
     assert "mine.py has changed" in str(told.value)
+
+
+def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
+    def drawing(infocus: Any, defocus: Any) -> Any:
+        return np.random.uniform(0, 255, infocus.shape[:2])
+
+    pair, other = tiny_store.pairs("One")[:2]
+    evaluate = PairEvaluator(tiny_store, method(drawing), 3)
+    first = evaluate(pair)[0].prediction_sha256
+    evaluate(other)
+    assert evaluate(pair)[0].prediction_sha256 == first
+    assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from dfdbench.figures import style
 
@@ -41,3 +43,26 @@ def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> N
         style.write_figure(figure, tmp_path / f"x{suffix}")
         written.append((tmp_path / f"x{suffix}").read_bytes())
     assert written[0] == written[1]
+
+
+def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_path: Path) -> None:
+    figure = Figure(figsize=(4, 3), layout="constrained")
+    axis = figure.subplots()
+    for number in range(7):
+        axis.plot([0, 1], [number, 0], label=f"graph-cuts (window={number}, recipe=mine.toml)")
+    style.legend_below(figure, axis)
+    style.write_figure(figure, tmp_path / "legend.png")
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert figure.get_figwidth() > 4 or figure.get_figheight() > 3
+    assert box.x0 >= 0
+    assert box.x1 <= figure.get_figwidth() * figure.dpi + 1
+    assert len(legend.get_texts()) == 7
+
+
+@given(arrays(np.uint8, (3, 4), elements=st.integers(0, 255)))
+def test_brightening_leaves_the_brightest_below_white(image: NDArray[np.uint8]) -> None:
+    times = style.brightening(image)
+    assert times >= 1
+    if times > 1:
+        assert np.percentile(image, 99) * times <= 235 or np.percentile(image, 99) < 1

@@ -173,3 +173,11 @@ def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
     found = call(predict, IMAGE, IMAGE)
     assert (found.error, found.printed) == ("", "before\n")
     print("standard output is open")
+
+
+def test_ctrl_c_in_a_method_stops_the_run() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        call(predict, IMAGE, IMAGE)

@@ -1,8 +1,11 @@
 """The curve of widths, held against residuals whose least value is known."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
@@ -62,3 +65,26 @@ def test_one_end_may_turn_back_where_both_are_as_wide() -> None:
     bent = np.where(LEVEL > 216, 0.3, both)
     grown = width_curve.grown_from_focus(bent, np.where(LEVEL > 208, 2, 9))
     assert_allclose(grown, both)
+
+
+def bowls(widths: NDArray[Any]) -> NDArray[np.float64]:
+    """Squared differences of 1,000 pixels a level: least at a width, and rounding's there."""
+    away = width_curve.LADDER[np.newaxis, :] - widths[:, np.newaxis]
+    return np.asarray(1000 * (1 / 12 + 30 * away**2))
+
+
+@pytest.mark.parametrize("widths", [LINE, VALLEY], ids=["line", "valley"])
+def test_the_widths_of_least_difference_are_found(widths: NDArray[Any]) -> None:
+    found, sharpness, least = width_curve.best_widths(bowls(widths))
+    assert_allclose(found, widths, atol=0.05)
+    assert (sharpness > 0).all()
+    assert (least >= 0).all()
+    assert_allclose(width_curve.width_curve(bowls(widths), PIXELS), widths, atol=0.06)
+    assert_allclose(width_curve.left_at(bowls(widths), widths), 1000 / 12, rtol=0.2)
+
+
+def test_levels_that_training_lacks_lie_between_their_neighbours() -> None:
+    sums, pixels = bowls(LINE), PIXELS.copy()
+    pixels[100:140] = 0
+    sums[100:140] = 0
+    assert_allclose(width_curve.width_curve(sums, pixels)[100:140], LINE[100:140], atol=0.06)

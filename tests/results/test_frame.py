@@ -6,6 +6,7 @@ import pytest
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
+from tests.board.made_boards import make_tracks
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
@@ -77,3 +78,14 @@ def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:
     assert any(note.startswith("gain-2: 3 of 54 pairs") for note in table.notes)
     means = track_means(scores_of(list(runs.values())), "valid", "nrmse")
     assert np.isnan(means.to_numpy()[0]).tolist() == [False, False, True, False]
+
+
+def test_any_number_of_runs_are_one_long_table() -> None:
+    runs = make_tracks("solver", 0.5, ["camera-2"], parameters={"window": 9})
+    scores = scores_of([make_result(SCORES), *runs.values()])
+    assert scores.groupby("run").size().tolist() == [3 * 3, 54 * 3, 54 * 3]
+    last = scores.iloc[-1]
+    names = ["dataset", "track", "severity", "method", "parameters"]
+    assert last[names].tolist() == ["demo-1", "camera", 2, "solver (window=9)", "window=9"]
+    assert last["coordinates"] == {"view": 5, "illumination": 3, "exposure": 2}
+    assert scores.loc[scores["metric"] == "nrmse", "value"].isna().sum() == 1

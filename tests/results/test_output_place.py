@@ -37,3 +37,12 @@ def test_places_that_hold_something_are_refused(work: Path, place: str | Path, w
 @pytest.mark.parametrize("place", ["new", "photos-2/report.html", ".", "loop"])
 def test_other_places_are_free(work: Path, place: str) -> None:
     assert output_place(place, "photos", "alone.json") == Path(place)
+
+
+def test_a_command_that_replaces_its_folder_may_name_it_but_not_one_inside(work: Path) -> None:
+    assert output_place("run", replaces=True) == Path("run")
+    assert output_place("set.zarr", replaces=True) == Path("set.zarr")
+    with pytest.raises(InputError, match="a run"):
+        output_place("run/new", replaces=True)
+    with pytest.raises(InputError, match="one of its inputs"):
+        output_place("photos", "photos/one.png", replaces=True)

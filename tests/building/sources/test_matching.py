@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -129,3 +131,20 @@ def test_pairs_that_do_not_match_are_counted() -> None:
         "photographs of door differ in size",
         "1 of 2 pairs tried cannot be aligned",
     )
+
+
+def test_middlebury_s_barest_walls_have_not_moved(shared_data: Path) -> None:
+    # Plastic has next to nothing to hold on to: fall-off and noise moved it by 1.9 pixels.
+    random = np.random.default_rng(0)
+    folder = shared_data / "middlebury/ThirdSize/Plastic"
+    sharp = cv2.imread(str(folder / "view1.png"))
+    if sharp is None:
+        pytest.skip("no Plastic among the shared Middlebury images")
+    rows, columns = np.indices(sharp.shape[:2])
+    y, x = (np.array(sharp.shape[:2]) - 1) / 2
+    off = (((rows - y) ** 2 + (columns - x) ** 2) / (y**2 + x**2))[..., np.newaxis]
+    images = []
+    for image, share in ((sharp, 0.08), (cv2.GaussianBlur(sharp, (0, 0), 2), 0.28)):
+        noisy = image * (1 - share * off) + random.normal(0, 1.5, image.shape)
+        images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    assert matching_of([("Plastic", *images)]).align == "none"

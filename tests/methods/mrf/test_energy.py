@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dfdbench.errors import InputError
 from dfdbench.methods import mrf
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
@@ -47,3 +48,26 @@ def test_adaptive_potts_weights_follow_the_threshold() -> None:
     right, down = mrf.adaptive_potts_weights(np.array([[0, 5, 11], [6, 5, 5]]), threshold=5)
     assert right.tolist() == [[2, 1], [2, 2]]
     assert down.tolist() == [[1, 2, 1]]
+
+
+@pytest.mark.parametrize(
+    ("unary", "weight", "message"),
+    [(2**30, 1, "unary costs: expected below"), (1, 2**26, "smoothness times weight: expected")],
+)
+def test_costs_that_int32_could_not_add_up_are_refused(
+    unary: int, weight: int, message: str
+) -> None:
+    """Sums would come out wrong without a word."""
+    costs, weights = np.full((2, 3, 4), unary, np.int32), np.full((1, 3), weight, np.int32)
+    with pytest.raises(InputError, match=message):
+        mrf.Energy(costs, np.arange(4, dtype=np.int32), weights_vertical=weights)
+
+
+@pytest.mark.parametrize(
+    ("cap", "scale", "message"),
+    [(2**27, 1, "cap: expected 1 to"), (2**26, 4, "smoothness: expected below")],
+)
+def test_a_smoothness_too_large_is_refused(cap: int, scale: int, message: str) -> None:
+    """As a user may ask for it."""
+    with pytest.raises(InputError, match=message):
+        mrf.truncated_quadratic(60000, cap, scale)

@@ -200,3 +200,12 @@ def test_every_block_size_lowers_the_energy(
     assert solution.history[1] == solution.history[2]
     assert list(solution.history) == sorted(solution.history, reverse=True)
     assert solution.energy == energy.evaluate(solution.labels)
+
+
+def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 4, 5, 20, "absolute")
+    large = replace(energy, unary=energy.unary.astype(np.int32))
+    large.unary[0, 0, 3] = 2**26
+    solution = split(large)
+    assert solution.labels[0, 0] != 3
+    assert solution.energy == large.evaluate(solution.labels)

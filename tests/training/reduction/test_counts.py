@@ -166,3 +166,13 @@ def test_a_place_and_equal_inputs_do_not_matter() -> None:
     moved = vectors + 1000
     assert counting.winners(moved @ moved.T).tolist() == won.tolist()
     assert counting.winners(np.ones((5, 5))).tolist() == [0] * 5
+
+
+def test_twenty_groups_of_equal_outputs_among_128_are_found_and_no_more() -> None:
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        group = random.permutation(np.arange(128) % 20)
+        vectors = random.standard_normal((20, 2000))[group]
+        won = counting.winners(vectors @ vectors.T, seed)
+        assert different(won) == 20
+        assert all(different(won[group == number]) == 1 for number in range(20))
