@@ -42,7 +42,7 @@ COUNT = 32
 #: In so many steps of a nat it is kept how much can be told.
 TOLD_STEPS = 20
 #: Cameras by how their images come about, and rooms that each sees.
-LENSES, MADE, STACKS = (32, 12), (28, 8), (4, 6)
+LENSES, MADE, STACKS = (32, 12), (72, 8), (8, 6)
 #: Cameras that only test, and see rooms that no other does.
 HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
 # Rays a pixel: the law is fitted to what noise they leave.
@@ -157,7 +157,7 @@ def _stacks(number: int) -> list[Capture]:
 
     captures = []
     for room in rooms_of("stack", number, STACKS[1]):
-        stack = render_stack(number + 1, room, _PLANES[number], rays=_RAYS)
+        stack = render_stack(number + 1, room, _PLANES[number % len(_PLANES)], rays=_RAYS)
         focus = [np.nan, *stack.focus_distances]
         captures.append(_capture([*stack.images], _SCALE.to_levels(stack.depth), focus))
     return captures
@@ -217,7 +217,7 @@ def _drawn(random: np.random.Generator) -> Formation:
         layers=bool(random.random() < 0.7) or camera,
         shift=float(random.choice([0, 0, 0, 0.25, 0.5, 1.0])),
         gain=float(random.choice([0, 0, 0, 0.02, 0.05, 0.1])),
-        noise=0.0 if camera else float(random.choice([0, 0, 1, 3, 6])),
+        noise=0.0 if camera else float(random.choice([0, 0, 1, 2, 3, 5, 8])),
         linear=camera,
         read_noise=float(np.exp(random.uniform(np.log(0.0007), np.log(0.012)))) if camera else 0.0,
         magnification=float(random.choice([0, 0, 0, 0.002, 0.006, 0.012])),
