@@ -249,7 +249,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """Measure the blur law of each defocus image of training captures: pairs, or stacks.
 
-    Without an in-focus image it is that against the sharpest pixels of the others.
+    Without an image in focus all over it is that against the stack's sharpest pixels.
 
     Raises
     ------
@@ -258,7 +258,13 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
-    return _calibrate(captures, lambda one, part: sharp_and_blurred(one.stack[:, *part]))
+
+    def read(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
+        # Where it is sharpest is told by the whole stack.
+        sharp, blurred = sharp_and_blurred(capture.stack)
+        return sharp[region], [image[region] for image in blurred]
+
+    return _calibrate(captures, read)
 
 
 def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:

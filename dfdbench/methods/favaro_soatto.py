@@ -68,8 +68,8 @@ class FavaroSoatto(fitted.Choosing):
     Favaro and Soatto 2005, sections 3 and 4. There both images are blurred and patches of one
     size; here one is sharp, so that it may be taken larger, and the complement has as many
     dimensions as the blurred patches have pixels: that many numbers follow from the sharp patch.
-    Of a focal stack without an in-focus image the sharp patch is of its sharpest pixels. The time
-    grows with the square of the number of images.
+    Of a focal stack without an image in focus all over the sharp patch is of its sharpest pixels.
+    The time grows with the square of the number of images.
     The mean of the sharp patch is taken from both. Groups of which the training pairs show
     hardly a patch are never answered.
 

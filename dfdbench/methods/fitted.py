@@ -163,7 +163,7 @@ class Solver(Calibrated):
     """What solves with the blur of any number of defocus images: pairs, and focal stacks.
 
     Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
-    there is none, against the sharpest pixels of the others; and it notes whether the levels of the
+    it is not in focus all over, against the stack's sharpest pixels; and it notes whether levels of
     training captures grow with distance, which says what covers what.
 
     Parameters

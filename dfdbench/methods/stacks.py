@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, evenly_spread
-from dfdbench.methods.shape_from_focus import ShapeFromFocus
+from dfdbench.methods.shape_from_focus import ShapeFromFocus, focus_cells
 
 if TYPE_CHECKING:
     from xarray import DataArray
@@ -20,12 +21,17 @@ if TYPE_CHECKING:
 # Captures of which it is asked whether they are alike: the first, which go through the values of
 # axes, and as many evenly among all, which alone might always meet the same value.
 _LOOKED_AT = 8
+# An image is not in focus all over if others have so much more contrast, as a logarithm, in more
+# than such a part of it. Of made stacks, whose in-focus image is, at most 2 % has; of rendered ones
+# 44 % or more.
+_CLEARLY, _PART = 0.1, 0.1
 
 
 def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
     """Return an image in focus all over, and the images to explain by its blur, of 8 bits.
 
-    Without the role ``infocus`` the first is put together from the others.
+    Without the role ``infocus`` the first is put together from the others. So it is where others of
+    a stack are sharper: at f/8 a lens that focuses near still blurs what is far.
 
     Parameters
     ----------
@@ -43,8 +49,18 @@ def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
     blurred = [image for image, role in zip(images, roles, strict=True) if role != "infocus"]
     if not blurred:
         raise MethodError("no image of the stack has the role defocus", where="stack")
-    sharp = images[roles.index("infocus")] if "infocus" in roles else fused(blurred)
-    return sharp, blurred
+    if "infocus" not in roles:
+        return fused(blurred), blurred
+    sharp = images[roles.index("infocus")]
+    return fused([sharp, *blurred]) if _others_are_sharper(sharp, blurred) else sharp, blurred
+
+
+def _others_are_sharper(sharp: Image, others: Sequence[Image]) -> bool:
+    """Return whether a good part of an image is sharper in others, of which a pair has none."""
+    if len(others) < 2:
+        return False
+    own, *contrast = (cv2.blur(focus_cells(image), (3, 3)) for image in (sharp, *others))
+    return bool((np.max(contrast, axis=0) - own > _CLEARLY).mean() > _PART)
 
 
 def fused(images: Sequence[Image]) -> Image:

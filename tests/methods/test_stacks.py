@@ -5,6 +5,7 @@ from copy import copy
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -130,6 +131,18 @@ def test_favaro_and_soatto_take_any_number_of_images() -> None:
         method(texture(0), texture(0))
     with pytest.raises(MethodError, match="different numbers"):
         method.fit([training[0], made_capture(1, FOCUS)])
+
+
+def test_an_image_that_others_are_sharper_than_is_not_in_focus() -> None:
+    capture = made_capture(3, FOCUS)
+    truth = capture.infocus.astype(float)
+    far = capture.infocus.copy()
+    far[40:] = cv2.GaussianBlur(far, (0, 0), 1.0)[40:]
+    stack = stack_of(capture.stack.values[1:], FOCUS, infocus=far)
+    sharp, _ = sharp_and_blurred(stack)
+    assert np.abs(sharp - truth).mean() < 0.6 * np.abs(far - truth).mean()
+    # Of a pair there is nothing sharper to be found.
+    np.testing.assert_array_equal(sharp_and_blurred(stack[:2])[0], far)
 
 
 def test_an_image_in_focus_is_put_together_and_sixteen_bits_are_solved_as_eight() -> None:
