@@ -24,7 +24,7 @@ from dfdbench.methods.blurred import blur
 from dfdbench.methods.fitted import part_of
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
-from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred
+from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred, view_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
 from dfdbench.methods.width_curve import (
     LADDER,
@@ -243,7 +243,8 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     (`grown_from_focus`). Of the shapes, and of blur in grey levels or in linear light, that with
     the least difference is taken.
     """
-    return _calibrate(pairs, _of_pair)[0]
+    _require_alike(pairs)
+    return _calibrate(pairs, _of_pair, _changes(pairs, _of_pair))[0]
 
 
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
@@ -259,19 +260,26 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
 
+    _require_alike(captures)
+    changes = _changes(captures, lambda one, _: view_and_blurred(one.stack))
+
     def read(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
         # Where it is sharpest is told by the whole stack.
-        sharp, blurred = sharp_and_blurred(capture.stack)
+        sharp, blurred = sharp_and_blurred(capture.stack, changes)
         return sharp[region], [image[region] for image in blurred]
 
-    return _calibrate(captures, read)
+    return _calibrate(captures, read, changes)
 
 
-def _calibrate(captures: Sequence[TrainingPair], read: Read) -> list[Calibration]:
+def _require_alike(captures: Sequence[TrainingPair]) -> None:
     if not len(captures):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
     require_alike(captures)
-    changes = _changes(captures, read)
+
+
+def _calibrate(
+    captures: Sequence[TrainingPair], read: Read, changes: Sequence[ViewChange]
+) -> list[Calibration]:
     parts = parts_of(captures, read, changes)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
 

@@ -207,11 +207,8 @@ class Solver(Calibrated):
         MethodError
             If there are more or fewer defocus images than were fitted.
         """
-        from dfdbench.methods.stacks import sharp_and_blurred
-
-        infocus, images = sharp_and_blurred(stack)
-        self._require(len(images))
-        return self._sure.answer(*self._settled(infocus, images))
+        self._require(int((stack["role"] != "infocus").sum()))
+        return self._sure.answer(*self._settled(*self._images_in(stack)))
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -279,14 +276,16 @@ class Solver(Calibrated):
 
         return learned | self._sure.learned_on(answer, pairs)
 
-    @staticmethod
-    def _images_of(capture: TrainingPair) -> tuple[Image, list[Image]]:
+    def _images_of(self, capture: TrainingPair) -> tuple[Image, list[Image]]:
         """Return a capture's image in focus, or what stands for it, and its defocus images."""
-        from dfdbench.methods.stacks import sharp_and_blurred
-
         if capture.is_pair:
             return capture.infocus, [capture.defocus]
-        return sharp_and_blurred(capture.stack)
+        return self._images_in(capture.stack)
+
+    def _images_in(self, stack: DataArray) -> tuple[Image, list[Image]]:
+        from dfdbench.methods.stacks import sharp_and_blurred
+
+        return sharp_and_blurred(stack, [found.change for found in self.calibrations])
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""

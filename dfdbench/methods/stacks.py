@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Image, evenly_spread
 from dfdbench.methods.shape_from_focus import ShapeFromFocus, focus_cells
+from dfdbench.methods.view_change import ViewChange
 
 if TYPE_CHECKING:
     from xarray import DataArray
@@ -27,7 +28,9 @@ _LOOKED_AT = 8
 _CLEARLY, _PART = 0.1, 0.1
 
 
-def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
+def sharp_and_blurred(
+    stack: DataArray, changes: Sequence[ViewChange] = ()
+) -> tuple[Image, list[Image]]:
     """Return an image in focus all over, and the images to explain by its blur, of 8 bits.
 
     Without the role ``infocus`` the first is put together from the others. So it is where others of
@@ -37,22 +40,42 @@ def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
     ----------
     stack : xarray.DataArray, dimensions (image, y, x, channel)
         A capture's ``stack``.
+    changes : sequence of ViewChange
+        What the camera changes in each defocus image beside the blur: it is taken out before they
+        are put together, and left in those that are returned. Empty: nothing.
 
     Raises
     ------
     MethodError
         Without a defocus image.
     """
+    sharp, blurred = _images_of(stack)
+    seen = [
+        np.rint(change.undone(image)).astype(np.uint8) if change.changes else image
+        for change, image in zip(changes or [ViewChange()] * len(blurred), blurred, strict=True)
+    ]
+    if sharp is None:
+        return fused(seen), blurred
+    return fused([sharp, *seen]) if _others_are_sharper(sharp, seen) else sharp, blurred
+
+
+def view_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
+    """Return the image whose view counts, and the defocus images: see `sharp_and_blurred`.
+
+    It is that with the role ``infocus``, or else the middle of the stack.
+    """
+    sharp, blurred = _images_of(stack)
+    return blurred[len(blurred) // 2] if sharp is None else sharp, blurred
+
+
+def _images_of(stack: DataArray) -> tuple[Image | None, list[Image]]:
     roles = stack["role"].values.tolist()
     values = stack.values
     images = values if values.dtype == np.uint8 else np.rint(values / 257).astype(np.uint8)
     blurred = [image for image, role in zip(images, roles, strict=True) if role != "infocus"]
     if not blurred:
         raise MethodError("no image of the stack has the role defocus", where="stack")
-    if "infocus" not in roles:
-        return fused(blurred), blurred
-    sharp = images[roles.index("infocus")]
-    return fused([sharp, *blurred]) if _others_are_sharper(sharp, blurred) else sharp, blurred
+    return images[roles.index("infocus")] if "infocus" in roles else None, blurred
 
 
 def _others_are_sharper(sharp: Image, others: Sequence[Image]) -> bool:

@@ -99,11 +99,12 @@ def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
     MethodError
         If the blur cannot be fitted to them.
     """
-    laws = [found.law for found in calibrate_images(captures)]
+    found = calibrate_images(captures)
+    laws, changes = [each.law for each in found], [each.change for each in found]
     shares = np.stack([shares_of(capture) for capture in captures])
     examples = []
     for number, capture in enumerate(captures):
-        sharp, blurred = sharp_and_blurred(capture.stack)
+        sharp, blurred = sharp_and_blurred(capture.stack, changes)
         volume, told = halved_costs(laws, sharp, blurred, COUNT)
         others = np.delete(shares, number, axis=0) if len(shares) > 1 else shares
         costs = roots_of(volume), roots_of(along_paths(volume))

@@ -145,6 +145,35 @@ def test_an_image_that_others_are_sharper_than_is_not_in_focus() -> None:
     np.testing.assert_array_equal(sharp_and_blurred(stack[:2])[0], far)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("with_infocus", [True, False])
+def test_a_stack_that_breathes_is_put_together_in_one_view(with_infocus: bool) -> None:
+    growths = [0.0, -0.01, -0.02, -0.03] if with_infocus else [0.02, 0.01, 0.0, -0.01]
+    captures = [made_capture(seed, FOCUS, with_infocus=with_infocus) for seed in range(3)]
+    for capture in captures:
+        for image, growth in zip(capture.stack.values[-4:], growths, strict=True):
+            image[:] = zoomed(image, growth)
+        if with_infocus:  # not quite
+            capture.stack.values[0] = cv2.GaussianBlur(capture.infocus, (0, 0), 1.0)
+    found = calibrate_images(captures)
+    assert [law.law.similarity[3] for law in found] == pytest.approx(growths, abs=3e-3)
+    for capture in captures:
+        off = [
+            np.abs(sharp_and_blurred(capture.stack, changes)[0].astype(float) - capture.infocus)
+            for changes in ([each.change for each in found], [])
+        ]
+        told, untold = (each[12:-12, 12:-12].mean() for each in off)
+        assert told < 0.6 * untold
+
+
+def zoomed(image: Any, growth: float) -> Any:
+    """Return an image as much larger about its middle, by OpenCV."""
+    height, width = image.shape[:2]
+    matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0, 1 + growth)
+    how: Any = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
+    return cv2.warpAffine(image, matrix, (width, height), **how)
+
+
 def test_an_image_in_focus_is_put_together_and_sixteen_bits_are_solved_as_eight() -> None:
     capture = made_capture(3, FOCUS)
     sharp, blurred = sharp_and_blurred(capture.stack)
