@@ -18,7 +18,6 @@ from scipy.optimize import minimize, nnls
 from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.errors import MethodError
 from dfdbench.methods import alignment
 from dfdbench.methods.blurred import blur
 from dfdbench.methods.fitted import part_of
@@ -243,7 +242,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     (`grown_from_focus`). Of the shapes, and of blur in grey levels or in linear light, that with
     the least difference is taken.
     """
-    _require_alike(pairs)
+    require_alike(pairs)
     return _calibrate(pairs, _of_pair, _changes(pairs, _of_pair))[0]
 
 
@@ -259,8 +258,7 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
-
-    _require_alike(captures)
+    require_alike(captures)
     changes = _changes(captures, lambda one, _: view_and_blurred(one.stack))
 
     def read(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
@@ -269,12 +267,6 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
         return sharp[region], [image[region] for image in blurred]
 
     return _calibrate(captures, read, changes)
-
-
-def _require_alike(captures: Sequence[TrainingPair]) -> None:
-    if not len(captures):
-        raise MethodError("no pair to calibrate with", expected="one training pair or more")
-    require_alike(captures)
 
 
 def _calibrate(

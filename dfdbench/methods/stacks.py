@@ -130,7 +130,9 @@ def is_pair(stack: DataArray) -> bool:
 
 
 def require_alike(captures: Sequence[TrainingPair]) -> None:
-    """Refuse captures of different cameras: one law would be fitted to many."""
+    """Refuse captures of different cameras, to which one law would be fitted, and none at all."""
+    if not len(captures):
+        raise MethodError("no pair to calibrate with", expected="one training pair or more")
     known: dict[str, NDArray[np.float64]] = {}
     count = len(captures)
     for place in {*range(min(count, _LOOKED_AT)), *evenly_spread(count, _LOOKED_AT)}:
