@@ -1,7 +1,5 @@
 """A run's errors on covered, scarce and missing levels: is the data at fault, or the method."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Rank methods on the same data, split and protocol, out of one long table of scores."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Try a method on awkward inputs before a long run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

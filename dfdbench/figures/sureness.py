@@ -1,7 +1,5 @@
 """Figure of how sure methods are: error against density, and what their intervals hold."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

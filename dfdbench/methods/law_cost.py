@@ -7,8 +7,6 @@ level's blur. Where the law is linear, residuals are of light: there the noise o
 as large to either side, which the sRGB curve makes it not.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """How sure costs are of a pixel's level: the spread of its posterior."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

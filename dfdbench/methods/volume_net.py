@@ -1,7 +1,5 @@
 """The method ``volume-net``: a network reads how well each depth's blur explains the images."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A run on disk: its result, its depth maps if they can be shown, and what it is called."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterable

@@ -3,8 +3,6 @@
 Crops of them, a learning rate along a cosine, and weights that are the mean over the last steps.
 """
 
-from __future__ import annotations
-
 import copy
 import io
 import math
@@ -36,7 +34,7 @@ MULTIPLE = 32
 RATE, WARM_UP = 2e-3, 100
 _DECAY, _CLIP = 1e-4, 1.0
 # What the mean's error counts beside cross-entropy, from how many levels on it grows but linearly.
-_OF_MEAN, _LINEAR = 2.0, 8.0
+_OF_MEAN, _LINEAR = 0.5, 64.0
 # The weights that are kept are a mean over about so many steps.
 _AVERAGED = 500
 # How often, in steps, the cameras held out are scored.
@@ -196,7 +194,7 @@ def loss_of(logits: Tensor, mask: Tensor, levels: Tensor, depths: Tensor, known:
     told = (1 - share) * logarithms.gather(1, lower[:, None])[:, 0]
     told = told + share * logarithms.gather(1, lower[:, None] + 1)[:, 0]
     mean, _ = mean_and_variance(logits, mask, depths)
-    off = functional.smooth_l1_loss(mean, levels, reduction="none", beta=_LINEAR) / _LINEAR
+    off = functional.smooth_l1_loss(mean, levels, reduction="none", beta=_LINEAR)
     return _OF_MEAN * _known_mean(off, known) - _known_mean(told, known[middle])
 
 

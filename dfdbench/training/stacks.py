@@ -1,7 +1,5 @@
 """Train ``stack-net`` on focal stacks of few images or many, rendered or of a data set."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -4,8 +4,6 @@ Rooms are seen by cameras that are each drawn, some by rays through a lens, some
 law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for any other camera.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

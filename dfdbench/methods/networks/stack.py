@@ -4,8 +4,6 @@ All images go through the same filters, and what tells depth is how the answers 
 focus. So it takes any number of images, at any distances, of any camera.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ The blur is the camera's own, measured on training captures, so the network move
 without being trained again.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
