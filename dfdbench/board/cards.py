@@ -28,7 +28,7 @@ class Card(StrictRecord):
 
     `entry` is what follows ``--method``, or the name that handed-in depth maps go by; `parameters`
     are the ``--param``. `code` is an address, or a file of this repository. `given` says what the
-    method gets beside the images, `trained_on` and `fitted_on` what it learns from, `limits` where
+    method gets besides the images, `trained_on` and `fitted_on` what it learns from, `limits` where
     it breaks. `takes` says what it is run on: pairs, stacks or both; with `given_blur` it is run
     on tracks with ``--given-blur``.
     """

@@ -96,7 +96,7 @@ class Chosen:
     Parameters
     ----------
     energy : ndarray of float64, shape (level,)
-        What each level costs beside the images, in nats; all 0 where that does not help.
+        What each level costs besides the images, in nats; all 0 where that does not help.
     weight : float
         What the logarithm of the training depths' histogram was multiplied with.
     sharpness : float

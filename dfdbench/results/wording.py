@@ -144,13 +144,13 @@ def interval_text(interval: tuple[float, float] | None) -> str:
 # What a fit learns, where it is not the blur.
 _LEARNED = {"positional-prior": "depth by place"}
 GIVEN_NOTE = (
-    "Given, beside the images: the recipe that made the blur, another recipe, a fit to training "
+    "Given, besides the images: the recipe that made the blur, another recipe, a fit to training "
     "pairs, weights and the data they were trained on, the training scenes' mean depth, or nothing."
 )
 
 
 def given_to(result: Result) -> str:
-    """Return what a run's method was given beside the images, in a few words.
+    """Return what a run's method was given besides the images, in a few words.
 
     Parameters
     ----------
