@@ -20,6 +20,7 @@ from dfdbench.datasets.fingerprint import require_sound
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.evaluate import (
     built_track,
+    cross_validate,
     evaluate,
     labels_of,
     score_predictions,
@@ -27,9 +28,8 @@ from dfdbench.evaluation.evaluate import (
 )
 from dfdbench.evaluation.fitting import camera_note, training_pairs
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.plan import RunOptions, protocol_on
 from dfdbench.evaluation.run import OnPair, RunDone
-from dfdbench.evaluation.tuning import cross_validate
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
@@ -37,7 +37,7 @@ from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run, Transfer
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import RESULT, Result, protocol_on
+from dfdbench.results.record import RESULT, Result
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.files import write_whole, writing_folder
@@ -361,10 +361,10 @@ def run_tracks(
         find_entry(method)
     options = RunOptions(keep_predictions=False, seed=seed)
     with _folder(out, source, replaces=False) as folder:
-        stores = {CLEAN: built_track(plain, dataset, CLEAN, source, cache, shown)}
+        stores = {CLEAN: built_track(dataset, CLEAN, source, cache, shown)}
         load_for(stores[CLEAN], method, parameters, seed, given_blur)
         for label in labels[1:]:
-            stores[label] = built_track(plain, dataset, label, source, cache, shown)
+            stores[label] = built_track(dataset, label, source, cache, shown)
         runs = {}
         evaluated = partial(evaluate, given_blur=given_blur, check=check)
         name = method if isinstance(method, str) else repr(method)

@@ -21,7 +21,7 @@ from dfdbench.datasets.manifest_file import read_manifest
 from dfdbench.errors import DfdbenchError
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.prediction_files import find_predictions
+from dfdbench.evaluation.map_files import find_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table

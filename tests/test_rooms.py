@@ -127,7 +127,7 @@ TESTED_ELSEWHERE = {
     # The half of SSIM that is compiled.
     "dfdbench.metrics.similarity": "metrics/test_scores.py",
     "dfdbench.results.environment": "cli/test_datasets.py",
-    "dfdbench.system.array_files": "evaluation/test_prediction_files.py",
+    "dfdbench.system.array_files": "evaluation/test_map_files.py",
 }
 
 

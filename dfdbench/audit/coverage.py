@@ -1,22 +1,22 @@
 """Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from dfdbench.audit.leaks import Leak
 from dfdbench.audit.sides import Mask, Side, as_ranges, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import simulated_label
-from dfdbench.errors import InputError
+from dfdbench.results.record import Share
 from dfdbench.system import text
-from dfdbench.system.strict import Record
+from dfdbench.system.strict import Record, check_fields
 from dfdbench.tables.table import Table, counted, listed, percent
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
@@ -73,18 +73,12 @@ class Rule:
     """
 
     criterion: Criterion = Criterion.either
-    allowed_share: float = 0.0
-    density_factor: float = 8.0
-    density_floor: float = 0.001
+    allowed_share: Share = 0.0
+    density_factor: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 8.0
+    density_floor: Share = 0.001
 
     def __post_init__(self) -> None:
-        if not 0 <= self.allowed_share <= 1:
-            what = f"an allowed share is 0 to 1, not {self.allowed_share}"
-            raise InputError(what, where="allow")
-        if not 1 <= self.density_factor < math.inf:
-            raise InputError(f"a density factor is a number from 1 up, not {self.density_factor}")
-        if not 0 <= self.density_floor <= 1:
-            raise InputError(f"a density floor is 0 to 1, not {self.density_floor}")
+        check_fields(self, "rule of coverage")
 
     def uncovered(self, train: Counts, test: Counts, criterion: Criterion | None = None) -> Mask:
         """Return which levels are not covered, for counts of shape (..., 256).

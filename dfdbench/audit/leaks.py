@@ -6,8 +6,7 @@ import contextlib
 import functools
 import re
 from collections.abc import Iterable, Mapping
-from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,18 +74,10 @@ class LeakError(DfdbenchError):
     """Something of the test is in the training set as well."""
 
 
-class LeakKind(StrEnum):
-    """What two splits share."""
-
-    scene = "scene"
-    texture = "texture"
-    image = "near-duplicate image"
-
-
 class Leak(Record):
     """One thing that both sides share: the scene or image on either side, and what is alike."""
 
-    kind: LeakKind
+    kind: Literal["scene", "texture", "near-duplicate image"]
     train: str
     test: str
     detail: str
@@ -162,13 +153,13 @@ def manifest_leaks(
     for scene in train_scenes:
         if scene in test_scenes and from_train[scene] == from_test.get(scene):
             detail = "the scene and all its views"
-            leaks.append(Leak(kind=LeakKind.scene, train=scene, test=scene, detail=detail))
+            leaks.append(Leak(kind="scene", train=scene, test=scene, detail=detail))
     for scene in train_scenes:
         for other in test_scenes:
             alike = scene in of_train and of_train[scene] == of_test.get(other)
             if scene != other and alike and from_train[scene] == from_test.get(other):
                 detail = f"texture {of_train[scene]}"
-                leaks.append(Leak(kind=LeakKind.texture, train=scene, test=other, detail=detail))
+                leaks.append(Leak(kind="texture", train=scene, test=other, detail=detail))
     return leaks
 
 
@@ -191,7 +182,7 @@ def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list
     distances = (here[:, np.newaxis] != there[np.newaxis]).sum(axis=2)
     return [
         Leak(
-            kind=LeakKind.image,
+            kind="near-duplicate image",
             train=left[i][0],
             test=right[j][0],
             detail=f"{distances[i, j]} of {_HASH_SIDE**2} bits of their perceptual hashes differ",
@@ -204,7 +195,7 @@ def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
     """Return everything that the two sides of a comparison share."""
     one, other = train.store.manifest, test.store.manifest
     leaks = manifest_leaks(one, tuple(train.scenes), other, tuple(test.scenes))
-    shared = {leak.test for leak in leaks if leak.kind is LeakKind.scene}
+    shared = {leak.test for leak in leaks if leak.kind == "scene"}
     rest = [scene for scene in test.scenes if scene not in shared]
     hashes = scene_hashes(train.store, train.scenes), scene_hashes(test.store, rest)
     return (*leaks, *image_leaks(*hashes))

@@ -439,7 +439,7 @@ def _table(
     where = ["metres"] if scale else []
     columns = ("levels", *where, "of all", *errors)
     whole = ("all", *[""] * len(where), percent(1.0), *means(WHOLE))
-    align = "l" * (1 + len(where)) + "r" * (1 + len(errors))
+    align = "l" * (1 + len(where))
     return Table(title, columns, (*rows, whole), align, (note,), frozenset({len(rows) - 1}))
 
 

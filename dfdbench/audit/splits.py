@@ -390,20 +390,6 @@ def folds_fragment(folds: Folds, why: str) -> str:
     return "\n".join([f"# {why}\n# They replace the manifest's own folds.\n", *tables])
 
 
-def settings_of(
-    manifest: Manifest, fingerprint: str, scenes: Scenes, seed: int
-) -> dict[str, object]:
-    """Return what a proposal depends on, for JSON: data, scenes, criterion, seed of the draws."""
-    return {
-        "dataset": manifest.stem,
-        "fingerprint": fingerprint,
-        **asdict(scenes.rule),
-        "seed": seed,
-        "absent_scenes": [name for name in manifest.scene_names if name not in scenes.names],
-        "kept_together": [list(group) for group in scenes.groups if len(group) > 1],
-    }
-
-
 @dataclass(frozen=True)
 class Proposal:
     """What `propose` found: a name for it, its table, and files by name, the one as JSON first."""
@@ -438,7 +424,14 @@ def propose(store: Dataset, size: int | None, folds: int | None, rule: Rule, see
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])
     scenes = Scenes(tuple(histograms), counts, tuple(groups), rule)
-    settings = settings_of(store.manifest, store.fingerprint, scenes, seed)
+    settings: dict[str, object] = {
+        "dataset": store.manifest.stem,
+        "fingerprint": store.fingerprint,
+        **asdict(rule),
+        "seed": seed,
+        "absent_scenes": [name for name in store.manifest.scene_names if name not in histograms],
+        "kept_together": [list(group) for group in groups if len(group) > 1],
+    }
     if size is not None:
         return _proposed_tests(store.manifest, scenes, settings, size, seed)
     return _proposed_folds(store.manifest, scenes, settings, folds or 0, seed)

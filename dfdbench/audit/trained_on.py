@@ -23,11 +23,7 @@ class Training(StrEnum):
 
 
 def sides_of_run(
-    store: Dataset,
-    split: str,
-    trained_on: str | None,
-    train: str | None = None,
-    fold: str | None = None,
+    store: Dataset, split: str, trained_on: str | None, train: str | None, fold: str | None
 ) -> tuple[Side, Side, Training]:
     """Return what a run was tested on, and what it was trained on as far as that is known.
 

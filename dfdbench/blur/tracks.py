@@ -104,6 +104,11 @@ class Track:
     steps: tuple[str, ...]
     severities: tuple[Formation, ...]
 
+    @property
+    def labels(self) -> list[str]:
+        """Its name with each severity, such as ``noise-1``."""
+        return [f"{self.name}-{number}" for number in range(1, len(self.severities) + 1)]
+
     def as_dict(self) -> dict[str, Any]:
         """Return the definition by name, fit for JSON."""
         return asdict(self)

@@ -13,17 +13,9 @@ import pandas as pd
 from pydantic import TypeAdapter
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board import row_file
 from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
-from dfdbench.board.row_file import (
-    RESULTS,
-    Row,
-    RowRun,
-    leaderboard_folder,
-    read_list,
-    read_row,
-    row_problems,
-)
 from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.rendered import seeded
 from dfdbench.errors import Problem, ResultError, unknown_name
@@ -71,7 +63,7 @@ class Board:
     """
 
     folder: Path
-    rows: dict[Path, Row]
+    rows: dict[Path, row_file.Row]
     cards: dict[str, Card]
     draws: list[Draw]
 
@@ -238,17 +230,17 @@ class Board:
         }
 
 
-def _seed_of(row: Row) -> int | None:
+def _seed_of(row: row_file.Row) -> int | None:
     """Return the seed of a row's data; None if they are not drawn."""
     found = seeded(row.dataset)
     return found[1] if found else None
 
 
-def _is_clean(row: Row, scored: bool) -> bool:
+def _is_clean(row: row_file.Row, scored: bool) -> bool:
     return CLEAN in row.suites and bool(row.method.scored) == scored
 
 
-def _clean(rows: Mapping[Path, Row], scored: bool) -> list[Entry]:
+def _clean(rows: Mapping[Path, row_file.Row], scored: bool) -> list[Entry]:
     return [
         Entry((result,), path, path.stem)
         for path, row in rows.items()
@@ -275,19 +267,19 @@ def leaderboard(path: Path | str | None = None) -> Board:
     >>> board = leaderboard()  # doctest: +SKIP
     >>> board.table("demo").head(3)  # doctest: +SKIP
     """
-    folder = leaderboard_folder() if path is None else Path(path)
+    folder = row_file.leaderboard_folder() if path is None else Path(path)
     require_leaderboard(folder)
-    rows: dict[Path, Row] = {}
+    rows: dict[Path, row_file.Row] = {}
     problems: list[Problem] = []
     try:
         cards = load_cards(folder)
     except ResultError as error:
         cards = None
         problems += error.problems
-    for file in sorted((folder / RESULTS).rglob("*.json")):
+    for file in sorted((folder / row_file.RESULTS).rglob("*.json")):
         try:
-            row = rows[file] = read_row(file)
-            problems += row_problems(row, folder, str(file))
+            row = rows[file] = row_file.read_row(file)
+            problems += row_file.row_problems(row, folder, str(file))
             problems += [] if cards is None else _misplaced(row, file, folder, cards)
         except ResultError as error:
             problems += error.problems
@@ -305,8 +297,8 @@ def require_leaderboard(folder: Path) -> None:
     ResultError
         If there are no results, or the README is not ours.
     """
-    if not (folder / RESULTS).is_dir():
-        what = f"no leaderboard here: a folder with {RESULTS}/"
+    if not (folder / row_file.RESULTS).is_dir():
+        what = f"no leaderboard here: a folder with {row_file.RESULTS}/"
         fix = "run this in the root of a clone of dfdbench, or name the folder: --folder DIR"
         raise ResultError(what, where=str(folder), fix=fix)
     if MARKER not in (_text(folder / README) or MARKER):
@@ -315,7 +307,9 @@ def require_leaderboard(folder: Path) -> None:
         raise ResultError(what, where=str(folder / README), fix=fix)
 
 
-def _misplaced(row: Row, file: Path, folder: Path, cards: dict[str, Card]) -> Iterator[Problem]:
+def _misplaced(
+    row: row_file.Row, file: Path, folder: Path, cards: dict[str, Card]
+) -> Iterator[Problem]:
     """Yield a problem if a row's file is not where its card and data set say."""
     card, path = cards.get(file.stem), folder / METHODS / f"{file.stem}.toml"
     if card is None:
@@ -336,7 +330,7 @@ def _left_out(board: Board) -> Iterator[Problem]:
     """
     # By their lists, which are long: a table of all scores takes longer than all other checks.
     undefined: dict[tuple[str, ...], set[int]] = {}
-    lacking: list[tuple[tuple[str, ...], set[int], str, Row, RowRun]] = []
+    lacking: list[tuple[tuple[str, ...], set[int], str, row_file.Row, row_file.RowRun]] = []
     for path, row in board.rows.items():
         for run in row.runs:
             for protocol, columns in run.scores.items():
@@ -367,4 +361,4 @@ def read_draws(folder: Path) -> list[Draw]:
     ResultError
         If the file cannot be read.
     """
-    return read_list(folder / SEEDS, TypeAdapter(list[Draw]), "seeds") or []
+    return row_file.read_list(folder / SEEDS, TypeAdapter(list[Draw]), "seeds") or []

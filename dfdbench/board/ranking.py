@@ -13,15 +13,8 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
+from dfdbench.results import frame
 from dfdbench.results.differences import PairedDifference, corrected, paired_difference
-from dfdbench.results.frame import (
-    capture_means,
-    defined,
-    group_means,
-    mean_defined,
-    scores_of,
-    with_groups,
-)
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.wording import NOTHING, knew_blur, score_text
@@ -153,7 +146,7 @@ class ScoreBoard:
 
     def means(self, scores: pd.DataFrame, *by: str) -> pd.DataFrame:
         """Return means of some of the board's scores: a row per group, a column per standing."""
-        table = group_means(scores, "row", *by).unstack("row")
+        table = frame.group_means(scores, "row", *by).unstack("row")
         return table.reindex(columns=range(len(self.standings)))
 
     def shown(self, row: int, metric: str) -> str:
@@ -162,7 +155,7 @@ class ScoreBoard:
         if standing.entry.complete:
             return score_text(standing.scores.get(metric))
         own = self.scores[(self.scores["row"] == row) & (self.scores["metric"] == metric)]
-        mean = mean_defined(own["value"].to_numpy())
+        mean = frame.mean_defined(own["value"].to_numpy())
         return NOTHING if np.isnan(mean) else f"({score_text(mean)})"
 
 
@@ -195,7 +188,7 @@ def boards(
                 continue
             key = (data.name, data.split, later, order, protocol)
             groups.setdefault((*key, data.fingerprint, data.manifest_sha256), []).append(number)
-    scores = scores_of([run for _, run in runs], {key[4] for key in groups})
+    scores = frame.scores_of([run for _, run in runs], {key[4] for key in groups})
     scores["entry"] = scores["run"].map(dict(enumerate(number for number, _ in runs)))
     return [
         _board(entries, members, scores, suite, key[4], ranked)
@@ -233,11 +226,11 @@ def _board(
 ) -> ScoreBoard:
     part = scores[scores["entry"].isin(members) & (scores["protocol"] == protocol)]
     first, ties = ranked_by(protocol)
-    by_run = group_means(part, "entry", "metric", "track", "severity")
+    by_run = frame.group_means(part, "entry", "metric", "track", "severity")
     means = over_tracks(by_run, suite).agg(fmean, axis=1).unstack("metric").to_dict()
 
     def score(number: int, metric: str) -> float | None:
-        return defined(means[metric].get(number, np.nan))
+        return frame.defined(means[metric].get(number, np.nan))
 
     def order(number: int) -> tuple[float, float]:
         value, tie = score(number, first), score(number, ties)
@@ -249,11 +242,12 @@ def _board(
     others = {n for n in members if n not in able}
     placed += sorted(others, key=lambda n: (entries[n].given_blur, entries[n].label))
     own = part[(part["metric"] == first) & ((part["track"] != CLEAN) | (suite == CLEAN))]
-    values = capture_means(own, "entry")
+    values = frame.capture_means(own, "entry")
     ranking = [values[number] for number in placed[: len(able)]]
-    intervals = [group_interval(*with_groups(each)) for each in ranking]
+    intervals = [group_interval(*frame.with_groups(each)) for each in ranking]
     differences = [
-        paired_difference(*with_groups(each - before), first) for before, each in pairwise(ranking)
+        paired_difference(*frame.with_groups(each - before), first)
+        for before, each in pairwise(ranking)
     ]
     standings: list[Standing] = []
     for at, (number, interval, above) in enumerate(

@@ -32,12 +32,8 @@ RESULTS = "results"
 _SHIPPED = "dfdbench.rows"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
-_SEVERITIES = tuple(
-    f"{track.name}-{number}"
-    for track in (*TRACKS.values(), *STACKS.values())
-    for number in range(1, len(track.severities) + 1)
-)
-_LABELS = (CLEAN, *_SEVERITIES)
+_TRACKS = (*TRACKS.values(), *STACKS.values())
+_LABELS = (CLEAN, *(label for track in _TRACKS for label in track.labels))
 
 
 def leaderboard_folder() -> Path:

@@ -124,9 +124,8 @@ def lighting_table(board: ScoreBoard) -> Table:
             head = {"method": standing.entry.label, "metric": metric}
             records.append({**head, **by_level, "overall": standing.scores[metric]})
     columns = ("method", "", *(f"{axis} {level}" for level in levels), "overall")
-    align = "ll" + "r" * (len(levels) + 1)
     rules = frozenset(range(len(metrics) - 1, len(rows), len(metrics)))
-    return Table(f"by {axis}", columns, tuple(rows), align, (), rules, tuple(records))
+    return Table(f"by {axis}", columns, tuple(rows), "ll", (), rules, tuple(records))
 
 
 def _by_level(board: ScoreBoard) -> pd.DataFrame:
@@ -155,8 +154,8 @@ def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
         found = board.means(part, "group").loc[name]
         rows.append((name, *map(wording.score_text, found)))
         records.append({what: name, **dict(zip(labels, map(frame.defined, found), strict=True))})
-    title, align = f"{find_metric(board.metric).heading} by {what}", "l" + "r" * len(labels)
-    return Table(title, (what, *labels), tuple(rows), align, records=tuple(records))
+    title = f"{find_metric(board.metric).heading} by {what}"
+    return Table(title, (what, *labels), tuple(rows), "l", records=tuple(records))
 
 
 def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
@@ -235,11 +234,8 @@ def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
         method = entry.result.method
         said = {"given": wording.given_to(entry.result), "trained_on": method.trained_on}
         return {**said, "fitted_on": method.fitted_on}
-    return {
-        "given_blur": entry.given_blur,
-        "trained_on": _seen(entry, "trained_on"),
-        "fitted_on": _seen(entry, "fitted_on"),
-    }
+    seen = {fact: _seen(entry, fact) for fact in ("trained_on", "fitted_on")}
+    return {"given_blur": entry.given_blur, **seen}
 
 
 def link_to(path: Path, folder: Path) -> str:

@@ -2,7 +2,6 @@
 
 import io
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
-from dfdbench.system.parallel import one_by_one
+from dfdbench.system.parallel import OnDone, one_by_one
 
 #: What says of a stack's images what is known of them.
 STACK_FILE = "stack.json"
@@ -28,7 +27,7 @@ def export_png(
     store: Dataset,
     folder: Path,
     split: str = "all",
-    on_pair: Callable[[int, int], None] | None = None,
+    on_pair: OnDone | None = None,
     images_only: bool = False,
 ) -> int:
     """Write each pair's in-focus image, defocus image and depth map as PNG files.
@@ -74,9 +73,7 @@ def export_png(
     blurred = blur_name(recipe) if recipe else "defocus"
     if store.manifest.on_track:
         blurred = store.manifest.degradation
-    pairs = store.pairs(split)
-    if not pairs:
-        raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))
+    pairs = store.some_pairs(split)
     for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
         if not images.is_pair:

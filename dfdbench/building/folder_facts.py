@@ -11,23 +11,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import (
-    Group,
-    Key,
-    Layout,
-    Table,
-    is_number,
-    tables_below,
-    unread_files,
-)
-from dfdbench.building.sources.image_files import (
-    ARRAYS,
-    SUFFIXES,
-    decode_depth,
-    likely_bits,
-    orientation_of,
-    read_photograph,
-)
+from dfdbench.building.folder_layout import Group, Key, Layout, Table, tables_below, unread_files
+from dfdbench.building.sources import image_files
 from dfdbench.building.sources.matching import Align, Matching, matching_of
 from dfdbench.datasets.captured_files import BY_IMAGE, places_in
 from dfdbench.errors import InputError, SourceError
@@ -102,10 +87,12 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     # Photographs may be grey and have 16 bits, too: a name says more.
     depths = [group for group in depths if group.is_depth] or depths
     others = [group for group in layout.groups if group not in depths]
-    photographs = [group for group in others if not group.pattern.lower().endswith(ARRAYS)]
+    photographs = [
+        group for group in others if not group.pattern.lower().endswith(image_files.ARRAYS)
+    ]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
-        endings = ", ".join((*SUFFIXES, *ARRAYS))
+        endings = ", ".join((*image_files.SUFFIXES, *image_files.ARRAYS))
         what = "two photographs a scene are not found"
         if not depths:
             what = "no depth map is found: its file is grey and says so in its name, as depth.png"
@@ -218,7 +205,7 @@ def _of_one_size(
 def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
     path = folder / group.files[key]
     content = path.read_bytes()
-    return content, decode_depth(content, str(path))
+    return content, image_files.decode_depth(content, str(path))
 
 
 def _is_depth(folder: Path, group: Group) -> bool:
@@ -242,7 +229,7 @@ def _decoded(
 def _photograph(group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
     path = facts.folder / group.files[key]
     bits = int(facts.files.get("image_bits", 16))
-    return read_photograph(path.read_bytes(), str(path), bits, "ignore")
+    return image_files.read_photograph(path.read_bytes(), str(path), bits, "ignore")
 
 
 def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> None:
@@ -252,8 +239,8 @@ def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> Non
         for key, content, image in _decoded(facts.folder, group, keys):
             facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
-            turned, count = turned + (orientation_of(content) > 1), count + 1
-    if deep and (bits := likely_bits(greatest)):
+            turned, count = turned + (image_files.orientation_of(content) > 1), count + 1
+    if deep and (bits := image_files.likely_bits(greatest)):
         facts.files["image_bits"] = str(bits)
         facts.found.append(f"16-bit photographs that hold {bits} bits")
     if turned:
@@ -397,11 +384,7 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
     if set(BY_IMAGE) & set(rows[0]):
         return
     in_names = places_in(stack.pattern)
-    numeric = [
-        name
-        for name in rows[0]
-        if name not in in_names and all(is_number(row.get(name, "")) for row in rows)
-    ]
+    numeric = [name for name in table.numeric if name not in in_names]
     told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
     told = told or [name for name in numeric if len({row[name] for row in rows}) == len(rows)][-1:]
     if not told:

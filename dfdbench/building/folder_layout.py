@@ -35,10 +35,14 @@ _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 _FEWEST = 3
 _TABLES = (".json", ".csv", ".tsv", ".txt")
 _MOST_COLUMNS = 16
-_NO_STACK: Mapping[str, tuple[str, ...]] = {}
+#: The images of each stack, by its name in a group.
+Stacks = Mapping[str, tuple[str, ...]]
+_NO_STACK: Stacks = {}
 
 #: The part of a set that a scene lies in, "" where there are none, and the scene's name.
 Key = tuple[str, str]
+#: Each scene's file, by the pattern of its kind.
+Kinds = dict[str, dict[Key, str]]
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Layout:
     scenes: tuple[Key, ...]
     by_order: bool
     left: tuple[str, ...]
-    images: Mapping[str, tuple[str, ...]]
+    images: Stacks
 
     @property
     def stacks(self) -> tuple[Group, ...]:
@@ -253,6 +257,11 @@ class Table:
     rows: list[dict[str, str]]
     columns: list[str]
 
+    @property
+    def numeric(self) -> list[str]:
+        """The columns that hold a number in every row."""
+        return [n for n in self.rows[0] if all(_is_number(row.get(n, "")) for row in self.rows)]
+
     def is_above(self, path: str) -> bool:
         """Whether a file lies in the table's folder, or below."""
         return self.path.parent in PurePosixPath(path).parents
@@ -278,12 +287,12 @@ def _table(folder: Path, path: PurePosixPath) -> Table | None:
         except SourceError:
             continue
         # A heading is words.
-        if columns or not any(map(is_number, rows[0])):
+        if columns or not any(map(_is_number, rows[0])):
             return Table(path, rows, columns)
     return None
 
 
-def is_number(text: str) -> bool:
+def _is_number(text: str) -> bool:
     """Whether a cell holds a number, and a finite one."""
     try:
         return math.isfinite(float(text))
@@ -314,10 +323,7 @@ def _split_of(path: str) -> tuple[str, str]:
 
 
 def _layout(
-    paths: tuple[str, ...],
-    form: str,
-    least: int = _ROLES,
-    images: Mapping[str, tuple[str, ...]] = _NO_STACK,
+    paths: tuple[str, ...], form: str, least: int = _ROLES, images: Stacks = _NO_STACK
 ) -> Layout | None:
     found = _kinds(paths, form)
     times = Counter(key for files in found.values() for key in files)
@@ -337,9 +343,9 @@ def _layout(
     return layout if scenes and len(limited) <= _MOST_GROUPS else None
 
 
-def _kinds(paths: tuple[str, ...], form: str) -> dict[str, dict[Key, str]]:
+def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
     """Return the files by their pattern and their scene, where a form tells both."""
-    found: dict[str, dict[Key, str]] = defaultdict(dict)
+    found: Kinds = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
         match = re.fullmatch(form, told, re.DOTALL)
@@ -349,13 +355,13 @@ def _kinds(paths: tuple[str, ...], form: str) -> dict[str, dict[Key, str]]:
     return _endings_joined(found)
 
 
-def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str]]:
+def _endings_joined(found: Kinds) -> Kinds:
     """Join kinds of images that differ in nothing but their endings and have no scene in common."""
     alike: dict[str, list[str]] = defaultdict(list)
     for pattern in found:
         is_array = pattern.lower().endswith(ARRAYS)
         alike[pattern if is_array else str(PurePosixPath(pattern).with_suffix(""))].append(pattern)
-    joined: dict[str, dict[Key, str]] = {}
+    joined: Kinds = {}
     for base, patterns in alike.items():
         together = {key: file for pattern in patterns for key, file in found[pattern].items()}
         if len(patterns) > 1 and len(together) == sum(len(found[each]) for each in patterns):
@@ -381,7 +387,7 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
         for pattern, files in found.items()
         if _sizes(files) == common
     }
-    return _sorted(groups, scenes, True, paths)
+    return _sorted(groups, scenes, True, paths, _NO_STACK)
 
 
 def _sizes(files: dict[Key, str]) -> tuple[tuple[str, int], ...]:
@@ -400,11 +406,7 @@ def _in_order(files: dict[Key, str]) -> list[str]:
 
 
 def _sorted(
-    groups: dict[str, dict[Key, str]],
-    scenes: tuple[Key, ...],
-    by_order: bool,
-    paths: tuple[str, ...],
-    images: Mapping[str, tuple[str, ...]] = _NO_STACK,
+    groups: Kinds, scenes: tuple[Key, ...], by_order: bool, paths: tuple[str, ...], images: Stacks
 ) -> Layout:
     kinds = [Group(pattern, files) for pattern, files in groups.items()]
     kinds.sort(key=lambda group: (-len(group.files), group.pattern))

@@ -147,7 +147,6 @@ def difficulty(
 def _answer_bound(
     store: Dataset, split: str, places: list[Path], folder: Path, format: Format
 ) -> None:
-    from dfdbench.audit import bound as least
     from dfdbench.evaluation.fitting import training_pairs
 
     manifest = store.manifest
@@ -155,16 +154,16 @@ def _answer_bound(
     runs = _runs_on(store, split, places)
     training = training_pairs(store, split, manifest.pair_images)[1]
     with screen.progress("looking at pairs", "nothing was written") as step:
-        law, found = least.split_bounds(store, split, training, step)
+        law, found = hardness.split_bounds(store, split, training, step)
     figure = audits.bound_figure(
         f"least error in {manifest.label}, {split}: best, median and worst pair",
         [
             (pair.id, store.read(pair).shown[0], found[pair])
-            for pair in _ends_and_middle(found, lambda pair: found[pair].nrmse[least.DRAWN])
+            for pair in _ends_and_middle(found, lambda pair: found[pair].nrmse[hardness.DRAWN])
         ],
     )
-    content = least.bound_as_json(manifest, store.fingerprint, law, found)
-    table = least.bound_table(manifest, split, found, runs)
+    content = hardness.bound_as_json(manifest, store.fingerprint, law, found)
+    table = hardness.bound_table(manifest, split, found, runs)
     screen.give([table], format, folder, {"bound.json": content, "bound.png": figure})
 
 

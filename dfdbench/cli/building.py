@@ -57,7 +57,7 @@ def build(
     cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
-    from dfdbench.building.obtaining import build_dataset
+    from dfdbench.building.obtaining import build_dataset, steps_of
 
     if store and store.startswith("memory:"):
         # From Python it is as good a place as any other.
@@ -67,7 +67,7 @@ def build(
         source,
         store=store,
         recipe=recipe,
-        steps=_steps(pair),
+        steps=None if pair is None else steps_of(pair, ",", "--pair"),
         mirrors=mirror or (),
         offline=offline,
         seed=seed,
@@ -107,17 +107,6 @@ def export(
         count = export_png(store, png, split, step, images_only)
     text = f"{counted(count, 'pair')} written to {png}"
     show(format, text=text, pairs=count, folder=png)
-
-
-def _steps(pair: str | None) -> tuple[int, int] | None:
-    if pair is None:
-        return None
-    try:
-        infocus, defocus = (int(step) for step in pair.split(","))
-    except ValueError:
-        what = f"not a pair of voltage steps, as 141,129: {pair}"
-        raise InputError(what, where="--pair") from None
-    return infocus, defocus
 
 
 def _tell_fetched(done: Download) -> None:
@@ -189,10 +178,5 @@ def new_dataset(
     lines = ("found:", *(f"  {line}" for line in written.found))
     lines += ("say yourself:", *(f"  {line}" for line in written.open))
     lines += (f"manifest     {path}", f"next         {then}")
-    facts: dict[str, Any] = {
-        "found": written.found,
-        "say_yourself": written.open,
-        "manifest": path,
-        "next": then,
-    }
+    facts = dict[str, Any](found=written.found, say_yourself=written.open, manifest=path, next=then)
     show(format, text="\n".join(lines), **facts)

@@ -35,11 +35,7 @@ def data_sets(incomplete: str) -> list[str]:
     name, on_track, _ = incomplete.partition("@")
     names = sorted({*known, *own_stores()})
     if on_track and known.get(name):
-        names = [
-            f"{name}@{track.name}-{severity}"
-            for track in TRACKS.values()
-            for severity in range(1, len(track.severities) + 1)
-        ]
+        names = [f"{name}@{label}" for track in TRACKS.values() for label in track.labels]
     return [found for found in names if found.startswith(incomplete)]
 
 

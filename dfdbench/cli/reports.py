@@ -55,7 +55,7 @@ def report(
     from dfdbench.results.run_folder import PREVIOUS
     from dfdbench.results.saved_run import distinguished, open_saved_run
 
-    _refuse_what_does_not_fit(format, metric, figure, figure_format)
+    _refuse_what_does_not_fit(format, metric or figure, figure_format)
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
         output_place(figure, *results, option="--figure")
@@ -90,16 +90,11 @@ def report(
             screen.save_figure(drawn, figure)
 
 
-def _refuse_what_does_not_fit(
-    format: ReportFormat,
-    metric: list[str] | None,
-    figure: Path | None,
-    figure_format: Sequence[str] | None,
-) -> None:
-    if format not in _PAGES and figure_format:
+def _refuse_what_does_not_fit(format: ReportFormat, of_table: object, of_page: object) -> None:
+    if format not in _PAGES and of_page:
         what, fix = "a table's figure has the form that its name says", "--figure FILE.pdf"
         raise InputError(what, where="--figure-format", fix=fix)
-    if format in _PAGES and (metric or figure):
+    if format in _PAGES and of_table:
         where, fix = "--metric, --figure", "leave it out, or add --format table, latex, csv or json"
         raise InputError("a page shows every metric and figure", where=where, fix=fix)
 
@@ -219,7 +214,7 @@ def verify_rows(
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
     from dfdbench.board.row_file import read_row
-    from dfdbench.board.verification import verify
+    from dfdbench.board.submission import verify
 
     answers: list[dict[str, object]] = []
     for path in rows:

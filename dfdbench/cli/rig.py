@@ -176,8 +176,7 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
     keys = ("repeats", "span", "longest_run")
     records = tuple(asdict(pair) | {key: getattr(pair, key) for key in keys} for pair in shown)
     columns = ("", "pair", *distances, "repeats", "span", "run")
-    align = "rl" + "r" * (len(distances) + 3)
-    return Table(title, columns, rows, align, notes, records=records)
+    return Table(title, columns, rows, "rl", notes, records=records)
 
 
 def _range(given: tuple[str, str]) -> tuple[float, float]:

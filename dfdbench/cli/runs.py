@@ -190,7 +190,7 @@ def tune(
     cache: options.Cache = None,
 ) -> None:
     """Try parameters on the training captures, by cross-validation over their groups."""
-    from dfdbench.evaluation.tuning import best_words, tried_table  # imports zarr
+    from dfdbench.evaluation.evaluate import best_words, tried_table  # imports zarr
 
     given = options.values_of(range, "--range")
     ranges = {name: options.several(values, f"--range {name}") for name, values in given.items()}

@@ -271,11 +271,7 @@ def _tell(
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")
-    facts: dict[str, Any] = {
-        "folder": folder,
-        "trainings": outcome.trainings,
-        "finished": outcome.finished,
-    }
+    facts = dict[str, Any](folder=folder, trainings=outcome.trainings, finished=outcome.finished)
     if not outcome.course:
         show(format, **facts)
         return

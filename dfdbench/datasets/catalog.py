@@ -10,18 +10,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from dfdbench import errors
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
 from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest, unseen_text
-from dfdbench.errors import (
-    DfdbenchError,
-    InputError,
-    ManifestError,
-    StoreError,
-    UnknownNameError,
-    unknown_name,
-)
 from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.text import parse_toml
 
@@ -72,13 +65,13 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     if not label:
         what = f"unknown track: nothing follows the @ of {manifest.short}{AT}"
         fix = f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track"
-        raise UnknownNameError(what, fix=fix)
+        raise errors.UnknownNameError(what, fix=fix)
     found = find_degradation(label)
     if manifest.recipe is None:
         what = f"{manifest.short} has no tracks: a track makes defocus images"
         fix = f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`"
         where = f"{manifest.short}{AT}{label}"
-        raise InputError(f"{what}, and these are captured", where=where, fix=fix)
+        raise errors.InputError(f"{what}, and these are captured", where=where, fix=fix)
     if found.label == CLEAN:
         return manifest
     return manifest.model_copy(
@@ -109,16 +102,16 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
     released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
     if released not in (None, manifest.written_sha256):
         what = f"built from another manifest than {manifest.file_stem}, whose name it has"
-        raise StoreError(what, where=where, fix="delete it and build it again")
+        raise errors.StoreError(what, where=where, fix="delete it and build it again")
     degradation = str(attributes.get("degradation", manifest.degradation))
     if degradation == manifest.degradation:
         return manifest
     try:
         return with_track(manifest, degradation)
-    except DfdbenchError as error:
+    except errors.DfdbenchError as error:
         what = f"the store is on a track that this version does not know: {degradation}"
         fix = "use the version of dfdbench that built it, or build it again"
-        raise StoreError(what, where=where, fix=fix) from error
+        raise errors.StoreError(what, where=where, fix=fix) from error
 
 
 class Heading(BaseModel, frozen=True):
@@ -213,7 +206,7 @@ def find_manifest(name: str) -> Manifest:
     own, other = part_name(base)
     if other and label:
         what = f"unknown data set {name}: it is on one track at a time, as {base} or {own}@{label}"
-        raise UnknownNameError(what)
+        raise errors.UnknownNameError(what)
     found = _find(base)
     return with_track(found, label) if base != name else found
 
@@ -235,10 +228,10 @@ def of_seed(name: str, seed: int | str | None) -> str:
         return name
     if name not in FAMILIES:
         fix = f"leave out the seed, or name {' or '.join(FAMILIES)}"
-        raise InputError("the data set is not drawn from a seed", where=name, fix=fix)
+        raise errors.InputError("the data set is not drawn from a seed", where=name, fix=fix)
     if seeded(f"{name}-{seed}") is None:
         expected = "a whole number from 0 on, of at most 18 digits"
-        raise InputError("not a seed", where="seed", expected=expected, got=str(seed))
+        raise errors.InputError("not a seed", where="seed", expected=expected, got=str(seed))
     return f"{name}-{seed}"
 
 
@@ -247,7 +240,7 @@ def _find(name: str) -> Manifest:
         manifest = read_manifest(Path(name))
         if released_sha256(manifest) not in (None, manifest.sha256):
             what = f"the name of the released {manifest.file_stem}, and other content"
-            raise ManifestError(what, where=name, fix="give it another name or version")
+            raise errors.ManifestError(what, where=name, fix="give it another name or version")
         return manifest
     if (drawn := seeded(name)) is not None:
         return unseen_manifest(*drawn)
@@ -256,7 +249,7 @@ def _find(name: str) -> Manifest:
         by_name |= dict.fromkeys(heading.names, heading.stem)
     if name not in by_name:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
-        raise unknown_name("data set", name, by_name, fix)
+        raise errors.unknown_name("data set", name, by_name, fix)
     return _released(by_name[name])
 
 

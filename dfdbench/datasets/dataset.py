@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from upath import UPath
 from zarr.errors import GroupNotFoundError
 
+from dfdbench import errors
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
@@ -28,14 +29,6 @@ from dfdbench.datasets.fingerprint import (
     verify_store,
 )
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
-from dfdbench.errors import (
-    DfdbenchError,
-    InputError,
-    Problem,
-    StoreError,
-    UnknownNameError,
-    unknown_name,
-)
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.system.thumbnails import gallery, heading
 from dfdbench.tables.table import Table, as_html
@@ -76,10 +69,10 @@ class Dataset:
             raise _not_ours(self.path)
         if self.attributes.get("format_version") != FORMAT_VERSION:
             what = f"store of version {self.attributes.get('format_version')}, not {FORMAT_VERSION}"
-            raise StoreError(what, where=str(self.path), fix="build it again")
+            raise errors.StoreError(what, where=str(self.path), fix="build it again")
         if "fingerprint" not in self.attributes:
             fix = "run the dfdbench build that began it again: it goes on from there"
-            raise StoreError("the store is not finished", where=str(self.path), fix=fix)
+            raise errors.StoreError("the store is not finished", where=str(self.path), fix=fix)
         check_attributes(self.attributes, str(self.path))
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
@@ -137,7 +130,7 @@ class Dataset:
     def stored(self, name: str) -> xarray.Dataset:
         """Return one scene's arrays as they are stored: roles are numbers."""
         if name not in self.scenes:
-            raise unknown_name("scene of the store", name, self.scenes)
+            raise errors.unknown_name("scene of the store", name, self.scenes)
         with self.reading(name):
             return open_scene(self.path, name)
 
@@ -151,6 +144,20 @@ class Dataset:
             for pair in wanted
             if pair.scene in there and there[pair.scene][self._index(pair, self.manifest.axes)]
         )
+
+    def some_pairs(self, split: str) -> tuple[Pair, ...]:
+        """Return the pairs of a split as `pairs` does, where there are any.
+
+        Raises
+        ------
+        StoreError
+            Where there is none.
+        """
+        if not (found := self.pairs(split)):
+            what = f"the store holds no pair of split {split}"
+            fix = f"build {self.manifest.short} with the scenes of that split"
+            raise errors.StoreError(what, where=str(self.path), fix=fix)
+        return found
 
     def read(self, pair: Pair, region: Region = WHOLE) -> Capture:
         """Read one pair's images and ground truth, or a region of them.
@@ -231,13 +238,13 @@ class Dataset:
         """
         try:
             yield
-        except DfdbenchError:
+        except errors.DfdbenchError:
             raise
         except Exception as error:
             # Damaged files come to anything, by where the damage is.
             got, where = str(error)[:LONGEST], f"{self.path}, {what}"
             fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
-            raise StoreError(
+            raise errors.StoreError(
                 "an array of the store cannot be read", where=where, got=got, fix=fix
             ) from error
 
@@ -346,7 +353,7 @@ class Captures(Sequence[Capture]):
         """
         parts = region if isinstance(region, tuple) else ()
         if [type(part) for part in parts] != [slice, slice]:
-            raise InputError(f"not two slices, rows and columns: {region!r}", where="region")
+            raise errors.InputError(f"not two slices, rows and columns: {region!r}", where="region")
         pair = self.pair_at(index)
         _check_region(region, self.dataset.shape_of(pair.scene))
         return self.dataset.read(pair, region).two_of(self._images)
@@ -359,8 +366,8 @@ class Captures(Sequence[Capture]):
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
     what = "the crop does not lie within the image"
-    InputError.raise_if(
-        Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
+    errors.InputError.raise_if(
+        errors.Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
@@ -403,24 +410,24 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | str | None
         if manifest.short != "demo":
             more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
         what = f"data set {manifest.short} is not built"
-        raise StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
+        raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
     return Dataset(default)
 
 
 def _manifest_of(name: str) -> Manifest:
     try:
         return find_manifest(name)
-    except UnknownNameError:
+    except errors.UnknownNameError:
         if not Path(name).exists():
             raise
         kind = "folder" if Path(name).is_dir() else "file"
         fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
-        raise StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
+        raise errors.StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
 
 
-def _not_ours(location: UPath) -> StoreError:
+def _not_ours(location: UPath) -> errors.StoreError:
     fix = "dfdbench build NAME; a store whose zarr.json was lost has to be deleted first"
-    return StoreError("not a data set built by dfdbench", where=str(location), fix=fix)
+    return errors.StoreError("not a data set built by dfdbench", where=str(location), fix=fix)
 
 
 def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
@@ -428,10 +435,10 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
     try:
         if not exists(location):
             fix = "dfdbench build NAME --store PATH" if is_local(location) else _REMOTE
-            raise StoreError("no such store", where=str(location), fix=fix)
+            raise errors.StoreError("no such store", where=str(location), fix=fix)
         root = zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
         return root, frozenset(root.group_keys())
-    except DfdbenchError:
+    except errors.DfdbenchError:
         raise
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
@@ -440,4 +447,4 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
         what = f"cannot read the store: {str(error)[:LONGEST]}"
         fix = "build it again" if is_local(location) else _REMOTE
         fix = "allow more memory and threads" if "new thread" in str(error) else fix
-        raise StoreError(what, where=str(location), fix=fix) from error
+        raise errors.StoreError(what, where=str(location), fix=fix) from error

@@ -74,6 +74,11 @@ def attributes_digest(attributes: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
+def signed(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a store's attributes with their digest among them."""
+    return {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
+
+
 def combine(digests: Mapping[str, str]) -> str:
     """Return one SHA-256 for digests by name; their order in the mapping does not matter.
 
@@ -284,11 +289,10 @@ def verify_store(
         Called with (scenes done, scenes in all).
     """
     looked_at = (pool or Threads()).map(partial(_verified, store), store.scenes, on_done=on_scene)
-    missing = [
-        StoreDifference(scene, "", "the scene is missing")
-        for scene in _scenes_expected(store)
-        if scene not in store.scenes
-    ]
+    left_out = set(store.attributes.get("missing_pairs", ()))
+    expected = dict.fromkeys(p.scene for p in store.manifest.pairs() if p.id not in left_out)
+    gone = [scene for scene in expected if scene not in store.scenes]
+    missing = [StoreDifference(scene, "", "the scene is missing") for scene in gone]
     differences = [difference for scene in looked_at for difference in scene.differences]
     digests = dict(zip(store.scenes, (scene.recomputed for scene in looked_at), strict=True))
     return StoreVerification(
@@ -346,9 +350,3 @@ def _verified(store: Dataset, scene: str) -> StoreVerification:
         differences.append(StoreDifference(scene, "", "its recorded digests contradict each other"))
     digest = combine(found) if len(found) == len(there) else ""
     return StoreVerification("", digest, 1, len(found), tuple(differences))
-
-
-def _scenes_expected(store: Dataset) -> tuple[str, ...]:
-    missing = set(store.attributes.get("missing_pairs", ()))
-    there = {pair.scene for pair in store.manifest.pairs() if pair.id not in missing}
-    return tuple(scene for scene in store.manifest.scene_names if scene in there)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dfdbench.metrics.protocol import Unit
+
 ALL_PAIRS = "all"
 #: What stands in a manifest's text before scenes that were found.
 FOUND = "\n# Found where the set was built.\n\n"
@@ -71,7 +73,7 @@ class Depth(StrictRecord):
     scale: DepthScale | None = None
 
     @property
-    def kind(self) -> Literal["levels", "metres"]:
+    def kind(self) -> Unit:
         """What the depth is in: levels 0 to 255, or metres, whose ends `scale` then tells."""
         return "metres" if self.unit == "metres" else "levels"
 
@@ -98,9 +100,7 @@ class Depth(StrictRecord):
         levels = self.scale.to_exact_levels(np.where(np.isfinite(distance), distance, 1.0))
         return np.where(np.isfinite(distance), levels, np.nan)
 
-    def of_unit(
-        self, depth: NDArray[np.float32], unit: Literal["levels", "metres"]
-    ) -> NDArray[np.float32]:
+    def of_unit(self, depth: NDArray[np.float32], unit: Unit) -> NDArray[np.float32]:
         """Return depth in levels or metres in this kind; `scale` says how, where they differ.
 
         Metres beyond the scale's ends become the end.
@@ -113,10 +113,7 @@ class Depth(StrictRecord):
         return turn(depth).astype("float32")
 
     def answer_of_unit(
-        self,
-        depth: NDArray[np.float32],
-        sigma: NDArray[np.float32] | None,
-        unit: Literal["levels", "metres"],
+        self, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None, unit: Unit
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return depth as `of_unit` does, and its standard deviation by the scale's mean slope.
 

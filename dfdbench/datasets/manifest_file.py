@@ -9,22 +9,8 @@ from pathlib import Path, PurePosixPath
 
 from pydantic import ValidationError
 
-from dfdbench.datasets.captured_files import (
-    BY_IMAGE,
-    IMAGE,
-    OF_CAMERA,
-    CapturedFiles,
-    fill,
-    places_in,
-)
-from dfdbench.datasets.manifest import (
-    ALL_PAIRS,
-    FOLDER,
-    Manifest,
-    Pair,
-    excluded_pairs,
-    grid_of_pairs,
-)
+from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, OF_CAMERA, fill, places_in
+from dfdbench.datasets.manifest import ALL_PAIRS, FOLDER, Manifest, excluded_pairs, grid_of_pairs
 from dfdbench.errors import ManifestError, Problem, unknown_name
 from dfdbench.system.files import read_as
 from dfdbench.system.strict import problems_of
@@ -103,7 +89,7 @@ def _check_axes(manifest: Manifest) -> Iterator[Finding]:
 def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
     axes = manifest.axes
     real = set(grid_of_pairs(manifest.scene_names, axes))
-    seen: set[Pair] = set()
+    left = set(real)
     for number, exclusion in enumerate(manifest.exclusions):
         field = f"exclusions[{number}]"
         yield from _unknown(f"{field}.coordinates", "axis", exclusion.coordinates, axes)
@@ -111,15 +97,15 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
         for pair in pairs:
             if pair not in real:
                 yield field, f"excluded pair {pair.id} does not exist"
-            elif pair in seen:
+            elif pair not in left:
                 yield field, f"pair is excluded twice: {pair.id}"
-        seen.update(pairs)
+        left.difference_update(pairs)
         if len(pairs) != exclusion.pairs:
             yield f"{field}.pairs", f"{len(pairs)} pairs are excluded, not {exclusion.pairs}"
     # Of scenes that are found, as many were published.
-    if len(real - seen) != manifest.pair_count and not manifest.find_scenes:
-        left, stated = len(real - seen), manifest.pair_count
-        yield "pair_count", f"{left} pairs are left after the exclusions, not {stated}"
+    stated = manifest.pair_count
+    if len(left) != stated and not manifest.find_scenes:
+        yield "pair_count", f"{len(left)} pairs are left after the exclusions, not {stated}"
 
 
 def _check_names(manifest: Manifest) -> Iterator[Finding]:
@@ -241,23 +227,22 @@ def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
     ]
     facts = {name: str(getattr(files, name) or "") for name in BY_IMAGE}
     for name, pattern in (files.patterns | facts).items():
-        found += _unknown_places(manifest, files, name, pattern)
+        found += _unknown_places(manifest, files.table_columns, name, pattern)
     for axis in files.axis_names:
         if axis not in manifest.axes:
             found.append(("files.axis_names", f"no such axis: {axis}"))
     for number, scene in enumerate(manifest.scenes):
         for name in {"scene", *manifest.axes} & set(scene.names):
             found.append((f"scenes[{number}].names", f"{name} stands for something else"))
-    yield from found or _shared_files(manifest, files)
+    yield from found or _shared_files(manifest)
 
 
 def _unknown_places(
-    manifest: Manifest, files: CapturedFiles, what: str, pattern: str
+    manifest: Manifest, columns: set[str] | None, what: str, pattern: str
 ) -> Iterator[Finding]:
     axes = manifest.depth.axes if what == "depth" else manifest.axes
-    columns: set[str] | None = set()
-    if what in ("images", *BY_IMAGE):
-        columns = files.table_columns
+    if what not in ("images", *BY_IMAGE):
+        columns = set()
     known = {"scene", *axes, *(columns or ())} | ({IMAGE} if what == "images" else set())
     for name in dict.fromkeys(places_in(pattern)):
         lacking = [scene.name for scene in manifest.scenes if name not in scene.names]
@@ -268,7 +253,9 @@ def _unknown_places(
             yield f"files.{what}", f"nothing is known by the name {{{name}}}: {need}; {without}"
 
 
-def _shared_files(manifest: Manifest, files: CapturedFiles) -> Iterator[Finding]:
+def _shared_files(manifest: Manifest) -> Iterator[Finding]:
+    files = manifest.files
+    assert files is not None  # only captured sets are asked
     # Two captures of the same images would count one twice.
     seen: dict[tuple[str, ...], str] = {}
     patterns = [p for n, p in files.patterns.items() if n not in ("depth", "metadata")]

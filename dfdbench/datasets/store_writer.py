@@ -14,13 +14,7 @@ from upath import UPath
 from zarr.abc.buffer import Buffer
 
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
-from dfdbench.datasets.fingerprint import (
-    ATTRIBUTES_SHA256,
-    attributes_digest,
-    combine,
-    open_scene,
-    scene_digests,
-)
+from dfdbench.datasets.fingerprint import combine, open_scene, scene_digests, signed
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, StoreError, reason_of, room_or
 from dfdbench.system import location
@@ -180,10 +174,9 @@ class StoreWriter:
         with disk_errors(self.path):
             for stray in set(location.folders_in(self.partial)) - set(digests):
                 location.remove(self.partial / stray)
-            attributes = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}
-            zarr.open_group(location.zarr_store(self.partial), mode="r+", zarr_format=3).attrs.put(
-                {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
-            )
+            said = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}
+            store = zarr.open_group(location.zarr_store(self.partial), mode="r+", zarr_format=3)
+            store.attrs.put(signed(said))
             location.move_folder(self.partial, self.path, _METADATA)
         return fingerprint
 

@@ -1,30 +1,36 @@
-"""Run a method on a data set, or score depth maps made elsewhere; the data sets of all tracks."""
+"""Run a method on a data set and its tracks, try its parameters, or score maps made elsewhere."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, StoreError, unknown_name
+from dfdbench.datasets.dataset import Captures, Dataset, open_dataset
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.errors import InputError, MethodError, StoreError, unknown_name
+from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import depth_warnings, load_for
-from dfdbench.evaluation.pair import blank_record, record_of
-from dfdbench.evaluation.plan import RunOptions, protocols_on, require_what_was_built
-from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
+from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
+from dfdbench.evaluation.pair import PairEvaluator, blank_record, record_of
+from dfdbench.evaluation.plan import RunOptions, protocol_on, protocols_on, require_what_was_built
 from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
 from dfdbench.methods.measured_law import Calibration
-from dfdbench.methods.method import Method, Prediction
-from dfdbench.metrics.protocol import Unit
+from dfdbench.methods.method import Method, Prediction, teach
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import SURE, Unit, find_protocol, ranked_by
 from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import Predictions, keep_store_place, open_run_folder
+from dfdbench.results.wording import plain, score_text
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool, Shown, one_by_one
+from dfdbench.tables.table import Table
 
 
 def evaluate(
@@ -100,17 +106,11 @@ def labels_of(tracks: Sequence[str] | None) -> list[str]:
         if name not in TRACKS:
             raise unknown_name("track", name, TRACKS)
     chosen = [TRACKS[name] for name in dict.fromkeys(tracks or TRACKS)]
-    counts = [(track.name, len(track.severities)) for track in chosen]
-    return [CLEAN, *(f"{name}-{n}" for name, count in counts for n in range(1, count + 1))]
+    return [CLEAN, *(label for track in chosen for label in track.labels)]
 
 
 def built_track(
-    plain: Manifest,
-    dataset: str,
-    label: str,
-    source: Path | None,
-    cache: Path | str | None,
-    shown: Shown,
+    dataset: str, label: str, source: Path | None, cache: Path | str | None, shown: Shown
 ) -> Dataset:
     """Open a data set on a track, or build it if its files are made or at hand.
 
@@ -123,7 +123,7 @@ def built_track(
     try:
         return open_dataset(name, cache=cache)
     except StoreError:
-        if source is None and not is_made(plain):
+        if source is None and not is_made(find_manifest(dataset)):
             raise
     # Here: a run of what is built does without what reads and fetches files.
     from dfdbench.building.obtaining import build_dataset
@@ -146,7 +146,7 @@ def score_predictions(
     Parameters
     ----------
     predictions : Path
-        The depth maps, see `dfdbench.evaluation.prediction_files.find_predictions`.
+        The depth maps, see `dfdbench.evaluation.map_files.find_predictions`.
     store : Dataset
         The data set.
     split : str
@@ -217,3 +217,116 @@ def _warnings(found: PredictionFiles) -> list[str]:
         ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
         warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
     return warnings
+
+
+#: Training captures are divided into so many folds; those of a group stay together.
+FOLDS = 4
+
+
+def cross_validate(
+    store: Dataset,
+    method: str | Callable[..., Any],
+    ranges: Mapping[str, Sequence[Any]] | None,
+    parameters: Mapping[str, Any],
+    protocol: str | None,
+    limit: int | None,
+    seed: int,
+    on_pair: Callable[[int, int], None] | None,
+) -> pd.DataFrame:
+    """Score every combination of parameters on training captures that it was not fitted on.
+
+    The captures are divided into four folds, those of a group together. For each fold the method
+    is fitted on the other three, if it has a fit, and scored on the fold.
+    Parameters, answer and errors are those of `dfdbench.tune`.
+    """
+    loaded = load_for(store, method, parameters, seed)
+    ranges = dict(ranges or loaded.attribute("ranges") or {})
+    if not ranges or not all(ranges.values()):
+        what = "nothing to try: the method states no ranges of its own"
+        raise InputError(what, where=loaded.name, fix="name some: --range window=7,31,91")
+    rule = find_protocol(protocol_on(store.manifest, protocol))
+    folds = folds_of(store)
+    trials = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    # What a method does not take is said before anything is run.
+    methods = [load_for(store, method, {**parameters, **trial}, seed) for trial in trials]
+    every = [pair for fold in folds for pair in fold]
+    scored = set(every[:: -(-len(every) // (limit or len(every)))])
+    total = len(scored) * len(trials)
+    rows: list[dict[str, Any]] = []
+    done = 0
+    for trial, ready in zip(trials, methods, strict=True):
+        found = []
+        for fold in folds:
+            if ready.learner is not None:
+                others = tuple(pair for pair in every if pair not in fold)
+                two = ready.two_images(store.manifest.pair_images)
+                teach(ready, Captures(store, others, two), seed)
+            evaluator = PairEvaluator(store, ready, seed, [rule])
+            for pair in (pair for pair in fold if pair in scored):
+                record, _ = evaluator(pair)
+                where = f"{pair.id} with {words(trial)}"
+                if record.error:
+                    raise MethodError(record.error, where=where)
+                if record.lacks_answers(rule.label):
+                    what = "pixels have no answer, and no score compares those that have one"
+                    raise MethodError(what, where=where, fix=f"--protocol {SURE}")
+                found.append(record.scores[rule.label])
+                done += 1
+                if on_pair:
+                    on_pair(done, total)
+        rows.append({**trial, **pd.DataFrame(found).mean()})
+    tried = pd.DataFrame(rows).set_index(list(ranges))
+    return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
+
+
+def tried_table(tried: pd.DataFrame, title: str) -> Table:
+    """Return the table of what `cross_validate` found."""
+    metrics = {name: find_metric(name) for name in map(str, tried)}
+    names = [str(name) for name in tried.index.names]
+    trials = list(zip(_parameters(tried), tried.to_numpy().tolist(), strict=True))
+    rows = [(*map(plain, given.values()), *map(score_text, scores)) for given, scores in trials]
+    records = tuple(given | dict(zip(metrics, scores, strict=True)) for given, scores in trials)
+    columns = (*names, *(metric.heading for metric in metrics.values()))
+    return Table(title, columns, tuple(rows), "l" * len(names), records=records)
+
+
+def best_words(tried: pd.DataFrame) -> str:
+    """Return the best parameters as the command line takes them."""
+    return words(_parameters(tried)[0])
+
+
+def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
+    shown = tried.index.to_frame(index=False).astype(object)
+    return [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
+
+
+def folds_of(store: Dataset) -> list[list[Pair]]:
+    """Divide the training captures into folds of about one size, those of a group together.
+
+    Raises
+    ------
+    InputError
+        If there are fewer groups than folds.
+    """
+    groups: dict[str, list[Pair]] = {}
+    for pair in store.pairs(TRAINING):
+        groups.setdefault(store.manifest.groups.get(pair.scene, pair.scene), []).append(pair)
+    if len(groups) < FOLDS:
+        what = f"{len(groups)} groups of training captures are too few for {FOLDS} folds"
+        raise InputError(what, where=store.manifest.stem, fix="build it with more training scenes")
+    folds: list[list[Pair]] = [[] for _ in range(FOLDS)]
+    # The largest first, each to the fold that has least.
+    for group in sorted(groups.values(), key=len, reverse=True):
+        min(folds, key=len).extend(group)
+    return folds
+
+
+def words(parameters: Mapping[str, Any]) -> str:
+    """Return parameters as the command line takes them.
+
+    Examples
+    --------
+    >>> words({"window": 31, "smoothing": 0.5})
+    '--param window=31 --param smoothing=0.5'
+    """
+    return " ".join(f"--param {name}={plain(value)}" for name, value in parameters.items())

@@ -1,4 +1,4 @@
-"""Write depth maps that were estimated without a data set: files, or a test server's zip."""
+"""Depth maps in files: write those that are estimated, find and check those made elsewhere."""
 
 import contextlib
 import hashlib
@@ -7,20 +7,26 @@ import json
 import re
 import zipfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
+from numpy.typing import NDArray
+from PIL import Image
 
-from dfdbench.errors import InputError, reason_of
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import ALL_PAIRS, Depth, Pair
+from dfdbench.errors import InputError, Problem, ResultError, reason_of
 from dfdbench.evaluation.plan import differences_from
-from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
+from dfdbench.methods.calling import check_answer
 from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.run_folder import previous_of
+from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
+from dfdbench.tables.table import listed
 
 #: How the file of a depth map may end.
 MAPS = (".npy", ".npz", ".png")
@@ -65,7 +71,7 @@ def write_depth(
             what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
             raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
         whole = np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
-        PIL.Image.fromarray(whole).save(file, "png")
+        Image.fromarray(whole).save(file, "png")
     else:
         require_map(path)
     _write_content(path, file.getvalue(), "depth map")
@@ -192,3 +198,198 @@ def _write_content(path: Path, content: bytes, what: str) -> None:
         write_whole(path, content)
     except OSError as error:
         raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
+
+
+#: The formats that are read, by how a file's name ends.
+SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
+#: What 16-bit images hold, by unit: so many to a level, or to a metre.
+SIXTEEN_BIT = {"levels": 256.0, "metres": 1000.0}
+_RULE = {"levels": "levels times 256", "metres": "millimetres"}
+_NAMED = 10
+# Of what is wrong with single files, so many are named: a wrong unit is wrong in all of them.
+_MOST = 20
+
+
+@dataclass(frozen=True)
+class PredictionFiles:
+    """The depth maps of a split's captures, all of them there and sound.
+
+    Parameters
+    ----------
+    files : mapping of Pair to Path
+        The file of each pair.
+    unit : {"levels", "metres"}
+        What they hold.
+    about : Depth
+        What the data set's depth means.
+    others : int
+        How many files of the folder are of other pairs of the data set.
+    beyond : float
+        Of all pixels, which part lies beyond the scale's two ends and counts as the end.
+    highest : float
+        The highest level of all.
+    """
+
+    files: Mapping[Pair, Path]
+    unit: Unit
+    about: Depth
+    others: int = 0
+    beyond: float = 0.0
+    highest: float = 255.0
+
+    def read(self, pair: Pair, shape: tuple[int, int]) -> tuple[DepthMap, DepthMap | None]:
+        """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x)."""
+        return _answer(self.files[pair], shape, self.unit, self.about)[:2]
+
+
+def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
+    """Find the depth maps of a split in a folder, and look at every one.
+
+    A file is named by its pair, as ``dfdbench info NAME --pairs SPLIT`` lists them, in folders or
+    with ``_`` for ``/``: ``Art/view1.npy`` or ``Art_view1.npy``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie. Hidden files are not looked at.
+    store : Dataset
+        The data set.
+    split : str
+        Which pairs.
+    unit : {"levels", "metres"}
+        What they hold. Arrays (npy, npz) and TIFF files of floats hold the unit itself; 8-bit
+        images levels; 16-bit images levels times 256 or millimetres. Of an npz file its array
+        ``depth`` is taken, and ``sigma``, the standard deviation of each pixel, if it has one.
+
+    Raises
+    ------
+    ResultError
+        With all that is wrong: pairs without a file or with two, files of no pair, and files that
+        cannot be read, have another shape than the pair's images, or hold what is no depth.
+    """
+    about = store.manifest.depth
+    problems = _unfit(folder, store, split, unit)
+    ResultError.raise_if(problems)
+    wanted = store.pairs(split)
+    files, problems = _sorted_out(folder, store, wanted, split)
+    pixels, beyond, highest = 0, 0, 0.0
+    wrong: list[Problem] = []
+    for pair in (pair for pair in wanted if pair in files):
+        shape = store.shape_of(pair.scene)
+        try:
+            depth, _, outside = _answer(files[pair], shape, unit, about)
+        except ValueError as error:
+            expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
+            wrong.append(Problem(str(error), where=str(files[pair]), expected=expected))
+        else:
+            pixels, beyond = pixels + depth.size, beyond + outside
+            highest = max(highest, float(np.nanmax(depth)))
+    problems += wrong[:_MOST]
+    if wrong[_MOST:]:
+        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
+    ResultError.raise_if(problems)
+    chosen = {pair: files[pair] for pair in wanted}
+    others = len(files) - len(chosen)
+    return PredictionFiles(chosen, unit, about, others, beyond / pixels, highest)
+
+
+def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
+    problems = []
+    if not folder.is_dir():
+        problems.append(Problem("no folder of depth maps", where=str(folder)))
+    if not store.pairs(split):
+        problems.append(Problem(f"the store holds no pair of split {split}", where=str(store.path)))
+    if unit == "metres" and store.manifest.depth.scale is None:
+        what = "no depth.scale in the manifest makes metres of levels"
+        fix = "hand in depth levels: --unit levels"
+        problems.append(Problem(what, where=store.manifest.stem, fix=fix))
+    return problems
+
+
+def _sorted_out(
+    folder: Path, store: Dataset, wanted: Sequence[Pair], split: str
+) -> tuple[dict[Pair, Path], list[Problem]]:
+    named = {}
+    for pair in store.manifest.pairs(ALL_PAIRS):
+        named[pair.id] = named[pair.id.replace("/", "_")] = pair
+    files: dict[Pair, Path] = {}
+    surplus, twice = [], []
+    for path in sorted(folder.rglob("*")):
+        place = path.relative_to(folder)
+        if any(part.startswith(".") for part in place.parts) or not path.is_file():
+            continue
+        found = named.get(place.as_posix().removesuffix(path.suffix))
+        if found is None or path.suffix.lower() not in SUFFIXES:
+            surplus.append(place.as_posix())
+        elif found in files:
+            twice.append(f"{files[found].relative_to(folder).as_posix()} and {place.as_posix()}")
+        else:
+            files[found] = path
+    missing = [pair.id for pair in wanted if pair not in files]
+    each = f"a file for each of the {len(wanted)} pairs, as {wanted[0].id}.npy"
+    ends = f"names of pairs that end in {', '.join(SUFFIXES)}"
+    lists = (
+        ("pairs without a depth map", missing, each),
+        ("pairs with two depth maps", twice, "one file per pair"),
+        ("files that are no pair's depth map", surplus, ends),
+    )
+    about = {
+        "where": str(folder),
+        "fix": f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs",
+    }
+    problems = [
+        Problem(f"{what}: {len(names)}", expected=wish, got=listed(names, _NAMED), **about)
+        for what, names, wish in lists
+        if names
+    ]
+    return files, problems
+
+
+def _answer(
+    path: Path, shape: tuple[int, int], unit: Unit, about: Depth
+) -> tuple[DepthMap, DepthMap | None, int]:
+    """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
+
+    Beyond is nothing in metres of a set in metres. A ValueError says what is wrong with the file.
+    """
+    try:
+        values, spread = _read(path, unit)
+    except UNREADABLE_IMAGE as error:
+        # What is no array NumPy takes for a pickle, and says how it would run it.
+        reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
+        raise ValueError(f"cannot be read: {reason}") from error
+    if unit == "metres" and values.shape == shape and values.dtype.kind in "uif":
+        bad = np.count_nonzero(np.isinf(values) | (values <= 0))
+        if bad:
+            raise ValueError(f"holds no distance in {bad} of {values.size} pixels")
+    try:
+        depth, sigma = check_answer(values if spread is None else (values, spread), shape, unit)
+    except ValueError as error:
+        raise ValueError(str(error).replace("returned", "holds", 1)) from error
+    beyond, scale = 0, about.scale
+    if unit == "metres" and about.kind == "levels" and scale is not None:
+        beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
+    return *about.answer_of_unit(depth, sigma, unit), beyond
+
+
+def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        return np.asarray(load_array(path)), None
+    if suffix == ".npz":
+        with np.load(path, allow_pickle=False) as arrays:
+            if len(arrays.files) != 1 and "depth" not in arrays:
+                raise ValueError(f"{len(arrays.files)} arrays, none of them called depth")
+            depth = np.asarray(arrays["depth" if "depth" in arrays else arrays.files[0]])
+            return depth, np.asarray(arrays["sigma"]) if "sigma" in arrays else None
+    with Image.open(path) as image:
+        image.load()
+        # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
+        mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
+        values = np.asarray(image)
+    if mode == "F" or (mode == "L" and unit == "levels"):
+        return values, None
+    if mode.startswith("I;16"):
+        return values / SIXTEEN_BIT[unit], None
+    kind = "8 bits hold no metres" if mode == "L" else f"an image of kind {mode}"
+    raise ValueError(f"{kind}; a depth map is grey, of 8 bits (levels) or 16, or a TIFF of floats")

@@ -8,13 +8,14 @@ from typing import Any
 
 from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import Fit, fit_sha256
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import ABSENT, changes
-from dfdbench.metrics.protocol import Protocol, protocols_of
+from dfdbench.metrics.protocol import SURE, Protocol, find_protocol, protocols_of, require_scored
 from dfdbench.results.environment import software
+from dfdbench.results.record import first_protocol
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import differences
 from dfdbench.tables.table import listed
@@ -156,6 +157,27 @@ def protocols_on(store: Dataset) -> tuple[Protocol, ...]:
     return tuple(protocols_of(depth.scale is not None, depth.kind).values())
 
 
+def protocol_on(manifest: Manifest, name: str | None) -> str:
+    """Return the label of a protocol that runs on a data set are scored under.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    name : str or None
+        The protocol's name; None for the data set's first.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none, or runs on this data set are not scored under it.
+    """
+    label = find_protocol(name).label if name else first_protocol(manifest.short)
+    there = [*protocols_of(manifest.depth.scale is not None, manifest.depth.kind), SURE]
+    require_scored(label, there, f"runs on {manifest.stem}")
+    return label
+
+
 def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) -> RunPlan:
     """Return which pairs a run evaluates.
 
@@ -168,11 +190,7 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     """
     require_truth(store)
     require_what_was_built(store, split)
-    available = store.pairs(split)
-    if not available:
-        fix = f"build {store.manifest.short} with the scenes of that split"
-        what = f"the store holds no pair of split {split}"
-        raise StoreError(what, where=str(store.path), fix=fix)
+    available = store.some_pairs(split)
     require_stacks(method, store, available[0])
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]

@@ -27,19 +27,8 @@ from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
-from dfdbench.results import run_folder
+from dfdbench.results import record, run_folder
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record import (
-    RESULT,
-    DatasetRecord,
-    Environment,
-    MethodRecord,
-    PairResult,
-    Result,
-    average,
-    first_protocol,
-    save_result,
-)
 from dfdbench.results.wording import score_text, without_folder, without_folders
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
@@ -47,7 +36,7 @@ from dfdbench.tables.table import counted, listed
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 _ENVIRONMENTS = "environments"
-_Environments = TypeAdapter(list[Environment])
+_Environments = TypeAdapter(list[record.Environment])
 
 
 @dataclass(frozen=True)
@@ -68,7 +57,7 @@ class RunDone:
         In what that differed from this one; empty if it was to be started over anyway.
     """
 
-    result: Result
+    result: record.Result
     folder: Path
     reused: int
     set_aside: Path | None
@@ -159,9 +148,9 @@ def run_method(
         said = [*method.warnings, *warnings]
         if edited := differences_from(known.content, plan.identity, method):
             said.append(f"{listed(edited)} while it was run: run it again")
-        record, pairs = _method_record(plan), journal.records()
-        result = compose(store, split, record, pairs, seed, said, known.environments)
-        save_result(result, folder / RESULT)
+        ran, pairs = _method_record(plan), journal.records()
+        result = compose(store, split, ran, pairs, seed, said, known.environments)
+        record.save_result(result, folder / record.RESULT)
     return RunDone(result, folder, journal.reused, set_aside, tuple(because))
 
 
@@ -199,7 +188,7 @@ class _Known:
         environments = [environment.model_dump() for environment in self.environments]
         return {**self._identity, "used": self._used, _ENVIRONMENTS: environments}
 
-    def add(self, used: Hashes, environment: Environment | None) -> bool:
+    def add(self, used: Hashes, environment: record.Environment | None) -> bool:
         """Add what was used and where; return whether that was new."""
         before = len(self.environments), dict(self._used)
         if environment and environment not in self.environments:
@@ -260,24 +249,24 @@ class _Journal:
 
     def _so_far(self) -> str:
         """Return the mean of what is done, by the metric that ranks on this data set."""
-        protocol = first_protocol(self._plan.store.manifest.short)
+        protocol = record.first_protocol(self._plan.store.manifest.short)
         metric = ranked_by(protocol)[0]
         found = (each.scores.get(protocol, {}).get(metric) for each in self._finished.values())
         return f"{find_metric(metric).title} {score_text(mean_of(found))}"
 
-    def _keep(self, record: PairResult) -> None:
-        self._finished[record.id] = record
-        run_folder.add_to_journal(self._folder, record)
+    def _keep(self, found: record.PairResult) -> None:
+        self._finished[found.id] = found
+        run_folder.add_to_journal(self._folder, found)
 
     def _compare(self, first: EvaluatedElsewhere, second: EvaluatedElsewhere) -> None:
         one, other = first.answer, second.answer
         differs = difference(one.depth, other.depth) or difference(one.sigma, other.sigma)
         if differs:
-            record = self._finished[first.record.id]
-            said = [*record.warnings, f"{DIFFERS} {differs}"]
-            self._keep(record.model_copy(update={"warnings": said}))
+            kept = self._finished[first.record.id]
+            said = [*kept.warnings, f"{DIFFERS} {differs}"]
+            self._keep(kept.model_copy(update={"warnings": said}))
 
-    def records(self) -> list[PairResult]:
+    def records(self) -> list[record.PairResult]:
         """Return the records of all pairs of the split, those not evaluated too."""
         present = {pair.id for pair in self._plan.available}
         return [
@@ -293,10 +282,10 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
         evaluate = PairEvaluator(plan.store, plan.method, plan.options.seed)
         environment = None
         for pair in to_do:
-            record, answer = evaluate(pair)
+            found, answer = evaluate(pair)
             # After the first pair: a method may load PyTorch only then.
             environment = environment or describe_environment()
-            journal.note(pair, EvaluatedElsewhere(record, answer, plan.method.used, environment))
+            journal.note(pair, EvaluatedElsewhere(found, answer, plan.method.used, environment))
         return
     if to_do and plan.method.warm_up:
         # Here, once: each worker would compile the same at the same time.
@@ -313,12 +302,12 @@ _NAMED = 10
 def compose(
     store: Dataset,
     split: str,
-    method: MethodRecord,
-    pairs: list[PairResult],
+    method: record.MethodRecord,
+    pairs: list[record.PairResult],
     seed: int = 0,
     warnings: Sequence[str] = (),
-    environments: Sequence[Environment] = (),
-) -> Result:
+    environments: Sequence[record.Environment] = (),
+) -> record.Result:
     """Return the result of a split's pairs.
 
     Parameters
@@ -339,27 +328,39 @@ def compose(
         Where the pairs were run, as their `machine` counts them; by default here.
     """
     first, *others = environments or [describe_environment()]
-    protocols = list(protocols_on(store))
+    manifest, protocols = store.manifest, list(protocols_on(store))
     if any(SURE in pair.scores for pair in pairs):
         pairs = list(map(_with_sureness, pairs))
         protocols.append(RELEASED[SURE])
     evaluated = [pair for pair in pairs if pair.status == "ok"]
     labels = [protocol.label for protocol in protocols]
-    return Result(
+    return record.Result(
         schema_version=1,
-        dataset=_dataset_record(store, split, len(pairs), len(evaluated)),
+        dataset=record.DatasetRecord.of(
+            manifest,
+            name=manifest.stem,
+            short=manifest.short,
+            manifest_sha256=manifest.sha256,
+            fingerprint=store.fingerprint,
+            split=split,
+            expected=len(pairs),
+            evaluated=len(evaluated),
+            recipe=store.attributes["recipe"],
+            degradation=store.attributes["degradation"],
+            options=store.attributes["options"],
+        ),
         protocols=[protocol.as_dict() for protocol in protocols],
         method=method,
         environment=first,
         other_environments=others,
         seed=seed,
         pairs=pairs,
-        averages=average(evaluated, labels) if len(evaluated) == len(pairs) else None,
-        warnings=[*_warnings(store.manifest, pairs, evaluated, [first, *others]), *warnings],
+        averages=record.average(evaluated, labels) if len(evaluated) == len(pairs) else None,
+        warnings=[*_warnings(manifest, pairs, evaluated, [first, *others]), *warnings],
     )
 
 
-def _with_sureness(pair: PairResult) -> PairResult:
+def _with_sureness(pair: record.PairResult) -> record.PairResult:
     """Score a pair for how sure the method is.
 
     One that is answered everywhere without a sigma has its own error at any density.
@@ -372,27 +373,10 @@ def _with_sureness(pair: PairResult) -> PairResult:
     return pair.model_copy(update={"scores": pair.scores | {SURE: scores}})
 
 
-def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -> DatasetRecord:
-    manifest = store.manifest
-    return DatasetRecord.of(
-        manifest,
-        name=manifest.stem,
-        short=manifest.short,
-        manifest_sha256=manifest.sha256,
-        fingerprint=store.fingerprint,
-        split=split,
-        expected=expected,
-        evaluated=evaluated,
-        recipe=store.attributes["recipe"],
-        degradation=store.attributes["degradation"],
-        options=store.attributes["options"],
-    )
-
-
-def _method_record(plan: RunPlan) -> MethodRecord:
+def _method_record(plan: RunPlan) -> record.MethodRecord:
     method = plan.method
     chosen = method.attribute("chosen")
-    return MethodRecord(
+    return record.MethodRecord(
         name=method.name,
         entry=without_folder(method.entry),
         source_sha256=method.source_sha256,
@@ -418,9 +402,9 @@ def trained_on_of(method: Method, manifest: Manifest) -> str | None:
 
 def _warnings(
     manifest: Manifest,
-    pairs: list[PairResult],
-    evaluated: list[PairResult],
-    environments: list[Environment],
+    pairs: list[record.PairResult],
+    evaluated: list[record.PairResult],
+    environments: list[record.Environment],
 ) -> list[str]:
     warnings = []
     if missing := [pair.id for pair in pairs if pair.status == "missing"]:
@@ -459,5 +443,5 @@ def _warnings(
     return warnings
 
 
-def _warned(pairs: list[PairResult], begins: str) -> int:
+def _warned(pairs: list[record.PairResult], begins: str) -> int:
     return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.audit.bound import DRAWN, Bound
 from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
-from dfdbench.audit.difficulty import STEPS, Difficulty
+from dfdbench.audit.difficulty import DRAWN, STEPS, Bound, Difficulty
 from dfdbench.audit.run_errors import DepthErrors, ErrorJoin, LevelErrors
 from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS

@@ -16,14 +16,10 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
-from dfdbench.results.differences import change_tables
+from dfdbench.results import differences, record, saved_run, summary, wording
 from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, first_protocol, shown_protocol
 from dfdbench.results.run_tables import all_tables, run_score_table
-from dfdbench.results.saved_run import SavedRun, distinguished
-from dfdbench.results.summary import summarise
-from dfdbench.results.wording import method_label, score_text
 from dfdbench.tables.table import Table, as_html, listed
 
 if TYPE_CHECKING:
@@ -47,7 +43,7 @@ class Run:
 
     def __init__(
         self,
-        runs: Mapping[str, SavedRun],
+        runs: Mapping[str, saved_run.SavedRun],
         protocol: str | None = None,
         notes: Sequence[str] = (),
         calibration: Calibration | None = None,
@@ -55,7 +51,7 @@ class Run:
         self._runs = dict(runs)
         self._first = next(iter(self._runs.values()))
         self._calibration = calibration
-        self.protocol = protocol or shown_protocol(self.result)
+        self.protocol = protocol or record.shown_protocol(self.result)
         self.notes = tuple(notes)
 
     def __repr__(self) -> str:
@@ -70,12 +66,12 @@ class Run:
         return len(self._runs) > 1
 
     @property
-    def result(self) -> Result:
+    def result(self) -> record.Result:
         """Everything the run recorded, on the clean images if it was run on tracks."""
         return self._first.result
 
     @property
-    def results(self) -> dict[str, Result]:
+    def results(self) -> dict[str, record.Result]:
         """Everything the run recorded, by ``clean`` and ``TRACK-SEVERITY``."""
         return {label: run.result for label, run in self._runs.items()}
 
@@ -131,7 +127,7 @@ class Run:
         """
         shown = protocol or self.protocol
         if not self._on_tracks:
-            return _as_frame(run_score_table(summarise(self.result, shown)))
+            return _as_frame(run_score_table(summary.summarise(self.result, shown)))
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
         return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
 
@@ -139,7 +135,7 @@ class Run:
         """Return all tables of the run, as the command line prints them."""
         if self._on_tracks:
             return [severities_table(list(self.results.values()), self.protocol)]
-        return all_tables(summarise(self.result, self.protocol), self._first.store)
+        return all_tables(summary.summarise(self.result, self.protocol), self._first.store)
 
     def verdict(self) -> str:
         """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
@@ -258,16 +254,16 @@ class Comparison:
     """
 
     def __init__(
-        self, runs: Sequence[SavedRun], protocol: str | None = None, most: int = 10
+        self, runs: Sequence[saved_run.SavedRun], protocol: str | None = None, most: int = 10
     ) -> None:
         if len(runs) < 2:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
             raise InputError("one run is given twice", where=str(runs[0].path))
-        first, *others = self.runs = distinguished(runs)
-        self.protocol = protocol or first_protocol(first.result.dataset.short)
+        first, *others = self.runs = saved_run.distinguished(runs)
+        self.protocol = protocol or record.first_protocol(first.result.dataset.short)
         self.tables = {
-            other.label: change_tables(
+            other.label: differences.change_tables(
                 first.result, other.result, self.protocol, most, (first.label, other.label)
             )
             for other in others
@@ -292,10 +288,9 @@ class Comparison:
     def figure(self, most: int = 4) -> Any:
         """Draw the pairs that changed most, of the first two runs; None if there are none."""
         from dfdbench.figures.comparisons import change_figure  # it imports matplotlib
-        from dfdbench.results.differences import changes_to_show
 
         one, other = self.runs[:2]
-        found = changes_to_show(one.result, other.result, self.protocol, most)
+        found = differences.changes_to_show(one.result, other.result, self.protocol, most)
         return change_figure(one, other, found, ranked_by(self.protocol)[0])
 
 
@@ -317,7 +312,7 @@ class Transfer:
     """
 
     def __init__(
-        self, results: Mapping[tuple[str, str], Result], protocol: str, folder: Path
+        self, results: Mapping[tuple[str, str], record.Result], protocol: str, folder: Path
     ) -> None:
         self.results = dict(results)
         self.protocol, self.folder = protocol, folder
@@ -325,7 +320,7 @@ class Transfer:
         first = next(iter(self.results.values()))
         self._metric = metrics_of(protocol)[self._name]
         self.title = (
-            f"{method_label(first.method)} across data sets, split {first.dataset.split}, "
+            f"{wording.method_label(first.method)} across data sets, split {first.dataset.split}, "
             f"protocol {title_of(protocol)}: {self._metric.heading}"
         )
 
@@ -352,10 +347,10 @@ class Transfer:
     def as_table(self) -> Table:
         """Return the means as a table of the command line."""
         means = self.table()
-        rows = tuple((str(own), *map(score_text, row)) for own, row in means.iterrows())
+        rows = tuple((str(own), *map(wording.score_text, row)) for own, row in means.iterrows())
         note = f"The worst foreign fit has {self.worst():.2f} times the score of the set's own."
         columns = ("fitted on", *map(str, means.columns))
-        return Table(self.title, columns, rows, "l" + "r" * len(means), (note,))
+        return Table(self.title, columns, rows, "l", (note,))
 
     def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:
         """Draw the matrix into its folder, as png, pdf or svg; return the files."""

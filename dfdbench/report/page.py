@@ -109,8 +109,11 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     labels = list(dict.fromkeys(run.label for run, _ in shown))
     title = f"Depth from defocus: {labels[0] if len(labels) == 1 else f'{len(labels)} methods'}"
     parts = tuple(sentences), tuple(labels), tuple(sections)
+    worst = [(run, pair) for run, summary in shown if run.store for pair in summary.ranked]
+    metric = ranked_by(protocol)[0]
+    worst.sort(key=lambda of: of[1].score(protocol, metric) or 0.0, reverse=True)
     missing = tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without)
-    return Content(title, protocol, *parts, _worst_first(shown, protocol), missing)
+    return Content(title, protocol, *parts, tuple(worst), missing)
 
 
 def _section_of(
@@ -148,16 +151,6 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
     ]
     lead = "" if len(scored) == 1 else f"best of {len(scored)}: "
     return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
-
-
-def _worst_first(
-    runs: Sequence[tuple[SavedRun, RunSummary]], protocol: str
-) -> tuple[tuple[SavedRun, PairResult], ...]:
-    def score(shown: tuple[SavedRun, PairResult]) -> float:
-        return shown[1].score(protocol, ranked_by(protocol)[0]) or 0.0
-
-    found = [(run, pair) for run, summary in runs if run.store for pair in summary.ranked]
-    return tuple(sorted(found, key=score, reverse=True))
 
 
 def write_plots(

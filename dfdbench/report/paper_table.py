@@ -71,10 +71,10 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
         f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
         f"dfdbench {PACKAGE_VERSION}"
     )
-    columns, align = ("method", "given", *headings), "ll" + "r" * len(names)
+    columns = ("method", "given", *headings)
     notes, label = tuple(_notes(board, names)), f"{dataset.name} {dataset.split} {board.protocol}"
     records = tuple(_record(board, standing, names) for standing in board.standings)
-    return Table(title, columns, rows, align, notes, records=records, label=label)
+    return Table(title, columns, rows, "ll", notes, records=records, label=label)
 
 
 def _cells(board: ScoreBoard, name: str) -> list[str]:

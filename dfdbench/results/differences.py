@@ -4,15 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.metrics.intervals import (
-    GROUPS_TO_TELL,
-    INTERVAL_GROUPS,
-    LEVEL,
-    chance,
-    group_interval,
-    holm,
-    interval_name,
-)
+from dfdbench.metrics import intervals
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import label_of, metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
@@ -71,25 +63,25 @@ class PairedDifference:
 
         ``real`` if `p` is below 5 %, else ``may be chance``. Below ten groups there is no verdict.
         """
-        if self.groups < GROUPS_TO_TELL or self.p is None:
+        if self.groups < intervals.GROUPS_TO_TELL or self.p is None:
             return TOO_FEW
-        return "real" if self.p < LEVEL else "may be chance"
+        return "real" if self.p < intervals.LEVEL else "may be chance"
 
 
 def verdict_note(groups: int) -> str:
     """Return what a table's verdicts mean whose differences are over so many groups of scenes."""
     over = f"{groups} groups of scenes (those of one family or room are one)"
-    if groups >= GROUPS_TO_TELL:
+    if groups >= intervals.GROUPS_TO_TELL:
         return (
             f"95 %: interval over {over}. Real: chance alone would make such a difference in under "
             "5 % of cases, after Holm's correction for the number of differences in this table."
         )
-    few = f"Fewer than {GROUPS_TO_TELL} are too few to tell a difference from chance"
-    if groups >= INTERVAL_GROUPS:
+    few = f"Fewer than {intervals.GROUPS_TO_TELL} are too few to tell a difference from chance"
+    if groups >= intervals.INTERVAL_GROUPS:
         return f"95 %: interval over {over}. {few}."
     return (
         f"Range of group means: the lowest and the highest over {over}. {few}, and fewer than "
-        f"{INTERVAL_GROUPS} for an interval."
+        f"{intervals.INTERVAL_GROUPS} for an interval."
     )
 
 
@@ -157,15 +149,15 @@ def paired_difference(
     worse = sum(value < 0 for value in values)
     if not find_metric(metric).larger_is_better:
         better, worse = worse, better
-    low, high = group_interval(values, groups) or (None, None)
+    low, high = intervals.group_interval(values, groups) or (None, None)
     ties = len(values) - better - worse
-    count, p = len(set(groups)), chance(values, groups)
+    count, p = len(set(groups)), intervals.chance(values, groups)
     return PairedDifference(mean, low, high, better, worse, ties, count, p)
 
 
 def corrected(table: Sequence[PairedDifference | None]) -> list[PairedDifference | None]:
     """Return a table's differences with Holm's correction for their number."""
-    chances = holm([None if difference is None else difference.p for difference in table])
+    chances = intervals.holm([None if difference is None else difference.p for difference in table])
     return [each and replace(each, p=p) for each, p in zip(table, chances, strict=True)]
 
 
@@ -173,11 +165,7 @@ _ALL = "all"
 
 
 def change_tables(
-    first: Result,
-    second: Result,
-    protocol: str,
-    most: int = 10,
-    names: tuple[str, str] | None = None,
+    first: Result, second: Result, protocol: str, most: int = 10, names: Sequence[str] = ()
 ) -> list[Table]:
     """Return what changes from the first run to the second.
 
@@ -215,9 +203,7 @@ def change_tables(
     return [table for table in tables if table.rows]
 
 
-def difference_table(
-    first: Result, second: Result, protocol: str, names: tuple[str, str] | None = None
-) -> Table:
+def difference_table(first: Result, second: Result, protocol: str, names: Sequence[str]) -> Table:
     """Return the mean paired difference of each metric, and wins and losses by lighting."""
     dataset = first.dataset
     places, found, rows, records = [], [], [], []
@@ -242,7 +228,7 @@ def difference_table(
         notes.append("The depth maps are the same in both runs, to the last digit.")
     a, b = names or (method_label(first.method), method_label(second.method))
     title = f"A: {a}, B: {b}; {dataset.heading}, {protocol}"
-    interval = f"B less A, {interval_name(count)}"
+    interval = f"B less A, {intervals.interval_name(count)}"
     columns = ("metric", "pairs", interval, "B better", "B worse", "same")
     rules = frozenset(before for before, row in enumerate(rows, -1) if row[0])
     return Table(title, columns, tuple(rows), "lllrrr", tuple(notes), rules, tuple(records))

@@ -11,14 +11,8 @@ from dfdbench.datasets.catalog import part_name
 from dfdbench.metrics.intervals import group_interval, interval_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored, title_of
+from dfdbench.results import wording
 from dfdbench.results.record import Result, shown_protocol
-from dfdbench.results.wording import (
-    given_to,
-    interval_text,
-    method_label,
-    parameters_of,
-    score_text,
-)
 from dfdbench.tables.table import Table
 
 COLUMNS = (
@@ -63,7 +57,7 @@ def _rows(
     found = find_degradation(dataset.degradation) if dataset.degradation != CLEAN else None
     track, severity = (found.track.name, found.severity) if found else (CLEAN, 0)
     place = (number, part_name(dataset.name)[0], track, severity, dataset.split)
-    run = (*place, method_label(method), parameters_of(result))
+    run = (*place, wording.method_label(method), wording.parameters_of(result))
     labels = [p for p in result.protocol_names if protocols is None or p in protocols]
     scored = {label: _scored_by(result, label) for label in labels}
     for pair in result.pairs:
@@ -219,7 +213,7 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == first_by)]
     intervals = _intervals(own, shown["mean"])
     rows = tuple(
-        (str(track), *map(score_text, values), interval_text(interval))
+        (str(track), *map(wording.score_text, values), wording.interval_text(interval))
         for (track, values), interval in zip(shown.iterrows(), intervals, strict=True)
     )
     records = tuple(
@@ -238,12 +232,11 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
     )
     dataset, method = results[0].dataset, results[0].method
     title = (
-        f"{method_label(method)} on the tracks of {dataset.name.partition('@')[0]}, "
+        f"{wording.method_label(method)} on the tracks of {dataset.name.partition('@')[0]}, "
         f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}"
     )
     columns = ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities", named)
-    align = "l" + "r" * (len(columns) - 1)
-    return Table(title, columns, rows, align, tuple(_notes(results)), records=records)
+    return Table(title, columns, rows, "l", tuple(_notes(results)), records=records)
 
 
 def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, float] | None]:
@@ -256,8 +249,10 @@ def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, floa
 
 
 def _notes(results: Sequence[Result]) -> list[str]:
-    notes = [f"{CLEAN}: {given_to(run)}" for run in results if run.dataset.degradation == CLEAN]
-    tracked = {given_to(run) for run in results if run.dataset.degradation != CLEAN}
+    notes = [
+        f"{CLEAN}: {wording.given_to(run)}" for run in results if run.dataset.degradation == CLEAN
+    ]
+    tracked = {wording.given_to(run) for run in results if run.dataset.degradation != CLEAN}
     notes.append(f"on tracks: {'; '.join(sorted(tracked))}")
     for run in results:
         if not run.complete:

@@ -11,15 +11,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationEr
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.errors import ResultError
 from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
-from dfdbench.metrics.protocol import (
-    SURE,
-    Unit,
-    find_protocol,
-    label_of,
-    metrics_of,
-    protocols_of,
-    require_scored,
-)
+from dfdbench.metrics.protocol import SURE, Unit, label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record, problems_of
@@ -345,31 +337,18 @@ def load_result(path: Path | str) -> Result:
     """
     path = Path(path)
     path = path / RESULT if path.is_dir() else path
-    try:
-        result = Result.model_validate(read_json(path), strict=True)
-    except ValidationError as error:
-        problems = problems_of(error, "wrong value in the result", file=path)
-        raise ResultError.of(problems) from error
-    means = average(result.pairs, list(result.protocol_names)) if result.complete else None
-    return result.model_copy(update={"averages": means})
-
-
-def read_json(path: Path) -> Any:
-    """Return what a JSON file that a run wrote says.
-
-    Raises
-    ------
-    ResultError
-        Where it cannot be read.
-    """
     fix = "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD"
     text = read_text_as(ResultError, path, "the result", fix)
     try:
-        return parse_json(text)
+        result = Result.model_validate(parse_json(text), strict=True)
+    except ValidationError as error:
+        raise ResultError.of(problems_of(error, "wrong value in the result", file=path)) from error
     except ValueError as error:
         what = f"the result is damaged: {error if text.strip() else 'an empty file'}"
         fix = "the same `dfdbench run` writes it anew, from the pairs that it kept"
         raise ResultError(what, where=str(path), fix=fix) from error
+    means = average(result.pairs, list(result.protocol_names)) if result.complete else None
+    return result.model_copy(update={"averages": means})
 
 
 def first_protocol(short: str) -> str:
@@ -389,27 +368,6 @@ def first_protocol(short: str) -> str:
     ('valid', 'thesis', 'valid')
     """
     return "thesis" if short.startswith("middlebury") and "@" not in short else "valid"
-
-
-def protocol_on(manifest: Manifest, name: str | None) -> str:
-    """Return the label of a protocol that runs on a data set are scored under.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        The data set.
-    name : str or None
-        The protocol's name; None for the data set's first.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none, or runs on this data set are not scored under it.
-    """
-    label = find_protocol(name).label if name else first_protocol(manifest.short)
-    there = [*protocols_of(manifest.depth.scale is not None, manifest.depth.kind), SURE]
-    require_scored(label, there, f"runs on {manifest.stem}")
-    return label
 
 
 def shown_protocol(result: Result) -> str:

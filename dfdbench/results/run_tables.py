@@ -51,7 +51,7 @@ def region_table(results: Mapping[str, Result]) -> Table:
         rows.append((name, *map(score_text, means)))
     title = f"NRMSE by region, {next(iter(results.values())).dataset.heading}"
     notes = tuple(f"{name}: {what}" for name, what in REGIONS.items())
-    return Table(title, ("method", *REGIONS), tuple(rows), "l" + "r" * len(REGIONS), notes)
+    return Table(title, ("method", *REGIONS), tuple(rows), "l", notes)
 
 
 def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
@@ -73,7 +73,7 @@ def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
         f"{result.method.title} on {dataset.heading}, protocol {title_of(summary.protocol)} "
         f"({state}{dataset.evaluated} of {counted(dataset.expected, 'pair')})"
     )
-    align = "l" * len(labels) + "r" * (len(columns) - len(labels))
+    align = "l" * len(labels)
     notes, rules = tuple(_notes(result, groups)), _rules(groups)
     records = tuple(_records(summary, scene_labels(scenes)))
     label = f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}"
@@ -103,8 +103,8 @@ def extremes_table(summary: RunSummary) -> Table:
         records.append({"of": kind, "pair": pair.id, **scores})
     title = f"best and worst pairs, protocol {title_of(protocol)}"
     columns = ("", "scene", *axes, *(metric.heading for metric in metrics.values()))
-    align, rules = "ll" + "r" * (len(columns) - 2), frozenset({len(top) - 1})
-    return Table(title, columns, tuple(rows), align, (), rules, tuple(records))
+    rules = frozenset({len(top) - 1})
+    return Table(title, columns, tuple(rows), "ll", (), rules, tuple(records))
 
 
 def time_table(summary: RunSummary) -> Table:
@@ -123,8 +123,7 @@ def time_table(summary: RunSummary) -> Table:
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
     title, columns = f"seconds per pair, warm, {how}", (*labels, "mean", "std")
-    align = "l" * len(labels) + "rr"
-    return Table(title, columns, tuple(rows), align, (machine,), _rules(groups))
+    return Table(title, columns, tuple(rows), "l" * len(labels), (machine,), _rules(groups))
 
 
 def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
@@ -266,8 +265,7 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
     )
     columns = ("of", "pairs", "", *(metric.heading for metric in metrics.values()))
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
-    align = "lrl" + "r" * len(metrics)
-    return Table(title, columns, tuple(rows), align, notes, frozenset(rules[:-1]))
+    return Table(title, columns, tuple(rows), "lrl", notes, frozenset(rules[:-1]))
 
 
 def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]]:
@@ -298,7 +296,7 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
     dataset = result.dataset
     title = f"{result.method.title} on {dataset.heading}, by {what}, protocol {title_of(protocol)}"
     columns = (what, "scenes", *heads, "pairs")
-    return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
+    return Table(title, columns, tuple(rows), "ll", notes)
 
 
 def _listed(names: list[str]) -> str:

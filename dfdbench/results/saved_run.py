@@ -1,6 +1,5 @@
 """A run on disk: its result, its depth maps if they can be shown, and what it is called."""
 
-import contextlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -141,22 +140,18 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
 
 def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
     """Return the store that a run was made with, or None and why there is none."""
-    wanted = result.dataset.fingerprint
     noted = run_folder.read_store_place(folder)
-    without = ""
-    if noted:
-        with contextlib.suppress(DfdbenchError):
-            store = Dataset(noted)
-            if store.fingerprint == wanted:
+    why = f"the built {result.dataset.short} set holds other data"
+    for place in dict.fromkeys((noted, None)):
+        try:
+            store = open_dataset(result.dataset.name, place)
+            if store.fingerprint == result.dataset.fingerprint:
                 return store, ""
-        without = "the data that it was run on are not where they were: --dataset PATH names them"
-    try:
-        store = open_dataset(result.dataset.name)
-    except DfdbenchError as error:
-        return None, without or error.problems[0].what
-    if store.fingerprint == wanted:
-        return store, ""
-    return None, without or f"the built {result.dataset.short} set holds other data"
+        except DfdbenchError as error:
+            why = error.problems[0].what
+    if noted:
+        why = "the data that it was run on are not where they were: --dataset PATH names them"
+    return None, why
 
 
 def _no_run(folder: Path) -> Problem:

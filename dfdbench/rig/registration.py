@@ -1,6 +1,6 @@
 """Find how the LIDAR lies to the camera, and the file that keeps it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from itertools import product
 from pathlib import Path
@@ -15,7 +15,7 @@ from dfdbench.rig import sighting as sights
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, Floats
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.system.parallel import one_by_one
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
@@ -83,9 +83,7 @@ def sight(
 
 
 def register(
-    sightings: Mapping[str, sights.Sighting],
-    rig: CaptureRig,
-    on_scene: Callable[[int, int], None] | None = None,
+    sightings: Mapping[str, sights.Sighting], rig: CaptureRig, on_scene: OnDone | None = None
 ) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
     """Estimate the transforms from the LIDAR's depth images to the images of scenes of one rig.
 

@@ -46,7 +46,8 @@ class Marked(str):
 class Table:
     """Rows of text under headings.
 
-    `align` has a letter a column, ``l`` or ``r``; `rules` are the rows followed by a line.
+    `align` has a letter a column, ``l`` or ``r``; the columns after those are aligned to the
+    right. `rules` are the rows followed by a line.
     `records` are the same rows as data, numbers in full, for CSV and JSON, which show the text
     without them. `parts` groups the columns for pages too narrow for all of them. `label` names
     the table in LaTeX, by default after its title.
@@ -61,6 +62,9 @@ class Table:
     records: tuple[Mapping[str, object], ...] = ()
     parts: tuple[tuple[int, ...], ...] = ()
     label: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "align", self.align.ljust(len(self.columns), "r"))
 
     @property
     def wraps(self) -> tuple[bool, ...]:

@@ -282,8 +282,8 @@ def experiment_table(
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
     heading = experiment.varies.replace("_", " ") or "value"
     columns = (heading, "trainings", "", *(metric.heading for metric in METRICS.values()))
-    title, align = experiment.title, "lrl" + "r" * len(METRICS)
-    return Table(title, columns, tuple(rows), align, tuple(notes), records=tuple(records))
+    title = experiment.title
+    return Table(title, columns, tuple(rows), "lrl", tuple(notes), records=tuple(records))
 
 
 _STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {

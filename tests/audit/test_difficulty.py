@@ -1,26 +1,39 @@
 import json
 import math
+from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import (
     STEPS,
     UNSEEN,
+    WINDOWS,
+    Bound,
     Difficulty,
+    bound_of,
+    bound_table,
     difficulty_as_json,
     difficulty_rows,
     median_step,
     smallest_step,
 )
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.methods.baselines import Local
+from dfdbench.methods.calibration import calibrate
+from tests.made_results import limited, make_demo_result
 
 RECIPE = RECIPES["published"]
 
@@ -141,3 +154,176 @@ def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> Non
     step = median_step([smallest_step(texture(1), near, near > 0, RECIPE)])
     assert step is not None
     assert step <= 2
+
+
+Floats = NDArray[np.float64]
+SIGMAS = np.linspace(3.0, 0.6, 64)
+LEVEL = 30
+SIDE = 31
+
+
+def noisy_grey(contrast: float) -> NDArray[np.uint8]:
+    grey = np.random.default_rng(3).normal(128, contrast, (SIDE, SIDE, 3))
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+def looks(infocus: NDArray[np.uint8], levels: Floats, window: int) -> Floats:
+    """Return the middle of the image blurred at levels between whole ones: (level, value)."""
+    at, low = SIDE // 2, SIDE // 2 - window // 2
+    inner = np.s_[low : low + window, low : low + window] if window > 1 else np.s_[at, at]
+    blurred = [
+        gaussian_filter(
+            infocus.astype(float), (sigma, sigma, 0), mode="nearest", radius=(13, 13, 0)
+        )
+        for sigma in np.interp(levels, np.arange(64), SIGMAS)
+    ]
+    return np.stack([image[inner].ravel() for image in blurred])
+
+
+def looked_at(
+    infocus: NDArray[np.uint8], spread: float, noise: float, infocus_noise: float = 0.0
+) -> Bound:
+    law = BlurLaw(tuple(SIGMAS), noise=(noise,), infocus_noise=infocus_noise)
+    depth = np.full(infocus.shape[:2], LEVEL, np.float32)
+    capture = Capture(Pair("One", ()), np.stack([infocus] * 2), depth)
+    return bound_of(law, capture, spread)
+
+
+def least(bound: Bound, window: int) -> float:
+    return float(bound.least_error(window)[SIDE // 2, SIDE // 2])
+
+
+def most_likely(values: Floats, shown: Floats, levels: Floats) -> Floats:
+    """Return the level of least squares of each draw, to a fraction of the grid's step."""
+    squares = np.square(shown).sum(axis=1) - 2 * values @ shown.T
+    at = np.clip(squares.argmin(axis=1), 1, len(levels) - 2)
+    before, here, after = (squares[np.arange(len(at)), at + step] for step in (-1, 0, 1))
+    fraction = (before - after) / (2 * (before + after - 2 * here))
+    return np.asarray(levels[at] + (levels[1] - levels[0]) * fraction)
+
+
+@pytest.mark.parametrize(
+    ("noise", "contrast", "window"), [(0.3, 60, 1), (1.0, 40, 7), (4.0, 60, 7), (1.0, 5, 21)]
+)
+def test_the_likeliest_level_errs_as_the_bound_says(
+    noise: float, contrast: float, window: int
+) -> None:
+    infocus = noisy_grey(contrast)
+    wanted = least(looked_at(infocus, 1e6, noise=noise), window)
+    levels = np.linspace(LEVEL - 6 * wanted, LEVEL + 6 * wanted, 121)
+    shown = looks(infocus, levels, window)
+    true = looks(infocus, np.array([float(LEVEL)]), window)
+    values = true + np.random.default_rng(0).normal(0, noise, (4000, true.size))
+    assert most_likely(values, shown, levels).std() == pytest.approx(wanted, rel=0.05)
+
+
+def test_noise_of_the_infocus_image_counts_as_much_as_blur_leaves_of_it() -> None:
+    infocus, noise = noisy_grey(60), 0.5
+    wanted = least(looked_at(infocus, 1e6, noise=noise, infocus_noise=1.0), 1)
+    levels = np.linspace(LEVEL - 6 * wanted, LEVEL + 6 * wanted, 121)
+    shown = looks(infocus, levels, 1)
+    random = np.random.default_rng(0)
+    sigma = SIGMAS[LEVEL]
+    errors = []
+    for _ in range(3000):
+        # What the method sees as sharp has noise, which the true one had not.
+        seen = random.normal(0, noise, (13, 13, 3))
+        errors.append(gaussian_filter(seen, (sigma, sigma, 0))[6, 6] + random.normal(0, noise, 3))
+    values = looks(infocus, np.array([float(LEVEL)]), 1) + np.stack(errors)
+    assert most_likely(values, shown, levels).std() == pytest.approx(wanted, rel=0.06)
+
+
+def test_what_is_known_before_is_weighed_as_bayes_does() -> None:
+    infocus, noise, window = noisy_grey(20), 8.0, 7
+    alone = least(looked_at(infocus, 1e6, noise=noise), window)
+    spread = 0.7 * alone
+    random = np.random.default_rng(0)
+    truth = random.normal(LEVEL, spread, 1500)
+    values = looks(infocus, truth, window)
+    values += random.normal(0, noise, values.shape)
+    levels = np.linspace(LEVEL - 5 * spread, LEVEL + 5 * spread, 81)
+    shown = looks(infocus, levels, window)
+    nats = values @ shown.T / noise**2 - np.square(shown).sum(axis=1) / (2 * noise**2)
+    nats -= np.square(levels - LEVEL) / (2 * spread**2)
+    weights = np.exp(nats - nats.max(axis=1, keepdims=True))
+    mean = (weights @ levels) / weights.sum(axis=1)
+    error = math.sqrt(np.square(mean - truth).mean())
+    assert error == pytest.approx(least(looked_at(infocus, spread, noise=noise), window), rel=0.06)
+    assert error < 0.8 * alone
+
+
+def test_without_texture_or_depth_nothing_is_told() -> None:
+    flat = looked_at(np.full((SIDE, SIDE, 3), 90, np.uint8), 20.0, noise=1.0)
+    assert flat.least_error(21) == pytest.approx(20.0, rel=1e-4)
+    assert flat.nrmse == pytest.approx(dict.fromkeys(WINDOWS, 20 / 255), rel=1e-4)
+    unknown = Bound(np.zeros((3, 3)), np.zeros((3, 3), bool), 20.0)
+    assert all(map(math.isnan, unknown.nrmse.values()))
+
+
+def test_a_wider_window_never_tells_less() -> None:
+    bound = looked_at(noisy_grey(10), 40.0, noise=2.0)
+    maps = [bound.least_error(window) for window in WINDOWS]
+    assert all((wide <= narrow + 1e-9).all() for narrow, wide in pairwise(maps))
+    assert list(bound.nrmse.values()) == sorted(bound.nrmse.values(), reverse=True)
+
+
+def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores() -> None:
+    manifest = find_manifest("demo")
+    told = np.full((4, 6), 1 / 60.0)
+    found = {pair: Bound(told, told > 0, 40.0) for pair in manifest.pairs("test")}
+    runs = {
+        # Root mean squares over captures: of 0 and the square root of 8.
+        "twice": make_demo_result(
+            lambda pair: math.sqrt(8) * found[pair].nrmse[1] * (pair.at["view"] == 1),
+            protocols=("valid",),
+        ),
+        "half": make_demo_result(lambda pair: found[pair].nrmse[1] / 2, protocols=("valid",)),
+        "thesis": make_demo_result(lambda pair: 0.1, protocols=("thesis",)),
+    }
+    runs["stopped"] = limited(runs["twice"], 3)
+    table = bound_table(manifest, "test", found, runs)
+    one = next(iter(found.values())).nrmse[1]
+    assert [row[:3] for row in table.rows] == [
+        ("least error", "–", f"{one:.4f}"),
+        ("half", f"{one / 2:.4f}", "2.00"),
+        ("twice", f"{2 * one:.4f}", "0.50"),
+    ]
+    assert table.notes[-1].endswith("left out: thesis, stopped")
+
+
+@pytest.mark.slow
+def test_local_comes_near_its_bound_away_from_rims(demo_store: Dataset) -> None:
+    law = calibrate(demo_store.captures("train")).law
+    predict, square = Local(RECIPES["published"]), np.ones((7, 7), np.uint8)
+    sums = np.zeros((3, 2))
+    pixels = []
+    for capture in demo_store.captures("test")[::9]:
+        off = predict(capture.infocus, capture.defocus) - capture.levels.astype(np.float64)
+        bound = bound_of(law, capture, 40.0).least_error(7)
+        span = cv2.dilate(capture.levels, square).astype(int) - cv2.erode(capture.levels, square)
+        unknown = cv2.dilate((~capture.valid).astype(np.uint8), square) > 0
+        rim = (span > 8) | unknown
+        far = ~rim & ((np.abs(off) > 4 * bound) | (bound > 16))
+        for total, part in zip(sums, (rim, far, ~rim & ~far), strict=True):
+            part &= capture.valid
+            total += np.square(off)[part].sum(), np.square(bound)[part].sum()
+        pixels.append((~rim & ~far).sum() / capture.valid.sum())
+    assert sums[0, 0] > 0.55 * sums[:, 0].sum()
+    assert np.mean(pixels) > 0.85
+    assert 1 < math.sqrt(sums[2, 0] / sums[2, 1]) < 1.34
+
+
+def test_rounding_tells_more_than_normal_noise_of_its_size() -> None:
+    # Why a method that knows of rounding may lie below the bound: of the levels that every stored
+    # pixel allows the middle one is nearer than any estimate under normal noise.
+    infocus, window = noisy_grey(40), 7
+    random = np.random.default_rng(0)
+    truth = LEVEL + random.uniform(-0.5, 0.5, 300)
+    stored = np.rint(looks(infocus, truth, window))
+    levels = np.linspace(LEVEL - 1, LEVEL + 1, 2001)
+    shown = looks(infocus, levels, window)
+    middle = np.array(
+        [levels[(np.abs(shown - values) <= 0.5).all(axis=1)].mean() for values in stored]
+    )
+    wanted = least(looked_at(infocus, 1e6, noise=1 / math.sqrt(12)), window)
+    assert math.sqrt(np.square(middle - truth).mean()) < 0.7 * wanted

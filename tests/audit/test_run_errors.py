@@ -6,7 +6,7 @@ import pytest
 
 from dfdbench.audit import run_errors
 from dfdbench.audit.coverage import CoverageRecord, Verdict, compare_depths
-from dfdbench.audit.leaks import Leak, LeakKind
+from dfdbench.audit.leaks import Leak
 from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
@@ -75,7 +75,7 @@ def test_the_conclusion_follows_from_errors_and_training(
 
 
 def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
-    leak = Leak(kind=LeakKind.scene, train="a", test="a", detail="all")
+    leak = Leak(kind="scene", train="a", test="a", detail="all")
     leaky = record.model_copy(update={"leaks": [leak, leak]})
     told = run_errors.conclusion(join_of(22.0), leaky, Training.known)
     assert told.startswith("training holds 2 scenes of the test: these errors say nothing")

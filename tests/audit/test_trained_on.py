@@ -57,10 +57,12 @@ def test_a_run_is_held_against_what_is_named_else_against_the_usual(
     train: str,
     training: Training,
 ) -> None:
-    side, test, known = sides_of_run(tiny_store, split, trained_on, **named)
+    side, test, known = sides_of_run(
+        tiny_store, split, trained_on, named.get("train"), named.get("fold")
+    )
     assert (side.name, test.name, known) == (train, split, training)
 
 
 def test_a_run_on_every_scene_leaves_none_to_compare_with(tiny_store: Dataset) -> None:
     with pytest.raises(InputError, match="tested every scene"):
-        sides_of_run(tiny_store, "all", None)
+        sides_of_run(tiny_store, "all", None, None, None)

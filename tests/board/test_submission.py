@@ -1,16 +1,26 @@
-"""What a submission writes, what it keeps, and what it leaves alone."""
+"""What a submission writes and leaves alone; what running its pairs again finds out."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dfdbench.board.row_file import read_row
+from dfdbench.board import row_file
+from dfdbench.board.row_file import Row, read_row, row_of, row_text
 from dfdbench.board.submission import submit as submit_only
-from dfdbench.errors import ResultError
+from dfdbench.board.submission import verify
+from dfdbench.datasets.catalog import with_track
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import DfdbenchError, InputError, ResultError, StoreError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods.registry import built_in_methods
+from dfdbench.results.record import Result
 from tests.board.made_boards import add_card, make_tracks, submit
+from tests.conftest import store_of
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 
@@ -106,3 +116,182 @@ def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="unknown data set"):
         submit(make_result({("One", 1, 1, 0): 0.1}), tmp_path)
     assert not (tmp_path / "results").exists()
+
+
+HERE = Path("row.json")
+
+
+@pytest.fixture(scope="module")
+def stores(
+    tiny_set: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[str, Dataset]]:
+    """The tiny set and one of its tracks by name, as if they were released and built here."""
+    clean = Dataset(tiny_set / "tiny.zarr")
+    place = tmp_path_factory.mktemp("gain") / "gain.zarr"
+    on_track = store_of(with_track(clean.manifest, "gain-3"), tiny_set / "site", place)
+    found = {"tiny-1": clean, "tiny-1@gain-3": on_track}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dfdbench.board.row_file._manifest_of", lambda _: clean.manifest)
+        patch.setattr("dfdbench.board.submission.open_dataset", found.__getitem__)
+        yield found
+    row_file._pairs_of.cache_clear()
+
+
+def run_on(
+    store: Dataset, folder: Path, entry: str = "local", told: bool = False, **parameters: Any
+) -> Result:
+    method = load_for(store, entry, parameters, given_blur=told)
+    options = RunOptions(keep_predictions=False)
+    return run_method(store, method, "test", folder / store.manifest.stem, options).result
+
+
+@pytest.fixture(scope="module")
+def made_row(stores: dict[str, Dataset], tmp_path_factory: pytest.TempPathFactory) -> Row:
+    run = run_on(stores["tiny-1"], tmp_path_factory.mktemp("run"), window=3)
+    return row_of([run], ["clean"])
+
+
+@pytest.fixture
+def row(made_row: Row) -> Row:
+    # A copy: a row keeps the results that it was asked for, and so would what is edited from it.
+    return made_row.model_copy()
+
+
+def tampered(row: Row, scores: float = 1.0, **changes: Any) -> Row:
+    (run,) = row.runs
+    lower = {
+        protocol: {name: [(v or 0) * scores for v in column] for name, column in columns.items()}
+        for protocol, columns in run.scores.items()
+    }
+    return edited(row, runs=[edited(run, scores=lower, **changes)])
+
+
+def test_an_honest_row_gives_the_same_depth_maps(row: Row, tmp_path: Path) -> None:
+    # From its file, as a reviewer has it.
+    (tmp_path / "row.json").write_text(row_text(row), "utf-8")
+    found = verify(read_row(tmp_path / "row.json"), HERE, count=3, seed=4)
+    assert found.passed
+    assert found.same_source
+    assert [pair.same_map for pair in found.pairs] == [True] * 3
+    assert (found.drawn_from, found.seed) == (7, 4)
+    again = verify(row, HERE, count=3, seed=4)
+    assert [pair.name for pair in again.pairs] == [pair.name for pair in found.pairs]
+    assert len(verify(row, HERE, count=99).pairs) == 7
+
+
+def test_nobody_knows_the_draw_beforehand(row: Row) -> None:
+    draws = [verify(row, HERE, count=3) for _ in range(4)]
+    assert len({found.seed for found in draws}) == 4
+    assert len({tuple(pair.name for pair in found.pairs) for found in draws}) > 1
+
+
+def test_made_up_scores_are_found_out(row: Row) -> None:
+    for also, told in (({}, "same"), ({"prediction_sha256": ["0" * 64] * 7}, "another")):
+        found = verify(tampered(row, 0.5, **also), HERE, count=2)
+        assert not found.passed
+        assert f"{told} depth map, scores at most" in str(found.pairs[0])
+
+
+def test_a_score_that_was_left_out_is_found_out(row: Row) -> None:
+    (run,) = row.runs
+    scores = {**run.scores, "valid": {**run.scores["valid"], "ssim": [None] * 7}}
+    found = verify(edited(row, runs=[edited(run, scores=scores)]), HERE, count=2)
+    assert [pair.difference for pair in found.pairs] == [float("inf")] * 2
+
+
+def test_a_depth_map_that_differs_within_the_tolerance_passes(row: Row) -> None:
+    found = verify(tampered(row, prediction_sha256=["0" * 64] * 7), HERE)
+    assert found.passed
+    assert not any(pair.same_map for pair in found.pairs)
+    assert not verify(tampered(row, 0.999), HERE, tolerance=0).passed
+
+
+@pytest.mark.parametrize("tolerance", [float("inf"), float("nan"), -0.1, 9999.0])
+def test_a_tolerance_outside_0_to_1_is_refused(row: Row, tolerance: float) -> None:
+    with pytest.raises(InputError, match="a number from 0 to 1"):
+        verify(row, HERE, tolerance=tolerance)
+
+
+def test_what_cannot_be_run_again_is_refused(row: Row) -> None:
+    nothing = tampered(row, status=["failed"] * 7)
+    with pytest.raises(ResultError, match="nothing to verify"):
+        verify(nothing, HERE)
+    with pytest.raises(ResultError, match="not what the row was run on"):
+        verify(tampered(row, fingerprint="8" * 64), HERE)
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {"uses": []},
+        {"trained_on": "demo-1, split train"},
+        {"weights_sha256": "0" * 64},
+        {"fitted_on": "tiny-1, split train"},
+    ],
+)
+def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, Any]) -> None:
+    found = verify(edited(row, method=claim), HERE, count=1)
+    assert not found.passed
+    assert f"{next(iter(claim))} is " in str(found.pairs[0])
+
+
+def test_code_is_imported_if_trusted(
+    row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("theirs.py").write_text(
+        "from pathlib import Path\nPath('imported').touch()\n"
+        "from dfdbench.methods.baselines import Local\n"
+        "def predict(infocus, defocus, window=3):\n"
+        "    return Local(window=window)(infocus, defocus)\n"
+    )
+    entry = "theirs.py:predict"
+    # Its name is one of ours: what counts is what would be imported.
+    forged = edited(row, method={"name": "local", "entry": entry, "uses": []})
+    for trusted in ((), ("theirs.py",), ("theirs.py:other", "theirs:predict")):
+        with pytest.raises(ResultError, match="only if you trust it"):
+            verify(forged, HERE, trusted=trusted)
+    assert not Path("imported").exists()
+    found = verify(forged, HERE, count=2, trusted=[entry])
+    assert Path("imported").exists()
+    assert [pair.same_map for pair in found.pairs] == [True, True]
+    assert (found.passed, found.same_source) == (True, False)
+
+
+def test_a_fitted_method_is_fitted_anew(stores: dict[str, Dataset], tmp_path: Path) -> None:
+    method = load_for(stores["tiny-1"], "positional-prior", {})
+    fitted = run_method(stores["tiny-1"], method, "K2", tmp_path / "run").result
+    found = verify(row_of([fitted], ["clean"]), HERE, count=99)
+    assert found.passed
+    assert [pair.same_map for pair in found.pairs] == [True] * 3
+
+
+@pytest.mark.slow
+def test_runs_on_tracks_are_run_as_they_were(stores: dict[str, Dataset], tmp_path: Path) -> None:
+    results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
+    found = verify(row_of(results, ["tracks-1"]), HERE, count=9, seed=3)
+    assert found.passed
+    assert found.drawn_from == 14
+    assert {pair.name.partition(": ")[0] for pair in found.pairs} == {"clean", "gain-3"}
+    # Not given the blur, it is fitted, which random images do not allow, or gives other maps.
+    forged = row_of([results[0], edited(results[1], method={"uses": []})], ["tracks-1"])
+    try:
+        assert not verify(forged, HERE, count=14).passed
+    except DfdbenchError as error:
+        assert "do not show" in str(error)  # noqa: PT017
+
+
+def test_all_that_is_not_built_is_named(
+    stores: dict[str, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
+
+    def absent(name: str) -> Dataset:
+        raise StoreError(f"data set {name} is not built", fix="--dataset demo")
+
+    monkeypatch.setattr("dfdbench.board.submission.open_dataset", absent)
+    with pytest.raises(ResultError) as caught:
+        verify(row_of(results, ["tracks-1"]), HERE, count=99)
+    assert [problem.fix for problem in caught.value.problems] == [
+        f"dfdbench build {name}" for name in stores
+    ]

@@ -84,7 +84,7 @@ def test_a_mistake_is_told_and_nothing_printed(dfdbench: Command) -> None:
         ("rig register all --source .", "no raw scene, such as"),
         ("rig register all --source none", "no folder of captures"),
         ("rig register all --source . --dataset middlebury", "not captured by"),
-        ("build realworld --source none --pair 141", "voltage steps, as 141,129"),
+        ("build realworld --source none --pair 141", "voltage steps (--pair): expected as 141,129"),
         (f"{BLUR} --pixel 4.8m", "1mm at most"),
         (f"{BLUR} {PIXEL} --range 4 1", "the range is empty"),
         (f"{BLUR} {PIXEL} --out /proc/no/blur.png", "cannot write the answer"),

@@ -7,7 +7,7 @@ from dfdbench.building.fetching import archive_members, known_checksums, read_me
 from dfdbench.building.sources import image_files
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.evaluation.prediction_files import find_predictions
+from dfdbench.evaluation.map_files import find_predictions
 from dfdbench.methods.parameters import read_parameters
 from dfdbench.optics.lens_table import rank_pairs, read_lens_table
 from dfdbench.rig.lidar import read_beams, read_ranges

@@ -302,13 +302,8 @@ def _rounded(image: Image, dtype: np.dtype[Any]) -> Image:
 
 def _in_one(images: list[Image]) -> Image:
     # Of mixed depths the deeper: 255 becomes 65535.
-    deep = any(image.dtype == np.uint16 for image in images)
-    return np.stack(
-        [
-            image.astype(np.uint16) * np.uint16(257) if deep and image.dtype == np.uint8 else image
-            for image in images
-        ]
-    )
+    deeper = np.result_type(*images)
+    return np.stack([i if i.dtype == deeper else i * np.uint16(257) for i in images])
 
 
 def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:

@@ -13,21 +13,9 @@ import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
 from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, laid_out
-from dfdbench.building.sources.captured_images import (
-    CapturedImages,
-    File,
-    captured_images,
-    in_unit_of,
-)
+from dfdbench.building.sources.captured_images import CapturedImages, captured_images, in_unit_of
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.datasets.captured_files import (
-    ANY_ENDING,
-    BY_IMAGE,
-    IMAGE,
-    CapturedFiles,
-    fill,
-    places_in,
-)
+from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
@@ -76,7 +64,7 @@ class FolderScenes(Whole):
     ) -> None:
         assert manifest.files is not None  # reading the manifest checked that
         super().__init__(manifest)
-        self._files: CapturedFiles = manifest.files
+        self._files = manifest.files
         self._folder = manifest.files.folder_in(folder)
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
@@ -228,7 +216,7 @@ class FolderScenes(Whole):
         pattern = self._files.patterns.get(what)
         return None if pattern is None else fill(pattern, self._values(pair))
 
-    def _file(self, named: str) -> File:
+    def _file(self, named: str) -> tuple[bytes, str]:
         path = self._path(named)
         return self._content(path), self._where(path)
 

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import chain, product, starmap
 from pathlib import Path
 from typing import Any
 
@@ -293,13 +294,8 @@ class RealworldFolder:
         """Return the SHA-256 over the scene's files that a build reads."""
         files = self._scenes[scene]
         digest = hashlib.sha256(type(files).__name__.encode())
-        paths = [
-            path
-            for exposure in self._checked[scene][0]
-            for step in self._steps
-            for path in files.images(exposure, step)
-        ]
-        for path in [*paths, *files.depth_files()]:
+        images = starmap(files.images, product(self._checked[scene][0], self._steps))
+        for path in chain(*images, files.depth_files()):
             digest.update(path.name.encode())
             digest.update(hashlib.sha256(path.read_bytes()).digest())
         return digest.hexdigest()

@@ -129,14 +129,10 @@ class SimulatedRig:
     def _frames(self, simulated: SimulatedScene, view: View, step: int) -> list[NDArray[np.uint8]]:
         """Return a voltage step's whole frame at each exposure, averaged."""
         light = defocus(view, read_lens_table(), step)
+        numbers = range(self._capture.frames)
         return [
-            average_frames(
-                [
-                    simulated.frame(light, exposure, (step, exposure, number))
-                    for number in range(self._capture.frames)
-                ]
-            )
-            for exposure in self._manifest.axes["exposure_ms"]
+            average_frames([simulated.frame(light, ms, (step, ms, number)) for number in numbers])
+            for ms in self._manifest.axes["exposure_ms"]
         ]
 
     def _ranges(self, simulated: SimulatedScene) -> Floats:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.errors import InputError, Problem
 from dfdbench.tables.table import Table
 
 Matrix = NDArray[np.float64]
@@ -91,11 +91,8 @@ def samples_of(store: Dataset, split: str) -> tuple[Pair, ...]:
         If there is no such split.
     """
     first: dict[str, Pair] = {}
-    for pair in store.pairs(split):
+    for pair in store.some_pairs(split):
         first.setdefault(pair.scene, pair)
-    if not first:
-        fix = "build the data set with the scenes of that split"
-        raise StoreError(f"no pair of split {split} to count on", where=str(store.path), fix=fix)
     return tuple(first.values())
 
 
@@ -169,7 +166,7 @@ def counts_table(counts: Counts, title: str) -> Table:
         "independent Gaussian vectors of the same length, where nothing is redundant: a count as "
         "high says nothing against any filter.",
     )
-    return Table(title, columns, rows, "l" + "r" * len(TAPS), notes, frozenset({0, 3}))
+    return Table(title, columns, rows, "l", notes, frozenset({0, 3}))
 
 
 def _statistic(counts: Sequence[int], statistic: Statistic) -> int:

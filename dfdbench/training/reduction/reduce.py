@@ -257,7 +257,7 @@ def rows_table(rows: Mapping[str, Widths], parameters: Mapping[str, int], title:
         (name, *map(str, widths), f"{parameters[name]:,}") for name, widths in rows.items()
     )
     columns = ("name", *map(str, LAYERS), "parameters")
-    return Table(title, columns, lines, "l" + "r" * (len(LAYERS) + 1))
+    return Table(title, columns, lines, "l")
 
 
 def as_toml(configuration: TrainingConfiguration, widths: Widths, comment: str) -> str:
@@ -382,8 +382,7 @@ def comparison_table(
         "A best beside another's mean says nothing: the best of several trainings of the same "
         "network lies below its own mean as well.",
     )
-    align = "l" + "r" * (len(columns) - 1)
-    return Table(title, tuple(columns), tuple(rows), align, notes, records=tuple(records))
+    return Table(title, tuple(columns), tuple(rows), "l", notes, records=tuple(records))
 
 
 def _record(
