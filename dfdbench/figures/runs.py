@@ -169,7 +169,14 @@ def draw_by_scene(
 
 def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
-    truth, found = _depth_counts(store, result, folder)
+    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
+    for pair in [record.pair for record in result.evaluated]:
+        depth, valid = store.read_levels(pair)
+        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+            counts = valid & ~np.isnan(prediction)
+            answered = np.rint(store.manifest.depth.exact_levels(prediction[counts]))
+            truth += np.bincount(depth[counts], minlength=LEVELS)
+            found += np.bincount(answered.astype(np.int64), minlength=LEVELS)
     if not truth.any():
         return None
     figure, axis = style.single_axes(9, 4)
@@ -182,21 +189,6 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     axis.set(xlabel="depth level", ylabel="known pixels (%)", xlim=(0, LAST_LEVEL), title=title)
     style.legend_below(figure, axis)
     return figure
-
-
-def _depth_counts(
-    store: Dataset, result: Result, folder: Path
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for pair in [record.pair for record in result.evaluated]:
-        depth, valid = store.read_levels(pair)
-        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
-            counts = valid & ~np.isnan(prediction)
-            levels = store.manifest.depth.exact_levels(prediction[counts])
-            answered = np.rint(levels).astype(np.int64)
-            truth += np.bincount(depth[counts], minlength=LEVELS)
-            found += np.bincount(answered, minlength=LEVELS)
-    return truth, found
 
 
 def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
