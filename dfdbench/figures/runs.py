@@ -1,6 +1,7 @@
 """Figures of a run: pairs, scores by scene and by group, depths, times."""
 
 import io
+import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.results.wording import titled_scores
+from dfdbench.tables.table import grouped
 
 _PANELS = 3
 
@@ -219,12 +221,11 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
 
 
 def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
-    times: dict[int, list[float]] = {}
-    for pair in result.evaluated:
-        if pair.timed_alone and pair.seconds is not None:
-            rows, columns = store.shape_of(pair.scene)
-            times.setdefault(rows * columns, []).append(pair.seconds)
-    return times
+    return grouped(
+        (math.prod(store.shape_of(pair.scene)), pair.seconds)
+        for pair in result.evaluated
+        if pair.timed_alone and pair.seconds is not None
+    )
 
 
 def group_figures(
@@ -293,12 +294,8 @@ def _group_figure(
 def _by_label(
     result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
 ) -> dict[str, list[float]]:
-    found: dict[str, list[float]] = {}
-    for pair in result.evaluated:
-        name, score = label(pair), pair.score(protocol, metric)
-        if name is not None and score is not None:
-            found.setdefault(name, []).append(score)
-    return found
+    found = ((label(pair), pair.score(protocol, metric)) for pair in result.evaluated)
+    return grouped((name, score) for name, score in found if name is not None and score is not None)
 
 
 def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:
