@@ -12,14 +12,8 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
-class Format(StrEnum):
-    """How tables are printed."""
-
-    table = "table"
-    markdown = "markdown"
-    latex = "latex"
-    csv = "csv"
-    json = "json"
+#: How tables are printed.
+Format = StrEnum("Format", ["table", "markdown", "latex", "csv", "json"])
 
 
 class Link(str):
