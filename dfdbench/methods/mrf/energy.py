@@ -308,16 +308,11 @@ class Energy:
             Label of every pixel.
         """
         index = np.asarray(labels, np.int32)
-        return self.sum_of(index, costs_at(self.unary, index))
-
-    def sum_of(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
-        """Return the energy of labels of which it is known what each costs its pixel."""
-        total = int(costs.sum(dtype=np.int64)) + self.offset
+        total = int(costs_at(self.unary, index).sum(dtype=np.int64))
         for axis, weights in ((1, self.weights_horizontal), (0, self.weights_vertical)):
-            # Below COST_LIMIT, with its weight too.
-            edges = self.smoothness.take(np.abs(np.diff(labels, axis=axis)))
-            total += int((edges if weights is None else edges * weights).sum(dtype=np.int64))
-        return total
+            costs = self.smoothness[np.abs(np.diff(index, axis=axis))].astype(np.int64)
+            total += int((costs if weights is None else costs * weights).sum())
+        return total + self.offset
 
 
 @dataclass(frozen=True, eq=False)

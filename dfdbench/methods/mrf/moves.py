@@ -151,21 +151,42 @@ class Mover:
                 favoured[(slice(None), lines) if columns else lines] = part.argmin(2)
             best_lines(part, labels, costs, favoured, *law, *edges, columns, lines.start)
         self._favoured = favoured
-        change = self._energy.sum_of(labels, costs) - self.value()
+        change = self._sum(labels, costs) - self._sum(self._labels, self._costs)
         if change < 0:
             self._labels[...], self._costs[...] = labels, costs
         return min(change, 0)
 
     def value(self) -> int:
         """Give the energy of the labels as they are."""
-        return self._energy.sum_of(self._labels, self._costs)
+        return self._energy.offset + self._sum(self._labels, self._costs)
+
+    def _sum(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
+        return int(_sum_costs(self._table, self._right, self._down, labels, costs))
 
 
+@compiled()
+def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Array) -> int:
+    height, width = labels.shape
+    total = 0
+    for y in range(height):
+        for x in range(width):
+            total += int(costs[y, x])
+            if x + 1 < width:
+                total += right[y, x] * table[abs(labels[y, x] - labels[y, x + 1])]
+            if y + 1 < height:
+                total += down[y, x] * table[abs(labels[y, x] - labels[y + 1, x])]
+    return total
+
+
+@compiled()
 def _largest_gains(table: Array) -> Array:
     # The most that an edge can save where one of its ends changes its label by 0, 1, ...
-    both = table[np.abs(np.arange(1 - table.size, table.size))]
-    gains = [(both[change:] - both[: both.size - change]).max() for change in range(table.size)]
-    return np.maximum(gains, 0).astype(table.dtype)
+    gains = np.zeros_like(table)
+    for change in range(1, table.size):
+        for before in range(change - table.size + 1, table.size):
+            gain = table[abs(before)] - table[abs(before - change)]
+            gains[change] = max(gains[change], gain)
+    return gains
 
 
 @compiled()
