@@ -12,8 +12,14 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
-#: How tables are printed.
-Format = StrEnum("Format", ["table", "markdown", "latex", "csv", "json"])
+class Format(StrEnum):
+    """How tables are printed."""
+
+    table = "table"
+    markdown = "markdown"
+    latex = "latex"
+    csv = "csv"
+    json = "json"
 
 
 class Link(str):
