@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -104,12 +103,10 @@ class BlurRecipe:
 
 #: The recipes by name. `published` (step 2.88 / 256) made the images published with the thesis,
 #: bit for bit; `text` (step 2.56 / 256) is what its Eq. 3.2 says.
-RECIPES: Mapping[str, BlurRecipe] = MappingProxyType(
-    {
-        "published": BlurRecipe(sigma_min=0.32, sigma_step=0.01125),
-        "text": BlurRecipe(sigma_min=0.32, sigma_step=0.01),
-    }
-)
+RECIPES: Mapping[str, BlurRecipe] = {
+    "published": BlurRecipe(sigma_min=0.32, sigma_step=0.01125),
+    "text": BlurRecipe(sigma_min=0.32, sigma_step=0.01),
+}
 
 
 def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:

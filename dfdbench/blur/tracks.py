@@ -3,7 +3,6 @@
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 from dfdbench.errors import UnknownNameError
@@ -246,38 +245,33 @@ _ALL = (
 
 _PLANES = range(1, 11)
 #: Focal stacks: their severity is the number of focus planes.
-STACKS: Mapping[str, Track] = MappingProxyType(
-    {
-        name: _track(
-            name,
-            title,
-            map("{:g} focus planes".format, _PLANES),
-            (Formation(layers=True, planes=count, infocus=infocus) for count in _PLANES),
-        )
-        for name, title, infocus in (
-            ("stack", "a focal stack beside the in-focus image", True),
-            ("stack-only", "a focal stack without an in-focus image", False),
-        )
-    }
-)
+STACKS: Mapping[str, Track] = {
+    name: _track(
+        name,
+        title,
+        map("{:g} focus planes".format, _PLANES),
+        (Formation(layers=True, planes=count, infocus=infocus) for count in _PLANES),
+    )
+    for name, title, infocus in (
+        ("stack", "a focal stack beside the in-focus image", True),
+        ("stack-only", "a focal stack without an in-focus image", False),
+    )
+}
 
 #: The tracks by name.
-TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
+TRACKS: Mapping[str, Track] = {track.name: track for track in _ALL}
 #: Those that a patch of an image shows, from which networks are trained.
 OF_PATCHES = tuple(track.name for track in _ALL if not track.severities[0].whole)
 _FIRST = ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
 #: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
 #: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
-SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        suite: tuple(f"{name}-{severity}" for name in names for severity in (1, 2, 3))
-        for suite, names in (
-            ("tracks-1", _FIRST),
-            ("tracks-2", (*_FIRST, "magnification", "vignetting", "colour", "lens")),
-        )
-    }
-    | {label: (label,) for label in ("stack-5", "stack-9")}
-)
+SUITES: Mapping[str, tuple[str, ...]] = {
+    suite: tuple(f"{name}-{severity}" for name in names for severity in (1, 2, 3))
+    for suite, names in (
+        ("tracks-1", _FIRST),
+        ("tracks-2", (*_FIRST, "magnification", "vignetting", "colour", "lens")),
+    )
+} | {label: (label,) for label in ("stack-5", "stack-9")}
 
 
 def find_degradation(label: str) -> Degradation:

@@ -16,7 +16,7 @@ from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import MISTAKE
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import counted, listed
+from dfdbench.tables.table import counted, grouped, listed
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
@@ -142,9 +142,7 @@ def _tell(report: BuildReport, format: str) -> None:
 
 def _missing_text(report: BuildReport) -> str:
     manifest, missing = report.manifest, report.missing
-    by_scene: dict[str, list[str]] = {}
-    for pair in missing:
-        by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
+    by_scene = grouped((pair.scene, pair.id.partition("/")[2]) for pair in missing)
     whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs(s))]
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:

@@ -19,7 +19,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
 from dfdbench.system.parallel import one_by_one
-from dfdbench.tables.table import Format, Table, counted, listed
+from dfdbench.tables.table import Format, Table, counted, grouped, listed
 
 if TYPE_CHECKING:
     from dfdbench.evaluation.map_files import KeptMaps
@@ -236,9 +236,7 @@ def _maps_in(folder: Path, predictor: DepthPredictor) -> KeptMaps:
 
 def _together(problems: Sequence[Problem]) -> list[Problem]:
     """Return problems, those that are the same of several captures as one."""
-    places: dict[Problem, list[str]] = {}
-    for problem in problems:
-        places.setdefault(replace(problem, where=""), []).append(problem.where)
+    places = grouped((replace(problem, where=""), problem.where) for problem in problems)
     return [replace(one, where=listed(found, most=5)) for one, found in places.items()]
 
 

@@ -118,48 +118,36 @@ def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -
     rows = _most_uncovered(result, join)
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
     figure, grid = style.rows_of_images([record.id for record in rows], heads, 2.7)
-    shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
-    figure.suptitle(f"{result.method.title} on {result.dataset.label}: {shown}")
+    where = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
+    figure.suptitle(f"{result.method.title} on {result.dataset.label}: {where}")
+    verdicts = ListedColormap(["white", style.ORANGE, style.PINK])
     for record, axes in zip(rows, grid, strict=True):
         depth, valid = store.read_levels(record.pair)
         prediction = read_prediction(folder, record.pair, depth.shape)
         assert prediction is not None
-        _draw_mask(figure, axes, join, depth, valid, prediction)
+        kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
+        kind = np.ma.masked_where(~valid, kind)
+        known = np.ma.masked_where(~valid, np.abs(prediction - depth))
+        images: tuple[tuple[Any, Any, float], ...] = (
+            (np.ma.masked_where(~valid, depth), "viridis", 255),
+            (prediction, "viridis", 255),
+            (kind, verdicts, 2),
+            (known, "gray", style.ERROR_LIMIT),
+            (known, "gray", style.ERROR_LIMIT),
+        )
+        shown = [
+            axis.imshow(image, cmap=colours, vmin=0, vmax=most, interpolation="nearest")
+            for axis, (image, colours, most) in zip(axes, images, strict=True)
+        ]
+        over = np.ma.masked_where(np.ma.filled(kind, 0) == 0, kind)
+        axes[4].imshow(over, cmap=verdicts, vmin=0, vmax=2, interpolation="nearest", alpha=0.5)
+        figure.colorbar(shown[0], ax=axes[1], label="depth level", fraction=0.05)
+        figure.colorbar(shown[3], ax=axes[4], label="levels", fraction=0.05, extend="max")
+        style.without_ticks(axes, _UNKNOWN)
     shown_as = {"scarce": style.ORANGE, "missing": style.PINK, "depth unknown": _UNKNOWN}
     handles = [Patch(color=colour, label=label) for label, colour in shown_as.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
-
-
-def _draw_mask(
-    figure: Figure,
-    axes: Sequence[Axes],
-    join: ErrorJoin,
-    depth: NDArray[np.uint8],
-    valid: NDArray[np.bool_],
-    prediction: NDArray[np.float32],
-) -> None:
-    kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
-    kind = np.ma.masked_where(~valid, kind)
-    covered = np.ma.filled(kind, 0) == 0
-    known = np.ma.masked_where(~valid, np.abs(prediction - depth))
-    verdicts = ListedColormap(["white", style.ORANGE, style.PINK])
-    images: tuple[tuple[Any, Any, float], ...] = (
-        (np.ma.masked_where(~valid, depth), "viridis", 255),
-        (prediction, "viridis", 255),
-        (kind, verdicts, 2),
-        (known, "gray", style.ERROR_LIMIT),
-        (known, "gray", style.ERROR_LIMIT),
-    )
-    shown = [
-        axis.imshow(image, cmap=colours, vmin=0, vmax=most, interpolation="nearest")
-        for axis, (image, colours, most) in zip(axes, images, strict=True)
-    ]
-    over = np.ma.masked_where(covered, kind)
-    axes[4].imshow(over, cmap=verdicts, vmin=0, vmax=2, interpolation="nearest", alpha=0.5)
-    figure.colorbar(shown[0], ax=axes[1], label="depth level", fraction=0.05)
-    figure.colorbar(shown[3], ax=axes[4], label="levels", fraction=0.05, extend="max")
-    style.without_ticks(axes, _UNKNOWN)
 
 
 def difficulty_figure(

@@ -1,6 +1,7 @@
 """Figures of a run: pairs, scores by scene and by group, depths, times."""
 
 import io
+import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.results.wording import titled_scores
+from dfdbench.tables.table import grouped
 
 _PANELS = 3
 
@@ -169,7 +171,14 @@ def draw_by_scene(
 
 def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
-    truth, found = _depth_counts(store, result, folder)
+    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
+    for pair in [record.pair for record in result.evaluated]:
+        depth, valid = store.read_levels(pair)
+        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+            counts = valid & ~np.isnan(prediction)
+            answered = np.rint(store.manifest.depth.exact_levels(prediction[counts]))
+            truth += np.bincount(depth[counts], minlength=LEVELS)
+            found += np.bincount(answered.astype(np.int64), minlength=LEVELS)
     if not truth.any():
         return None
     figure, axis = style.single_axes(9, 4)
@@ -182,21 +191,6 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     axis.set(xlabel="depth level", ylabel="known pixels (%)", xlim=(0, LAST_LEVEL), title=title)
     style.legend_below(figure, axis)
     return figure
-
-
-def _depth_counts(
-    store: Dataset, result: Result, folder: Path
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for pair in [record.pair for record in result.evaluated]:
-        depth, valid = store.read_levels(pair)
-        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
-            counts = valid & ~np.isnan(prediction)
-            levels = store.manifest.depth.exact_levels(prediction[counts])
-            answered = np.rint(levels).astype(np.int64)
-            truth += np.bincount(depth[counts], minlength=LEVELS)
-            found += np.bincount(answered, minlength=LEVELS)
-    return truth, found
 
 
 def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
@@ -227,12 +221,11 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
 
 
 def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
-    times: dict[int, list[float]] = {}
-    for pair in result.evaluated:
-        if pair.timed_alone and pair.seconds is not None:
-            rows, columns = store.shape_of(pair.scene)
-            times.setdefault(rows * columns, []).append(pair.seconds)
-    return times
+    return grouped(
+        (math.prod(store.shape_of(pair.scene)), pair.seconds)
+        for pair in result.evaluated
+        if pair.timed_alone and pair.seconds is not None
+    )
 
 
 def group_figures(
@@ -301,12 +294,8 @@ def _group_figure(
 def _by_label(
     result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
 ) -> dict[str, list[float]]:
-    found: dict[str, list[float]] = {}
-    for pair in result.evaluated:
-        name, score = label(pair), pair.score(protocol, metric)
-        if name is not None and score is not None:
-            found.setdefault(name, []).append(score)
-    return found
+    found = ((label(pair), pair.score(protocol, metric)) for pair in result.evaluated)
+    return grouped((name, score) for name, score in found if name is not None and score is not None)
 
 
 def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:

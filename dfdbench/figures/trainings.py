@@ -16,6 +16,7 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.figures import style
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.metrics.metric import METRICS
+from dfdbench.tables.table import grouped
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
@@ -142,9 +143,7 @@ def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: s
     baseline : str
         The value with the band.
     """
-    by_value: dict[str, list[Card]] = {}
-    for value, card in cards:
-        by_value.setdefault(value, []).append(card)
+    by_value = grouped(cards)
     figure = Figure(figsize=(12, 4), layout="constrained")
     figure.suptitle(title)
     for axis, metric in zip(figure.subplots(1, len(METRICS)), METRICS, strict=True):

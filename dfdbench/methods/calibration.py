@@ -367,23 +367,6 @@ def _sums(
     return sums, pixels
 
 
-def _fits(
-    samples: Sequence[Sample], way: Way, sigmas: Array
-) -> Iterator[tuple[Sample, NDArray[np.float64]]]:
-    """Yield each sample and the light that widths by depth level give for it."""
-    place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
-    first = np.clip(place.astype(int), 0, LADDER.size - 2)
-    part = place - first
-    for sample in samples:
-        steps, weights = first[sample.depth], part[sample.depth]
-        # Between two widths of the ladder a blurred image lies straight, near enough.
-        fit = np.zeros(sample.aim.shape)
-        for number, trial in enumerate(sample.trials(way)):
-            fit += np.where(steps == number, (1 - weights) * trial, 0)
-            fit += np.where(steps + 1 == number, weights * trial, 0)
-        yield sample, fit
-
-
 def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
     """Return gain and offset of the defocus images that leave least, each level at its width.
 
@@ -420,12 +403,21 @@ def _residuals(
     By depth level, in grey levels; and by grey level, in the unit of a law's noise.
     """
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
-    for sample, fit in _fits(samples, way, sigmas):
+    place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
+    first = np.clip(place.astype(int), 0, LADDER.size - 2)
+    part = place - first
+    for sample in samples:
+        steps, weights = first[sample.depth], part[sample.depth]
+        # Between two widths of the ladder a blurred image lies straight, near enough.
+        fit = np.zeros(sample.aim.shape)
+        for number, trial in enumerate(sample.trials(way)):
+            fit += np.where(steps == number, (1 - weights) * trial, 0)
+            fit += np.where(steps + 1 == number, weights * trial, 0)
         left = alignment.grey_of(fit, way.linear) - alignment.grey_of(sample.aim, way.linear)
-        place = np.rint(sample.grey * (GREYS - 1) / LAST_LEVEL).astype(int)
+        tones = np.rint(sample.grey * (GREYS - 1) / LAST_LEVEL).astype(int)
         for sums, where, squares in (
             (by_level, sample.depth, np.square(left)),
-            (by_grey, place, np.square(fit - sample.aim)),
+            (by_grey, tones, np.square(fit - sample.aim)),
         ):
             sums[0] += np.bincount(where, squares, sums.shape[1])
             sums[1] += np.bincount(where, minlength=sums.shape[1])

@@ -11,7 +11,7 @@ import inspect
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -354,20 +354,10 @@ def teach(
     if not callable(fit):
         what = f"fit cannot be called, it is a {type(fit).__name__}"
         raise MethodError(what, where=method.entry, expected="fit(pairs), or None")
-    try:
-        with (
-            process_kept(),
-            seeded(seed),
-            contextlib.redirect_stdout(sys.stderr),
-            method.sources.watch(),
-        ):
-            begin = time.perf_counter()
-            returned = fit(pairs)
-            seconds = time.perf_counter() - begin
-    except DfdbenchError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise error_of("the method cannot be fitted", f"{method.entry}: fit", error) from error
+    with _running(method, "the method cannot be fitted", "fit"), seeded(seed):
+        begin = time.perf_counter()
+        returned = fit(pairs)
+        seconds = time.perf_counter() - begin
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
         restore(method, learned)
@@ -391,14 +381,20 @@ def restore(method: Method, learned: Learned) -> None:
         name: value.copy() if isinstance(value, np.ndarray) else value
         for name, value in learned.items()
     }
+    with _running(method, "the method does not take back what it learned", "restore"):
+        give(copies)
+
+
+@contextlib.contextmanager
+def _running(method: Method, what: str, name: str) -> Iterator[None]:
+    """Run the method's own code; say what is wrong where it raises what is no error of ours."""
     try:
         with process_kept(), contextlib.redirect_stdout(sys.stderr), method.sources.watch():
-            give(copies)
+            yield
     except DfdbenchError:
         raise
     except (Exception, SystemExit) as error:
-        what = "the method does not take back what it learned"
-        raise error_of(what, f"{method.entry}: restore", error) from error
+        raise error_of(what, f"{method.entry}: {name}", error) from error
 
 
 def check_learned(returned: Any, entry: str) -> Learned:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import fsum
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -283,19 +282,21 @@ class Metric:
         return score if self.best is None else abs(score - self.best)
 
 
-def _by_name(*metrics: Metric) -> dict[str, Metric]:
+def _by_name(*metrics: Metric) -> Mapping[str, Metric]:
     return {metric.name: metric for metric in metrics}
 
 
 # Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
-_METRICS = _by_name(
+#: Every metric of depth levels by name, in the order in which they are shown.
+METRICS = _by_name(
     Metric("nrmse", False, nrmse, 0, 255),
     Metric("nmae", False, nmae, 0, 255),
     Metric("ssim", True, ssim, -1, 1, data_range=255.0),
 )
 # Far above any distance that a camera sees; sums of such numbers stay finite.
 _FAR = 1e9
-_IN_METRES = _by_name(
+#: Every metric of distances, scored where a manifest says how levels become metres.
+IN_METRES = _by_name(
     Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
     Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
     Metric("delta_105", True, partial(share_within, factor=1.05), 0, 1, shown="δ < 1.05"),
@@ -303,19 +304,14 @@ _IN_METRES = _by_name(
     Metric("delta_125", True, share_within, 0, 1, shown="δ < 1.25"),
     Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
 )
-_SURENESS = _by_name(
+#: Every metric of how sure a method is, scored where it says so or leaves pixels out.
+SURENESS = _by_name(
     Metric("density", True, density, 0, 1, shown="density"),
     Metric("nrmse_50", False, partial(surest_nrmse, share=0.5), 0, 255, shown="surest 50 %"),
     Metric("nrmse_90", False, partial(surest_nrmse, share=0.9), 0, 255, shown="surest 90 %"),
     Metric("ause", False, ause, 0, 255),
     Metric("within_90", False, within_interval, 0, 1, shown="in 90 % intervals", best=0.9),
 )
-#: Every metric of depth levels by name, in the order in which they are shown.
-METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
-#: Every metric of distances, scored where a manifest says how levels become metres.
-IN_METRES: Mapping[str, Metric] = MappingProxyType(_IN_METRES)
-#: Every metric of how sure a method is, scored where it says so or leaves pixels out.
-SURENESS: Mapping[str, Metric] = MappingProxyType(_SURENESS)
 #: What pairs and methods are ranked by, and what by where that ties: as the thesis ranks.
 RANKED_BY, TIES_BY = "nrmse", "nmae"
 

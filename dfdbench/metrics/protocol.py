@@ -6,7 +6,6 @@ import math
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -224,11 +223,11 @@ _ALL = (
     Protocol(SURE, 1, "known", "255", "whole", _ILG, tuple(SURENESS)),
 )
 #: Every protocol, by label.
-RELEASED: Mapping[str, Protocol] = MappingProxyType({protocol.label: protocol for protocol in _ALL})
+RELEASED: Mapping[str, Protocol] = {protocol.label: protocol for protocol in _ALL}
 #: The protocols that every run scores under, by label.
-PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {label: protocol for label, protocol in RELEASED.items() if not protocol.metrics}
-)
+PROTOCOLS: Mapping[str, Protocol] = {
+    label: protocol for label, protocol in RELEASED.items() if not protocol.metrics
+}
 
 
 def find_protocol(name: str) -> Protocol:

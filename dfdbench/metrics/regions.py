@@ -2,21 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 #: The regions in the order in which they are shown, and what each is.
-REGIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "edges": "within 3 pixels of neighbours whose true depths differ by 4 % of the range",
-        "flat": "where the in-focus image's grey value has a standard deviation below 3 in 7 x 7",
-        "far": "the farthest third of the range, by the truth",
-        "near": "the nearest third of the range, by the truth",
-    }
-)
+REGIONS: Mapping[str, str] = {
+    "edges": "within 3 pixels of neighbours whose true depths differ by 4 % of the range",
+    "flat": "where the in-focus image's grey value has a standard deviation below 3 in 7 x 7",
+    "far": "the farthest third of the range, by the truth",
+    "near": "the nearest third of the range, by the truth",
+}
 _JUMP, _FLAT, _SIDE = 0.04, 3.0, 7
 
 

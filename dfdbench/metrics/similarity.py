@@ -1,22 +1,20 @@
 """The local sums of SSIM, compiled: Eq. 3.14 of the thesis at every pixel."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.system.compiled import compiled
+
+Array = NDArray[Any]
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
 # dozen, for every pixel.
 @compiled()
 def mean_similarity(
-    truth: NDArray[np.float64],
-    test: NDArray[np.float64],
-    counts: NDArray[np.bool_],
-    masked: bool,
-    weights: NDArray[np.float64],
-    c1: float,
-    c2: float,
+    truth: Array, test: Array, counts: Array, masked: bool, weights: Array, c1: float, c2: float
 ) -> float:
     """Return the mean structural similarity of images, shape (y, x), over pixels that count.
 

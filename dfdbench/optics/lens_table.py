@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError, Problem, SourceError, reason_of
-from dfdbench.system.files import read_text
+from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.system.files import read_text_as
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
 #: More than any lens has steps, or any image pixels of blur.
@@ -124,12 +124,8 @@ def read_lens_table(path: Path | None = None) -> LensTable:
     >>> table.steps[0], table.steps[-1], table.radius.shape
     (127, 143, (17, 37))
     """
-    shipped = resources.files("dfdbench.manifests").joinpath(_TABLE)
-    try:
-        text = read_text(path) if path else shipped.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        got = reason_of(error)
-        raise SourceError("cannot read the lens table", where=str(path), got=got) from error
+    shipped = Path(str(resources.files("dfdbench.manifests"))) / _TABLE
+    text = read_text_as(SourceError, path or shipped, "the lens table")
     return parse_lens_table(text, str(path or _TABLE))
 
 

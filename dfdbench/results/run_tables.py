@@ -11,7 +11,7 @@ from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.record import Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import score_text
-from dfdbench.tables.table import Table, counted, listed
+from dfdbench.tables.table import Table, counted, grouped, listed
 
 EXTREMES = 5
 _SPREAD = {"minimum": "minimum", "mean": "mean", "maximum": "maximum", "std deviation": "std"}
@@ -147,11 +147,8 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         pairs = f"{counted(whole.unanswered, 'pair')} without an answer for every pixel"
         notes.append(f"{pairs}: no mean and no rank except under protocol {SURE}")
     notes += _notes_of_method(result)
-    by_error: dict[str, list[str]] = {}
-    for pair in result.pairs:
-        if pair.status == "failed":
-            by_error.setdefault(pair.error or "", []).append(pair.id)
-    for error, ids in by_error.items():
+    failed = ((pair.error or "", pair.id) for pair in result.pairs if pair.status == "failed")
+    for error, ids in grouped(failed).items():
         which = f", the first of them {ids[0]}" if len(ids) > 1 else f", {ids[0]}"
         notes.append(f"{counted(len(ids), 'pair')} failed{which}: {error}")
     texts = {"missing": "not in the store", "not-run": "not run"}
@@ -174,11 +171,7 @@ def _notes_of_method(result: Result) -> list[str]:
     if sure := (result.averages or {}).get(SURE):
         means = (f"{find_metric(name).title} {score_text(value)}" for name, value in sure.items())
         notes.append(f"how sure it is, by protocol {SURE}: {'; '.join(means)}")
-    numbers: dict[str, list[float]] = {}
-    for pair in result.pairs:
-        for name, value in pair.numbers.items():
-            numbers.setdefault(name, []).append(value)
-    if numbers:
+    if numbers := grouped(item for pair in result.pairs for item in pair.numbers.items()):
         means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
         notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
     return notes

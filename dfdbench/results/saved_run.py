@@ -14,7 +14,7 @@ from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.results import output_place, run_folder, run_tables, summary, wording
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.system.thumbnails import depth_map, gallery
-from dfdbench.tables.table import as_html, counted, listed
+from dfdbench.tables.table import as_html, counted, grouped, listed
 
 #: A notebook shows so many of the worst pairs.
 _WORST = 3
@@ -177,10 +177,8 @@ def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
         Each of another file.
     """
     runs = list(runs)
-    alike: dict[tuple[str, str, str], list[int]] = {}
-    for number, run in enumerate(runs):
-        data = run.result.dataset
-        alike.setdefault((data.fingerprint, data.split, run.label), []).append(number)
+    data = [(run.result.dataset.fingerprint, run.result.dataset.split) for run in runs]
+    alike = grouped(((*data[number], run.label), number) for number, run in enumerate(runs))
     for numbers in alike.values():
         if len(numbers) > 1:
             places = [_place(runs[number].path) for number in numbers]

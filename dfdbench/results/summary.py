@@ -11,6 +11,7 @@ from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import machine_of
+from dfdbench.tables.table import grouped
 
 
 @dataclass(frozen=True)
@@ -150,11 +151,9 @@ def summarise_scenes(
     label_of : mapping of str to str
         The label of each scene; scenes without one are left out.
     """
-    pairs: dict[str, list[PairResult]] = {}
-    for pair in result.pairs:
-        if pair.scene in label_of:
-            pairs.setdefault(label_of[pair.scene], []).append(pair)
-    return {label: _group(result, members, protocol) for label, members in pairs.items()}
+    labelled = ((label_of[pair.scene], pair) for pair in result.pairs if pair.scene in label_of)
+    pairs = grouped(labelled).items()
+    return {label: _group(result, members, protocol) for label, members in pairs}
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:

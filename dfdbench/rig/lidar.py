@@ -374,9 +374,8 @@ def read_beams(path: Path | None = None) -> Beams:
     (64, -19, 19)
     """
     where = str(path or _OS1)
-    shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
-    what = "the beam calibration"
-    text = read_text_as(SourceError, path, what) if path else shipped.read_text("utf-8")
+    shipped = Path(str(resources.files("dfdbench.manifests"))) / _OS1
+    text = read_text_as(SourceError, path or shipped, "the beam calibration")
     reader = csv.DictReader(text.splitlines())
     rows = list(reader)
     if not rows or not {*_LIMITS} <= {*(reader.fieldnames or ())}:

@@ -6,6 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from html import escape
+from typing import TypeVar
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 class Format(StrEnum):
@@ -157,6 +161,20 @@ def without(table: Table, *columns: str) -> Table:
         rows=tuple(tuple(row[at] for at in kept) for row in table.rows),
         align="".join(table.align[at] for at in kept),
     )
+
+
+def grouped(things: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
+    """Return values by their keys, in the order in which those come.
+
+    Examples
+    --------
+    >>> grouped([("a", 1), ("b", 2), ("a", 3)])
+    {'a': [1, 3], 'b': [2]}
+    """
+    found: dict[Key, list[Value]] = {}
+    for key, value in things:
+        found.setdefault(key, []).append(value)
+    return found
 
 
 def listed(things: Iterable[object], most: int | None = None) -> str:

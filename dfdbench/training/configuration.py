@@ -223,12 +223,8 @@ class TrainingConfiguration(Record):
 
 def shipped_configurations() -> dict[str, str]:
     """Return the texts of the configurations that come with the package, by name."""
-    folder = files("dfdbench.training.configurations")
-    return {
-        item.name.removesuffix(".toml"): item.read_text(encoding="utf-8")
-        for item in sorted(folder.iterdir(), key=lambda item: item.name)
-        if item.name.endswith(".toml")
-    }
+    folder = Path(str(files("dfdbench.training.configurations")))
+    return {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.toml"))}
 
 
 def read_configuration(

@@ -381,10 +381,6 @@ def selections_of(
     on_step : callable, optional
         Called with (steps counted, steps in all).
     """
-    places = np.empty((steps * cropper.count, 3), np.int32)
-    for step in one_by_one(range(steps), on_step):
-        first = step * cropper.count
-        places[first : first + cropper.count] = [
-            (place.index, place.top, place.left) for place in cropper.places(step)
-        ]
-    return Selections(tuple(pairs), cropper.shapes, cropper.size, places)
+    drawn = (place for step in one_by_one(range(steps), on_step) for place in cropper.places(step))
+    places = np.fromiter((n for p in drawn for n in (p.index, p.top, p.left)), np.int32)
+    return Selections(tuple(pairs), cropper.shapes, cropper.size, places.reshape(-1, 3))

@@ -17,7 +17,7 @@ from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.system.parallel import Shown
 from dfdbench.system.strict import Record
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Table, grouped
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.learner import Learner
 from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image, write_tables
@@ -258,11 +258,8 @@ def experiment_table(
     protocol : str
         The label of one of `dfdbench.training.task.LOGGED`.
     """
-    by_value: dict[str, list[Card]] = {}
-    for value, card in cards:
-        by_value.setdefault(value, []).append(card)
     rows, records = [], []
-    for value, group in by_value.items():
+    for value, group in grouped(cards).items():
         for statistic, of in _STATISTICS.items():
             if len(group) == 1 and statistic != "mean":
                 continue

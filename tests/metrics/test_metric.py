@@ -49,7 +49,7 @@ HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 @pytest.fixture
 def with_a_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
     levels = Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
-    monkeypatch.setitem(metric._METRICS, levels.name, levels)
+    monkeypatch.setitem(metric.METRICS, levels.name, levels)
 
 
 def labels_of(figure: Figure | None) -> str:

@@ -13,19 +13,6 @@ from dfdbench.methods.mrf.energy import (
 )
 from dfdbench.methods.mrf.solvers import Quality, coarse_to_fine, expansion, repair, split
 
-__all__ = [
-    "MOST_HELD",
-    "Energy",
-    "Parts",
-    "Quality",
-    "Solution",
-    "adaptive_potts_weights",
-    "coarse_to_fine",
-    "expansion",
-    "potts",
-    "published",
-    "repair",
-    "split",
-    "truncated_absolute",
-    "truncated_quadratic",
-]
+__all__ = ["MOST_HELD", "Energy", "Parts", "Quality", "Solution", "adaptive_potts_weights"]
+__all__ += ["coarse_to_fine", "expansion", "potts", "published", "repair", "split"]
+__all__ += ["truncated_absolute", "truncated_quadratic"]

@@ -393,15 +393,6 @@ def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
     return labels
 
 
-@compiled()
 def _pair_minima(costs: Array) -> Array:
-    height, width, count = costs.shape
-    minima = np.empty((height, width, (count + 1) // 2), costs.dtype)
-    for y in range(height):
-        for x in range(width):
-            row, pairs = costs[y, x], minima[y, x]
-            for label in range(count // 2):
-                pairs[label] = min(row[2 * label], row[2 * label + 1])
-            if count % 2:
-                pairs[count // 2] = row[count - 1]
-    return minima
+    pairs = np.minimum(costs[..., :-1:2], costs[..., 1::2])
+    return np.concatenate([pairs, costs[..., -1:]], 2) if costs.shape[2] % 2 else pairs

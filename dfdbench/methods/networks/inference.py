@@ -38,17 +38,12 @@ def find_device(name: str) -> torch.device:
     >>> find_device("cpu")
     device(type='cpu')
     """
-    there = ["cpu"]
-    if torch.backends.mps.is_available():
-        there.insert(0, "mps")
-    if torch.cuda.is_available():
-        there.insert(0, "cuda")
-    if name == "auto":
-        return torch.device(there[0])
-    if name not in there:
-        known = ", ".join(["auto", *there])
-        raise MethodError("no such device here", where="device", expected=known, got=name)
-    return torch.device(name)
+    usable = {"cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
+    known = ["auto", *(kind for kind, there in usable.items() if there), "cpu"]
+    if name not in known:
+        expected = ", ".join(known)
+        raise MethodError("no such device here", where="device", expected=expected, got=name)
+    return torch.device(known[1] if name == "auto" else name)
 
 
 class Predictor:
@@ -121,13 +116,9 @@ class Predictor:
     def _levels(self, padded: NDArray[np.uint8]) -> NDArray[np.uint8]:
         levels = np.empty(padded.shape[:2], np.uint8)
         step = (self._tile or self._affordable_tile(padded)) // self._multiple * self._multiple
-        for rows, outer_rows in _spans(padded.shape[0], step, self._margin):
-            for columns, outer_columns in _spans(padded.shape[1], step, self._margin):
-                answer = self._forward(padded[outer_rows, outer_columns])
-                levels[rows, columns] = answer[
-                    rows.start - outer_rows.start : rows.stop - outer_rows.start,
-                    columns.start - outer_columns.start : columns.stop - outer_columns.start,
-                ]
+        for rows, seen_rows, y in _spans(padded.shape[0], step, self._margin):
+            for columns, seen_columns, x in _spans(padded.shape[1], step, self._margin):
+                levels[rows, columns] = self._forward(padded[seen_rows, seen_columns])[y, x]
         return levels
 
     def _affordable_tile(self, padded: NDArray[np.uint8]) -> int:
@@ -147,11 +138,9 @@ class Predictor:
             hidden = self._hidden(given.to(self._device).float())
             levels = torch.empty(pixels.shape[:2], dtype=torch.uint8, device=self._device)
             margin = self._classify.kernel_size[0] // 2
-            for rows, outer in _spans(len(pixels), _ROWS_AT_A_TIME, margin):
-                logits = self._classify(hidden[:, :, outer])[0].permute(1, 2, 0)
-                levels[rows] = self._read(
-                    logits[rows.start - outer.start :][: rows.stop - rows.start]
-                )
+            for rows, seen, y in _spans(len(pixels), _ROWS_AT_A_TIME, margin):
+                logits = self._classify(hidden[:, :, seen])[0].permute(1, 2, 0)
+                levels[rows] = self._read(logits[y])
         return np.asarray(levels.cpu().numpy())
 
 
@@ -181,7 +170,9 @@ def median_levels(logits: Tensor) -> Tensor:
     return below[..., :-1].lt_(0.5).sum(-1).to(torch.uint8)
 
 
-def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice]]:
+def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice, slice]]:
+    # What is answered, what is looked at for it, and where in that the answer lies.
     for start in range(0, length, step):
-        stop = min(start + step, length)
-        yield slice(start, stop), slice(max(0, start - margin), min(length, stop + margin))
+        stop, first = min(start + step, length), max(0, start - margin)
+        seen = slice(first, min(length, stop + margin))
+        yield slice(start, stop), seen, slice(start - first, stop - first)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -132,12 +132,7 @@ def count_clusters(
     done = 0
     for number, pair in enumerate(samples):
         images = store.read(pair)
-        try:
-            tapped = tap(network, images.infocus, images.defocus)
-        except InputError as error:
-            raise InputError.of(
-                replace(problem, where=f"{pair.id}, {problem.where}") for problem in error.problems
-            ) from error
+        tapped = tap(network, images.infocus, images.defocus, f"{pair.id}, ")
         for layer, (products, pixels) in tapped.items():
             filters[layer] = len(products)
             own = (seed, number, layer)
@@ -177,7 +172,7 @@ def _statistic(counts: Sequence[int], statistic: Statistic) -> int:
 
 
 def tap(
-    network: nn.Module, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]
+    network: nn.Module, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], place: str = ""
 ) -> dict[int, tuple[Matrix, int]]:
     """Return the products of each layer's outputs for a pair, by layer.
 
@@ -187,6 +182,8 @@ def tap(
         In evaluation mode, its batch normalization not folded; on any device.
     infocus, defocus : ndarray of uint8, shape (y, x, 3)
         RGB. Cut at the lower and right edge to the network's multiple, so that no padding counts.
+    place : str, optional
+        What an error's place begins with: whose images they are.
 
     Returns
     -------
@@ -219,7 +216,7 @@ def tap(
     found = {layer: found[layer] for layer in TAPS}
     what, fix = "fewer pixels than filters in a feature map", "take larger images"
     InputError.raise_if(
-        Problem(f"{what}, {pixels} of {len(gram)}", where=f"layer {layer}", fix=fix)
+        Problem(f"{what}, {pixels} of {len(gram)}", where=f"{place}layer {layer}", fix=fix)
         for layer, (gram, pixels) in found.items()
         if pixels < len(gram)
     )

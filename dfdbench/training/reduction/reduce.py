@@ -21,7 +21,7 @@ from dfdbench.results.wording import NOTHING, score_text, seconds_text
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table
+from dfdbench.tables.table import Format, Table, grouped
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.reduction import counts as counting
 
@@ -351,10 +351,8 @@ def comparison_table(
     protocol : str
         The label of one of `dfdbench.training.task.LOGGED`.
     """
-    by_row: dict[str, list[Card]] = {}
-    for name, card in cards:
-        by_row.setdefault(name, []).append(card)
-    records = [_record(name, group, seconds.get(name), protocol) for name, group in by_row.items()]
+    by_row = grouped(cards).items()
+    records = [_record(name, group, seconds.get(name), protocol) for name, group in by_row]
     baseline = next((record for record in records if record["name"] == BASELINE), {})
     rows = []
     for record in records:
