@@ -23,14 +23,8 @@ from dfdbench.methods.networks.weights import build_network, described, load_wei
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, find_protocol, score
 from dfdbench.system.text import require_same
+from dfdbench.training import crops
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.crops import (
-    Redraw,
-    TrainingImages,
-    margin_of,
-    require_crops_fit,
-    severities_of,
-)
 
 
 @dataclass(frozen=True)
@@ -163,11 +157,11 @@ def require_trainable(task: Task) -> dict[str, Any]:
             what = f"redraw_depth needs a blur recipe, which {why}"
             fix = "name one with --set recipe=published, or leave redraw_depth out"
             raise InputError(what, where=f"{manifest.short}, redraw_depth", fix=fix)
-        drawn = (None, *severities_of(choices.tracks))
-        margin = max(margin_of(recipe, track) for track in drawn)
+        drawn = (None, *crops.severities_of(choices.tracks))
+        margin = max(crops.margin_of(recipe, track) for track in drawn)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
-    require_crops_fit(choices.crop, shapes, margin)
+    crops.require_crops_fit(choices.crop, shapes, margin)
     return architecture
 
 
@@ -286,7 +280,7 @@ def begun_network(
     return network, described(start, card)
 
 
-def redraw_of(task: Task, images: TrainingImages) -> Redraw | None:
+def redraw_of(task: Task, images: crops.TrainingImages) -> crops.Redraw | None:
     """Return what gives patches other depths, within those of the images; None if nothing does."""
     choices = task.configuration
     if not choices.redraw_depth:
@@ -295,5 +289,5 @@ def redraw_of(task: Task, images: TrainingImages) -> Redraw | None:
     unknown = task.store.manifest.depth.unknown
     there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
     known = there[(there >= 0) & (there != unknown)]
-    ends, tracks = (int(known.min()), int(known.max())), severities_of(choices.tracks)
-    return Redraw(task.recipe, *ends, choices.tilt, unknown, tracks)
+    ends, tracks = (int(known.min()), int(known.max())), crops.severities_of(choices.tracks)
+    return crops.Redraw(task.recipe, *ends, choices.tilt, unknown, tracks)

@@ -10,14 +10,7 @@ from torch import Tensor, nn
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.choices import (
-    FILTERS,
-    Kernel,
-    activation_names,
-    checked_filters,
-    kernel_sizes,
-    reach_of,
-)
+from dfdbench.methods.networks import choices
 from dfdbench.tables.table import listed
 
 
@@ -83,7 +76,7 @@ class Convolved(nn.Module):
         before: int,
         after: int,
         activation: nn.Module,
-        kernel: Kernel = (3, 3),
+        kernel: choices.Kernel = (3, 3),
         normalized: bool = True,
     ) -> None:
         super().__init__()
@@ -112,7 +105,7 @@ class Residual(nn.Module):
         channels: int,
         inner: int,
         activation: nn.Module,
-        kernels: tuple[Kernel, Kernel] = ((3, 3), (3, 3)),
+        kernels: tuple[choices.Kernel, choices.Kernel] = ((3, 3), (3, 3)),
         normalized: bool = True,
     ) -> None:
         super().__init__()
@@ -125,7 +118,7 @@ class Residual(nn.Module):
         return added
 
 
-def same(before: int, after: int, kernel: Kernel, bias: bool = True) -> nn.Conv2d:
+def same(before: int, after: int, kernel: choices.Kernel, bias: bool = True) -> nn.Conv2d:
     """Return a convolution with odd filters that keeps the image's size."""
     padding = (kernel[0] // 2, kernel[1] // 2)
     return nn.Conv2d(before, after, kernel, padding=padding, bias=bias)
@@ -276,7 +269,7 @@ class DfDNet(nn.Module):
 
     def __init__(
         self,
-        filters: Sequence[int] = FILTERS["original"],
+        filters: Sequence[int] = choices.FILTERS["original"],
         sampling_size: int = 2,
         first_activation: str = "prelu",
         channel_means: Sequence[float] = PUBLISHED_MEANS,
@@ -285,12 +278,14 @@ class DfDNet(nn.Module):
         normalized: Sequence[bool] | None = None,
     ) -> None:
         super().__init__()
-        f = checked_filters(filters)
-        k = kernel_sizes(kernels)
-        a = [ACTIVATIONS[name]() for name in activation_names(activations, first_activation)]
+        f = choices.checked_filters(filters)
+        k = choices.kernel_sizes(kernels)
+        a = [
+            ACTIVATIONS[name]() for name in choices.activation_names(activations, first_activation)
+        ]
         n = [True] * len(a) if normalized is None else normalized
         #: Pixels beyond this distance do not change a pixel's answer.
-        self.margin = reach_of(k, sampling_size)
+        self.margin = choices.reach_of(k, sampling_size)
         self.pixels = Normalize(channel_means)
         self.entry = Convolved(6, f[0], a[0], k[52], n[0])
         self.encode_1 = Residual(f[0], f[1], a[1], (k[48], k[45]), n[1])
