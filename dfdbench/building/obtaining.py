@@ -168,7 +168,9 @@ def voltage_pair_sets(
     SourceError
         Where the captures lack a pair's voltage steps altogether.
     """
-    steps = {pair: steps_of(pair, "-", "--values") for pair in map(str, pairs)}
+    steps = {
+        pair: steps_of(pair, "-", "--values", "as 141-129,140-130") for pair in map(str, pairs)
+    }
     usual = default_store(manifest, cache)
     places = {pair: usual.with_name(f"{manifest.stem}-{pair}.zarr") for pair in steps}
     left = [pair for pair, place in places.items() if not place.exists()]
@@ -185,7 +187,7 @@ def voltage_pair_sets(
     return {pair: Dataset(place) for pair, place in places.items()}
 
 
-def steps_of(pair: str, between: str, where: str) -> tuple[int, int]:
+def steps_of(pair: str, between: str, where: str, expected: str) -> tuple[int, int]:
     """Return the two voltage steps that a text such as ``141-129`` names.
 
     Raises
@@ -195,6 +197,6 @@ def steps_of(pair: str, between: str, where: str) -> tuple[int, int]:
     """
     parts = re.fullmatch(rf"\s*(\d+)\s*{between}\s*(\d+)\s*", pair)
     if not parts:
-        what, expected = "not a pair of voltage steps", f"as 141{between}129"
+        what = "not a pair of voltage steps"
         raise InputError(what, where=where, expected=expected, got=pair)
     return int(parts[1]), int(parts[2])

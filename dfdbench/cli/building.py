@@ -67,7 +67,7 @@ def build(
         source,
         store=store,
         recipe=recipe,
-        steps=None if pair is None else steps_of(pair, ",", "--pair"),
+        steps=None if pair is None else steps_of(pair, ",", "--pair", "as 141,129"),
         mirrors=mirror or (),
         offline=offline,
         seed=seed,
