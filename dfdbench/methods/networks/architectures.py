@@ -259,6 +259,7 @@ class DfDNet(nn.Module):
 
     Examples
     --------
+    >>> from dfdbench.methods.networks.choices import FILTERS
     >>> network = DfDNet(FILTERS["F-02-02"])
     >>> network(torch.zeros(1, 6, 8, 12)).shape
     torch.Size([1, 256, 8, 12])
