@@ -31,7 +31,6 @@ from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
-Floats = NDArray[np.float32]
 
 # Integer cost of a nat: over a window hundredths of one add up. What costs are at most.
 _UNIT, _MOST_KEPT = 64, np.iinfo(np.uint16).max
@@ -86,7 +85,7 @@ def finer_levels(count: int) -> NDArray[np.intp]:
 
 def halved_costs(
     laws: Sequence[BlurLaw], infocus: Image, images: Sequence[Image], count: int, multiple: int = 2
-) -> tuple[Floats, Floats]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return what each of some levels costs, and what can be told, at half the resolution.
 
     Parameters
@@ -118,7 +117,7 @@ def _all_costs(
     images: Sequence[Image],
     levels: NDArray[np.intp],
     step: int = 1,
-) -> tuple[NDArray[np.uint16], Floats]:
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
     """Return what levels cost, `_UNIT` a nat, and what every so manieth of them can tell."""
     shape, one = infocus.shape[:2], len(images) == 1
     most, ceiling = (_MOST_KEPT, math.inf) if one else (_UNIT * MOST_NATS, _UNIT * MOST_NATS)
@@ -134,7 +133,7 @@ def _all_costs(
     return costs, told
 
 
-def along_paths(volume: Floats) -> Floats:
+def along_paths(volume: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return costs summed along the paths of semi-global matching, as `SemiGlobal` has them.
 
     Parameters
@@ -158,7 +157,7 @@ def along_paths(volume: Floats) -> Floats:
     return np.asarray(np.minimum(nats, np.float32(MOST), out=nats))
 
 
-def guide_of(infocus: Image) -> Floats:
+def guide_of(infocus: Image) -> NDArray[np.float32]:
     """Return an image's grey, its contrast about the same everywhere: shape (y, x).
 
     Examples
@@ -175,11 +174,11 @@ def guide_of(infocus: Image) -> Floats:
 def looked_again(
     costs: NDArray[np.uint16],
     levels: NDArray[np.intp],
-    mean: Floats,
-    deviation: Floats,
+    mean: NDArray[np.float32],
+    deviation: NDArray[np.float32],
     smoothing: float = 1,
     posterior: Posterior | None = None,
-) -> Floats:
+) -> NDArray[np.float32]:
     """Return the levels of least cost along paths, in finer steps, about a network's answer.
 
     The network sees coarse levels, and larger pixels. Where the law explains the images, what lies
@@ -206,7 +205,8 @@ def looked_again(
     narrow = np.float32(unit / 2) / np.square(deviation)
     _weigh_in(costs, levels, mean, narrow, unit * MOST)
     if posterior is not None:
-        planes = np.ascontiguousarray(np.moveaxis(costs[..., ::2], 2, 0))
+        planes = np.empty((len(levels[::2]), *mean.shape), np.uint16)
+        _part(costs, 2, planes)
         posterior.add_all(levels[::2], planes, unit)
     label = np.empty(mean.shape)
     for rows, sums in path_costs_by_bands(costs.__getitem__, costs.shape, small, large):
@@ -245,6 +245,16 @@ def _least_labels(costs: Array, labels: Array) -> None:
                 bend = before - 2 * np.float64(least) + after
                 if bend > 0:
                     labels[y, x] += (before - after) / (2 * bend)
+
+
+@compiled()
+def _part(costs: Array, step: int, planes: Array) -> None:
+    """Write every so manieth level's costs, shape (level, y, x)."""
+    height, width, _ = costs.shape
+    for y in range(height):
+        for x in range(width):
+            for level in range(len(planes)):
+                planes[level, y, x] = costs[y, x, step * level]
 
 
 class VolumeNetMethod(Solver):
@@ -354,7 +364,9 @@ class VolumeNetMethod(Solver):
             errors.append(float(np.sqrt(np.square(off).mean())))
         return np.array(errors)
 
-    def _settled(self, infocus: Image, images: Sequence[Image]) -> tuple[Floats, Floats | None]:
+    def _settled(
+        self, infocus: Image, images: Sequence[Image]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         # It has learned where surfaces end.
         reach = np.float32(self.chosen.finer)
         costs, levels, deviation = self._said(infocus, images, finer=bool(reach))
@@ -368,12 +380,12 @@ class VolumeNetMethod(Solver):
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
-    ) -> Floats:
+    ) -> NDArray[np.float32]:
         return self._settled(infocus, images)[0]
 
     def _said(
         self, infocus: Image, images: Sequence[Image], finer: bool
-    ) -> tuple[NDArray[np.uint16], Floats, Floats]:
+    ) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.float32]]:
         """Return what levels cost, and the mean and deviation of what the network says of them."""
         rows, columns = infocus.shape[:2]
         count, multiple = self._network.levels, 2 * self._network.multiple
@@ -403,7 +415,9 @@ def _padded(image: Array, multiple: int) -> Array:
     return np.pad(image, [(0, -side % multiple) for side in image.shape], mode="edge")
 
 
-def _halved(costs: Array, told: Array, multiple: int, step: int = 1) -> tuple[Floats, Floats]:
+def _halved(
+    costs: Array, told: Array, multiple: int, step: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return every so manieth level's costs in nats, and what can be told, over two by two."""
     whole = _padded(told, multiple)
     rows, columns = (side // 2 for side in whole.shape)
