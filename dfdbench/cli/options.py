@@ -8,16 +8,14 @@ import os
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
 from dfdbench.errors import InputError, Problem
+from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import Format
-
-if TYPE_CHECKING:
-    from dfdbench.system.parallel import Cluster, Pool
 
 
 def data_sets(incomplete: str) -> list[str]:
@@ -181,8 +179,6 @@ def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
     InputError
         Where both are named: a cluster has its own number of workers.
     """
-    from dfdbench.system.parallel import Threads
-
     return _cluster(workers, scheduler) or Threads(workers or os.cpu_count() or 1)
 
 
@@ -194,8 +190,6 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
     InputError
         As `pool_of` does.
     """
-    from dfdbench.system.parallel import Processes
-
     here = Processes(workers) if workers and workers > 1 else None
     return _cluster(workers, scheduler) or here
 
@@ -203,11 +197,7 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     if scheduler and workers:
         raise InputError("a cluster has its own number of workers", where="--workers")
-    if not scheduler:
-        return None
-    from dfdbench.system.parallel import Cluster
-
-    return Cluster(scheduler)
+    return Cluster(scheduler) if scheduler else None
 
 
 #: A longer one is a slip of the unit.
