@@ -20,7 +20,6 @@ from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, place_of
 from dfdbench.datasets.fingerprint import (
-    LONGEST,
     StoreVerification,
     WholeArrays,
     check_attributes,
@@ -41,6 +40,8 @@ FORMAT_VERSION = 1
 #: Rows and columns of an image.
 Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
+# Characters of what a library says of damage.
+_LONGEST = 300
 #: Of so many scenes a notebook shows the first pair.
 _SHOWN = 4
 _REMOTE = "check the address, the network, and what the server knows you by"
@@ -242,7 +243,7 @@ class Dataset:
             raise
         except Exception as error:
             # Damaged files come to anything, by where the damage is.
-            got, where = str(error)[:LONGEST], f"{self.path}, {what}"
+            got, where = str(error)[:_LONGEST], f"{self.path}, {what}"
             fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
             raise errors.StoreError(
                 "an array of the store cannot be read", where=where, got=got, fix=fix
@@ -444,7 +445,7 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
         raise _not_ours(location) from error
     except Exception as error:
         # Of an object store it may be unreachable, forbidden, no bucket.
-        what = f"cannot read the store: {str(error)[:LONGEST]}"
+        what = f"cannot read the store: {str(error)[:_LONGEST]}"
         fix = "build it again" if is_local(location) else _REMOTE
         fix = "allow more memory and threads" if "new thread" in str(error) else fix
         raise errors.StoreError(what, where=str(location), fix=fix) from error

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
 from upath import UPath
 from zarr.abc.buffer import Buffer, BufferPrototype
-from zarr.abc.store import ByteRequest
-from zarr.abc.store import Store as ZarrStore
+from zarr.abc.store import ByteRequest, Store
 from zarr.storage import WrapperStore
 
 from dfdbench.datasets.manifest import Manifest
@@ -88,10 +87,6 @@ def combine(digests: Mapping[str, str]) -> str:
     True
     """
     return hashlib.sha256(json.dumps(sorted(digests.items())).encode()).hexdigest()
-
-
-#: Characters of what a library says of damage.
-LONGEST = 300
 
 
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -185,7 +180,7 @@ def require_fit(
         raise ValueError(f"{array.dtype}, shape {array.shape}, where {types}, {wanted} belongs")
 
 
-class WholeArrays(WrapperStore[ZarrStore]):
+class WholeArrays(WrapperStore[Store]):
     """Zarr's view of a place where every chunk was written, so that none may be absent.
 
     Zarr itself reads an absent chunk as zeros: a lost file would become a black image.

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.building import fetching
-from dfdbench.building.fetching import archive_members, check_checksum, read_member, sha256
 from dfdbench.building.sources import SceneImages, gathered, laid_out
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
@@ -85,7 +84,7 @@ class MiddleburyScenes:
         digest = hashlib.sha256()
         for name in self._names(scene):
             digest.update(name.encode())
-            digest.update(bytes.fromhex(sha256(self._scenes[scene].read(name))))
+            digest.update(bytes.fromhex(fetching.sha256(self._scenes[scene].read(name))))
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
@@ -142,7 +141,7 @@ class MiddleburyScenes:
     def _content(self, scene: str, name: str) -> bytes:
         files = self._scenes[scene]
         content = files.read(name)
-        check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
+        fetching.check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
         return content
 
 
@@ -215,7 +214,7 @@ class SceneFiles:
             return read_as(SourceError, self.folder / name, "the file", LARGEST_ARRAY)
         if self.archive is None or name not in self._members:
             raise SourceError("no such file", where=self.where(name))
-        return read_member(self.archive, self._members[name])
+        return fetching.read_member(self.archive, self._members[name])
 
     @cached_property
     def _members(self) -> Mapping[str, str]:
@@ -224,7 +223,7 @@ class SceneFiles:
             return {}
         return {
             member.rpartition(f"{self.scene}/")[2]: member
-            for member in archive_members(self.archive)
+            for member in fetching.archive_members(self.archive)
             if f"/{self.scene}/" in f"/{member}"
         }
 
@@ -395,7 +394,7 @@ class _Site:
 
 
 def _inspect_archive(file: Path, content: bytes, where: str) -> None:
-    archive_members(file, where)
+    fetching.archive_members(file, where)
 
 
 def _bring_each(

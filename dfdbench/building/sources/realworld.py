@@ -16,10 +16,9 @@ from dfdbench.building.sources.image_files import Image, average_frames, image_p
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
+from dfdbench.rig import registration
 from dfdbench.rig.geometry import CaptureRig
 from dfdbench.rig.lidar import Beams, average_scans, depth_image, read_beams, read_ranges, warp
-from dfdbench.rig.registration import NAME as REGISTRATION
-from dfdbench.rig.registration import read_registration
 
 LevelsAndKnown = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 
@@ -145,7 +144,7 @@ class RawScene(CapturedScene):
     def depth(self) -> LevelsAndKnown:
         """Depth levels in centimetres and where they are known; worked out once."""
         levels, valid = depth_image(self.ranges(), self.beams())
-        matrix = read_registration(self.registration)
+        matrix = registration.read_registration(self.registration)
         return warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
 
     def scans(self) -> list[Path]:
@@ -161,7 +160,7 @@ class RawScene(CapturedScene):
     @property
     def registration(self) -> Path:
         """Where the transform to the image is kept."""
-        return self.folder / REGISTRATION
+        return self.folder / registration.NAME
 
     def depth_files(self) -> list[Path]:
         """Return range files, calibration and registration."""
@@ -205,7 +204,7 @@ class RawScene(CapturedScene):
             problems.append(Problem("scene is not registered", where=where, fix=fix))
         else:
             with gathered(problems):
-                read_registration(self.registration)
+                registration.read_registration(self.registration)
         if not problems and not self.depth[1].any():
             what = "no LIDAR return falls on the image"
             problems.append(Problem(what, where=where, fix=f"{fix} --fresh"))
