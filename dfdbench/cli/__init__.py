@@ -18,8 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-from typer import Option
+from typer import BadParameter, Exit, Option, Typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -62,7 +61,7 @@ class Verb:
         if not self.place:
             return LazyGroup(name=name, help=self.about, verbs=self.verbs, **style)
         module, function = self.place.split(".")
-        app = typer.Typer(cls=LazyGroup, add_completion=False, **style)
+        app = Typer(cls=LazyGroup, add_completion=False, **style)
         kind = app.callback(invoke_without_command=True) if self.verbs else app.command()
         kind(getattr(import_module(f"dfdbench.cli.{module}"), function))
         command: Any = get_command(app)
@@ -187,7 +186,7 @@ class LazyGroup(TyperGroup):
         """
         try:
             return super().invoke(ctx)
-        except typer.BadParameter as error:
+        except BadParameter as error:
             for theirs, ours in _IN_OUR_WORDS.items():
                 error.message = re.sub(theirs, ours, error.message)
             raise
@@ -196,7 +195,7 @@ class LazyGroup(TyperGroup):
         except KeyboardInterrupt as stopped:
             verb = self.verbs.get(ctx.invoked_subcommand)
             screen.say_stopped(stopped, screen.GOES_ON if verb and verb.goes_on else "")
-            raise typer.Exit(INTERRUPTED) from None
+            raise Exit(INTERRUPTED) from None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the verbs and what each does, none of them imported."""
@@ -204,7 +203,7 @@ class LazyGroup(TyperGroup):
             formatter.write_dl([(name, verb.summary) for name, verb in self.verbs.items()])
 
 
-app = typer.Typer(
+app = Typer(
     cls=LazyGroup,
     help="Build depth-from-defocus data sets, run methods on them, and compare.",
     no_args_is_help=True,
@@ -222,7 +221,7 @@ def version_option(
         from dfdbench.system.packages import PACKAGE_VERSION
 
         print(f"dfdbench {PACKAGE_VERSION}")
-        raise typer.Exit
+        raise Exit
 
 
 def main() -> None:

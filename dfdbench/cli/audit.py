@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-from typer import Argument, Option
+from typer import Argument, Exit, Option
 
 from dfdbench.audit import coverage as cover
 from dfdbench.audit import difficulty as hardness
@@ -275,7 +274,7 @@ def _end(*records: cover.CoverageRecord) -> None:
     if leaks:
         raise LeakError.of(leak.as_problem() for leak in leaks)
     if not all(record.covered for record in records):
-        raise typer.Exit(NO)
+        raise Exit(NO)
 
 
 def _refuse_mixtures(

@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-from typer import Argument, Option
+from typer import Argument, Exit, Option
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
@@ -84,7 +83,7 @@ def build(
     if report.missing:
         say(_missing_text(report))
         if not allow_missing:
-            raise typer.Exit(MISTAKE)
+            raise Exit(MISTAKE)
 
 
 def export(

@@ -12,9 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.filesize import decimal
-from typer import Argument, Option
+from typer import Argument, Context, Exit, Option, confirm
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Facts, Printed, Workers, data_sets, pool_of
@@ -126,10 +125,10 @@ def verify(
             f"  fix       {build}, with the options it was "
             "built with, writes the scenes that differ again"
         )
-        raise typer.Exit(NO)
+        raise Exit(NO)
 
 
-def cache_verb(context: typer.Context, format: Printed = Format.table, cache: Cache = None) -> None:
+def cache_verb(context: Context, format: Printed = Format.table, cache: Cache = None) -> None:
     """List what lies in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
         return
@@ -171,7 +170,7 @@ def clear_cache(
             raise InputError(
                 "cannot ask: no terminal", where="dfdbench cache clear", fix="say --yes"
             )
-        typer.confirm("Remove them?", abort=True, err=True)
+        confirm("Remove them?", abort=True, err=True)
     remove_entries(tuple(chosen))
     size = sum(entry.size for entry in chosen)
     text = f"removed {len(chosen)} entries, {decimal(size)}" if chosen else "nothing to remove"

@@ -9,11 +9,10 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-from typer import Argument, Option
+from typer import Argument, Exit, Option
 
 from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
-from dfdbench.cli.screen import GOES_ON, progress, require_picture, say, show
+from dfdbench.cli.screen import GOES_ON, progress, require_picture, save_figure, say, show
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
@@ -158,7 +157,6 @@ def _predict_pair(
         without_answer=int(gaps),
     )
     if figure:
-        from dfdbench.cli.screen import save_figure
         from dfdbench.figures.runs import predicted_figure
 
         save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
@@ -299,4 +297,4 @@ def check_method_command(
         text = f"{failed} of {counted(len(trials), 'trial')} failed"
     show(format, [table], text, trials=len(trials), failed=failed, warnings=odd)
     if failed:
-        raise typer.Exit(NO)
+        raise Exit(NO)

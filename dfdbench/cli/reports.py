@@ -8,14 +8,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-from typer import Argument, Option
+from typer import Argument, Context, Exit, Option
 
 import dfdbench
 from dfdbench.board import LEADERBOARD, SCORE_TOLERANCE
 from dfdbench.cli import screen
 from dfdbench.cli.options import Facts, FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
 
@@ -50,7 +50,6 @@ def report(
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs, pairs worst first, or a paper's table of them."""
-    from dfdbench.results.output_place import output_place
     from dfdbench.results.record import RESULT, first_protocol
     from dfdbench.results.run_folder import PREVIOUS
     from dfdbench.results.saved_run import distinguished, open_saved_run
@@ -130,8 +129,6 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    from dfdbench.results.output_place import output_place
-
     found = dfdbench.compare(first, second, protocol=protocol, dataset=dataset, most=most)
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
@@ -160,7 +157,7 @@ def _stem(label: str) -> str:
 
 
 def leaderboard(
-    context: typer.Context,
+    context: Context,
     check: Annotated[
         bool, Option("--check", help="Change nothing; fail if a file is wrong or stale.")
     ] = False,
@@ -236,4 +233,4 @@ def verify_rows(
     if format == "json":
         screen.show(format, rows=answers)
     if not all(answer["verified"] for answer in answers):
-        raise typer.Exit(NO)
+        raise Exit(NO)

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-from typer import Option
+from typer import Exit, Option
 
 import dfdbench
 from dfdbench.blur.tracks import TRACKS
@@ -314,7 +313,7 @@ def _show(
     if format is Format.json:
         show(format, tables, **facts)
     if done.failed and not done.result.method.scored:
-        raise typer.Exit(NO)
+        raise Exit(NO)
 
 
 def _say_score(label: str, result: Result, protocol: str) -> None:

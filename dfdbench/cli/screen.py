@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-import typer
+from typer import Exit
 
 from dfdbench.errors import InputError, ResultError, reason_of
 from dfdbench.statuses import DONE, INTERRUPTED
@@ -196,7 +196,7 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
         except KeyboardInterrupt as stopped:
             bar.stop()
             say_stopped(stopped, resumed)
-            raise typer.Exit(INTERRUPTED) from None
+            raise Exit(INTERRUPTED) from None
 
 
 def _bar() -> Progress:
@@ -247,8 +247,6 @@ def give(
     ResultError
         If the folder cannot be written.
     """
-    from matplotlib.figure import Figure
-
     from dfdbench.figures.style import write_figure
     from dfdbench.system.files import write_whole
 
@@ -257,11 +255,11 @@ def give(
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             path = folder / name
-            if isinstance(content, Figure):
+            if isinstance(content, str):
+                replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
+                write_whole(path, content)
+            else:
                 write_figure(content, path)
-                continue
-            replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
-            write_whole(path, content)
     if format is Format.json:
         print(next(iter(files.values())), end="")
     else:

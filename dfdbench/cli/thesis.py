@@ -6,8 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-from typer import Argument, Option
+from typer import Argument, Exit, Option
 
 from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
@@ -286,6 +285,6 @@ def _tell(
     say(f"log          {folder / 'positions.csv'}; tables {folder / TABLES}")
     if outcome.best is None:
         say("every training failed: nothing was found")
-        raise typer.Exit(NO)
+        raise Exit(NO)
     say(f"best         {folder / BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / BEST}")
