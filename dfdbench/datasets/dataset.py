@@ -19,14 +19,7 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, place_of
-from dfdbench.datasets.fingerprint import (
-    StoreVerification,
-    WholeArrays,
-    check_attributes,
-    open_scene,
-    require_fit,
-    verify_store,
-)
+from dfdbench.datasets.fingerprint import WholeArrays, check_attributes, open_scene, verify_store
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.system.thumbnails import gallery, heading
@@ -34,6 +27,8 @@ from dfdbench.tables.table import Table, as_html
 
 if TYPE_CHECKING:
     import xarray
+
+    from dfdbench.datasets.fingerprint import StoreVerification
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
@@ -220,7 +215,7 @@ class Dataset:
             if not isinstance(array, zarr.Array):
                 raise TypeError("not an array")
             images = array if name == "images" else self._array(scene, "images")
-            require_fit(array, name, self.manifest, images.shape)
+            _require_fit(array, name, self.manifest, images.shape)
             self._arrays[key] = array
         return self._arrays[key]
 
@@ -263,6 +258,45 @@ class Dataset:
     def __reduce__(self) -> tuple[type[Dataset], tuple[UPath]]:
         # Another process opens it anew, perhaps in another working directory.
         return Dataset, (self.path.absolute() if is_local(self.path) else self.path,)
+
+
+def _require_fit(
+    array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
+) -> None:
+    """Refuse an array that its manifest and its scene's images leave no room for.
+
+    One of another shape would be read at the wrong places, or beyond its end.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        Of a scene.
+    name : str
+        Which: ``images``, ``depth``, ``available``, or what is known of the images.
+    manifest : Manifest
+        The store's.
+    images : tuple of int
+        Shape of the scene's images, (axes..., image, y, x, channel).
+
+    Raises
+    ------
+    ValueError
+        If its shape or its type is another.
+    """
+    extent = tuple(map(len, manifest.axes.values()))
+    count, *sides, _ = images[len(extent) :]
+    depths = (len(manifest.axes[axis]) for axis in manifest.depth.axes)
+    kinds: dict[str, tuple[tuple[int, ...], str]] = {
+        "images": ((*extent, count, *sides, 3), "u1 u2"),
+        "depth": ((*depths, *sides), "f4"),
+        "available": (extent, "b1"),
+        "role": ((count,), "u1"),
+        **dict.fromkeys(BY_IMAGE, ((*extent, count), "f8")),
+        **dict.fromkeys(OF_CAMERA, ((), "f8")),
+    }
+    wanted, types = kinds[name]
+    if array.shape != wanted or array.dtype.str[1:] not in types.split():
+        raise ValueError(f"{array.dtype}, shape {array.shape}, where {types}, {wanted} belongs")
 
 
 class Captures(Sequence[Capture]):
@@ -359,10 +393,6 @@ class Captures(Sequence[Capture]):
         _check_region(region, self.dataset.shape_of(pair.scene))
         return self.dataset.read(pair, region).two_of(self._images)
 
-    def scene(self, name: str) -> xarray.Dataset:
-        """Return all of a scene as lazily read arrays with named dimensions."""
-        return self.dataset.to_xarray(name)
-
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
@@ -404,7 +434,14 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | str | None
         place = place_of(name, cache)
     if place is not None:
         return Dataset(place)
-    manifest = _manifest_of(name)
+    try:
+        manifest = find_manifest(name)
+    except errors.UnknownNameError:
+        if not Path(name).exists():
+            raise
+        kind = "folder" if Path(name).is_dir() else "file"
+        fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
+        raise errors.StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
     if not (default := default_store(manifest, cache)).exists():
         typed = name if name.endswith(".toml") else manifest.short
         more = " --source DIR" * bool(manifest.files)
@@ -413,17 +450,6 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | str | None
         what = f"data set {manifest.short} is not built"
         raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
     return Dataset(default)
-
-
-def _manifest_of(name: str) -> Manifest:
-    try:
-        return find_manifest(name)
-    except errors.UnknownNameError:
-        if not Path(name).exists():
-            raise
-        kind = "folder" if Path(name).is_dir() else "file"
-        fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
-        raise errors.StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
 
 
 def _not_ours(location: UPath) -> errors.StoreError:

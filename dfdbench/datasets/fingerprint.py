@@ -10,7 +10,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
 from upath import UPath
@@ -18,7 +17,6 @@ from zarr.abc.buffer import Buffer, BufferPrototype
 from zarr.abc.store import ByteRequest, Store
 from zarr.storage import WrapperStore
 
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, StoreError
 from dfdbench.system.location import zarr_store
 from dfdbench.system.parallel import Pool, Threads
@@ -139,45 +137,6 @@ def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
     if attributes_digest(attributes) != attributes.get(ATTRIBUTES_SHA256):
         what = "the store's attributes are damaged, or were edited after it was built"
         raise StoreError(what, where=where, fix="delete it and build it again")
-
-
-def require_fit(
-    array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
-) -> None:
-    """Refuse an array that its manifest and its scene's images leave no room for.
-
-    One of another shape would be read at the wrong places, or beyond its end.
-
-    Parameters
-    ----------
-    array : zarr.Array
-        Of a scene.
-    name : str
-        Which: ``images``, ``depth``, ``available``, or what is known of the images.
-    manifest : Manifest
-        The store's.
-    images : tuple of int
-        Shape of the scene's images, (axes..., image, y, x, channel).
-
-    Raises
-    ------
-    ValueError
-        If its shape or its type is another.
-    """
-    extent = tuple(map(len, manifest.axes.values()))
-    count, *sides, _ = images[len(extent) :]
-    depths = (len(manifest.axes[axis]) for axis in manifest.depth.axes)
-    kinds: dict[str, tuple[tuple[int, ...], str]] = {
-        "images": ((*extent, count, *sides, 3), "u1 u2"),
-        "depth": ((*depths, *sides), "f4"),
-        "available": (extent, "b1"),
-        "role": ((count,), "u1"),
-        **dict.fromkeys(("focus_distance", "focus_depth", "f_number"), ((*extent, count), "f8")),
-        **dict.fromkeys(("focal_length", "pixel_pitch"), ((), "f8")),
-    }
-    wanted, types = kinds[name]
-    if array.shape != wanted or array.dtype.str[1:] not in types.split():
-        raise ValueError(f"{array.dtype}, shape {array.shape}, where {types}, {wanted} belongs")
 
 
 class WholeArrays(WrapperStore[Store]):
