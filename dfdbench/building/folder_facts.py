@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dfdbench.building.folder_layout import Group, Key, Layout, Table, tables_below, unread_files
 from dfdbench.building.sources import image_files
-from dfdbench.building.sources.matching import Align, Matching, matching_of
-from dfdbench.datasets.captured_files import BY_IMAGE, places_in
+from dfdbench.building.sources.matching import Matching, matching_of
+from dfdbench.datasets.captured_files import BY_IMAGE, Align, places_in
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import counted, listed

@@ -21,6 +21,8 @@ OF_CAMERA = ("focal_length", "pixel_pitch")
 #: What stands for an image's number in the pattern of a stack.
 IMAGE = "image"
 
+#: By which motion an image is laid on another.
+Align = Literal["none", "translation", "euclidean", "similarity"]
 Index = Annotated[int, Field(ge=0)]
 Extent = Annotated[int, Field(ge=1)]
 
@@ -110,7 +112,7 @@ class CapturedFiles(StrictRecord):
     image_bits: Annotated[int, Field(ge=9, le=16)] | None = None
     exif_rotation: Literal["apply", "ignore"] | None = None
     crop: Crop | None = None
-    align: Literal["none", "translation", "euclidean", "similarity"] = "none"
+    align: Align = "none"
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
     flat_field: list[Annotated[list[Share], STEPS]] | None = None

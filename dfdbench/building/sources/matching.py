@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.captured_files import Align
 from dfdbench.errors import InputError
 from dfdbench.methods.view_change import Images, ViewChange, find_change, resampled
 
@@ -238,8 +239,6 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
         raise InputError(what, fix="leave the scene out, or set match_gain = false")
     return gain
 
-
-Align = Literal["none", "translation", "euclidean", "similarity"]
 
 # Movements of a corner (pixels) and gains below these need no correction. Of Middlebury's scenes,
 # blurred and in register, all but the barest are measured with errors below 0.4 pixels, the barest
