@@ -67,15 +67,13 @@ def depth_of(
     if metres and depth.scale is not None:
         whole = values.dtype.kind != "f"
         _refuse_another_unit(float(np.median(numbers[known])), whole, files, depth.scale, where)
-    elif files.depth_ends is None:
-        _refuse_no_levels(numbers[known], where)
-        known &= numbers != depth.unknown
-    ends = files.depth_ends
-    if ends is not None:
-        known &= (numbers >= min(ends)) & (numbers <= max(ends))
-    if metres and depth.scale is not None:
         distance = numbers * (files.depth_unit or 1.0)
         known &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
+    elif files.depth_ends is not None:
+        known &= (numbers >= min(files.depth_ends)) & (numbers <= max(files.depth_ends))
+    else:
+        _refuse_no_levels(numbers[known], where)
+        known &= numbers != depth.unknown
     found = in_unit_of(np.where(known, numbers, np.nan), files, depth)
     if depth.kind == "levels" and values.dtype.kind != "f":
         found = np.rint(found)
@@ -115,7 +113,11 @@ def _refuse_another_unit(
     median: float, whole: bool, files: CapturedFiles, scale: DepthScale, where: str
 ) -> None:
     unit = files.depth_unit or 1.0
-    fitting = _units_that_fit(median, scale)
+    fitting = [
+        f"{_short(size)} ({name})"
+        for name, size in _UNITS.items()
+        if scale.near <= median * size <= scale.far
+    ]
     would = f"depth_unit = {' or '.join(fitting)} would fit"
     if whole and files.depth_unit is None:
         what = f"whole numbers, and not metres, with a median of {_short(median)}"
@@ -129,14 +131,6 @@ def _refuse_another_unit(
         fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
     what = f"a median of {_short(median * unit)} m, not {scale.near:g} to {scale.far:g} m"
     raise SourceError(f"{what}: another unit, or other bounds", where=where, fix=fix)
-
-
-def _units_that_fit(median: float, scale: DepthScale) -> list[str]:
-    return [
-        f"{_short(size)} ({name})"
-        for name, size in _UNITS.items()
-        if scale.near <= median * size <= scale.far
-    ]
 
 
 def _short(number: Any) -> str:
