@@ -25,7 +25,7 @@ from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Threads
-from dfdbench.tables.table import counted, listed
+from dfdbench.tables.table import counted, grouped, listed
 
 
 def refuse_another_set(
@@ -309,10 +309,8 @@ def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict
 
 def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
     """Return the scenes' problems; what is wrong with a file that many of them share, once."""
-    alike: dict[tuple[str, str], dict[Problem, None]] = {}
-    for outcome in outcomes:
-        for problem in outcome.problems:
-            alike.setdefault((problem.what, problem.where), {})[problem] = None
+    problems = dict.fromkeys(problem for outcome in outcomes for problem in outcome.problems)
+    alike = grouped(((problem.what, problem.where), problem) for problem in problems)
     return tuple(
         replace(first, got=f"{first.got} and {len(others)} more") if others else first
         for first, *others in alike.values()

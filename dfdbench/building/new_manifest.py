@@ -9,15 +9,8 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from dfdbench.building import folder_layout
 from dfdbench.building.folder_facts import Facts, look_into, look_into_stacks
-from dfdbench.building.folder_layout import (
-    Key,
-    Layout,
-    find_layout,
-    find_stacks,
-    image_files,
-    unread_files,
-)
 from dfdbench.building.sources.folder import what_is_in
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles
@@ -84,7 +77,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
         is_file = folder.exists()
         what = f"{folder.name} is a file, not a folder" if is_file else "no such folder"
         raise InputError(what, where=str(folder))
-    layout, facts = _look(folder, image_files(folder))
+    layout, facts = _look(folder, folder_layout.image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)
@@ -92,9 +85,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     return NewManifest(f"{stem}-1.toml", text, tuple(facts.found), tuple(facts.open))
 
 
-def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
+def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, Facts]:
     """Return how files go together and what they are: pairs, or stacks where no pairs are."""
-    stacks, layout = find_stacks(folder, paths), find_layout(paths)
+    stacks, layout = folder_layout.find_stacks(folder, paths), folder_layout.find_layout(paths)
     by_stacks = stacks is not None and any(group.is_depth for group in stacks.groups)
     if layout is not None and not by_stacks:
         try:
@@ -108,7 +101,7 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
     if stacks is not None:
         return stacks, look_into_stacks(folder, stacks)
     what = "no scene with two photographs and a depth map that share a name or a folder"
-    there = "; ".join(filter(None, (listed(paths, _NAMED), unread_files(folder))))
+    there = "; ".join(filter(None, (listed(paths, _NAMED), folder_layout.unread_files(folder))))
     if not there:
         raise InputError("the folder is empty", where=str(folder), fix="name one of photographs")
     raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
@@ -142,7 +135,8 @@ def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
     head, _, tail = manifest.files.infocus.partition("{file}")
     ending = r"\.[^./]+" if tail == ANY_ENDING else re.escape(tail)
     fitting = re.compile(f"{re.escape(head)}([^/]+?){ending}")
-    stems = {match[1]: None for path in image_files(inside) if (match := fitting.fullmatch(path))}
+    paths = folder_layout.image_files(inside)
+    stems = {match[1]: None for path in paths if (match := fitting.fullmatch(path))}
     if not stems:
         what = f"no file fits files.infocus, {manifest.files.infocus}"
         fix = "mend the pattern in the manifest, or name another folder"
@@ -164,7 +158,7 @@ class _Scene:
     source: str = "mine"
 
 
-def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
+def _scenes(layout: folder_layout.Layout, facts: Facts) -> list[_Scene]:
     whole = [key for key in layout.scenes if all(key in g.files for g in facts.roles.values())]
     taken: set[str] = set()
     safe = {key: _safe_name(key, whole, taken, layout.by_order) for key in whole}
@@ -181,7 +175,9 @@ def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
     return scenes
 
 
-def _safe_name(key: Key, keys: list[Key], taken: set[str], by_order: bool) -> str:
+def _safe_name(
+    key: folder_layout.Key, keys: list[folder_layout.Key], taken: set[str], by_order: bool
+) -> str:
     split, name = key
     twice = by_order or sum(other == name for _, other in keys) > 1
     safe = _safe(f"{split}-{name}" if split and twice else name)[:90]
@@ -199,7 +195,7 @@ def _safe(name: str) -> str:
     return _SAFE.sub("-", plain).strip("-._")
 
 
-def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
+def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene]) -> None:
     if not scenes:
         there = ", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items())
         patterns = ", ".join(group.pattern for group in facts.roles.values())
@@ -220,7 +216,7 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
 
 
-def _left(layout: Layout) -> list[str]:
+def _left(layout: folder_layout.Layout) -> list[str]:
     named = listed(layout.left, _NAMED)
     return [f"{counted(len(layout.left), 'image file')} without a scene: {named}"] * bool(named)
 

@@ -16,9 +16,7 @@ from dfdbench.building.sources.image_files import Image, average_frames, image_p
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
-from dfdbench.rig import registration
-from dfdbench.rig.geometry import CaptureRig
-from dfdbench.rig.lidar import Beams, average_scans, depth_image, read_beams, read_ranges, warp
+from dfdbench.rig import geometry, lidar, registration
 
 LevelsAndKnown = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 
@@ -112,7 +110,7 @@ class RawScene(CapturedScene):
     def __init__(self, folder: Path, capture: Recording) -> None:
         super().__init__(folder, capture)
         height, width = capture.frame_size
-        self.rig = CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
+        self.rig = geometry.CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
 
     def images(self, exposure_ms: int, step: int) -> list[Path]:
         """Return the frames of one image."""
@@ -134,18 +132,18 @@ class RawScene(CapturedScene):
 
     def ranges(self) -> NDArray[np.float64]:
         """Return the average of the LIDAR's scans, in mm."""
-        return average_scans([read_ranges(path) for path in self.scans()])
+        return lidar.average_scans([lidar.read_ranges(path) for path in self.scans()])
 
-    def beams(self) -> Beams:
+    def beams(self) -> lidar.Beams:
         """Return where the beams point: the scene's calibration, the folder's, or the thesis's."""
-        return read_beams(self.beams_file())
+        return lidar.read_beams(self.beams_file())
 
     @cached_property
     def depth(self) -> LevelsAndKnown:
         """Depth levels in centimetres and where they are known; worked out once."""
-        levels, valid = depth_image(self.ranges(), self.beams())
+        levels, valid = lidar.depth_image(self.ranges(), self.beams())
         matrix = registration.read_registration(self.registration)
-        return warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
+        return lidar.warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
 
     def scans(self) -> list[Path]:
         """Return the LIDAR's range files."""
@@ -188,7 +186,7 @@ class RawScene(CapturedScene):
         misfits = []
         for path in self.scans():
             with gathered(problems):
-                rows = len(read_ranges(path))
+                rows = len(lidar.read_ranges(path))
                 if beams not in (None, rows):
                     what = f"calibration of {beams} beams for {rows}, as {path.name}"
                     misfits.append(Problem(what, where=str(self.beams_file() or path)))

@@ -17,9 +17,8 @@ from dfdbench.building.sources.realworld import in_direction_of
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.rig import lidar, registration
 from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import average_scans, depth_image, read_beams, warp
-from dfdbench.rig.registration import register, sight
 from dfdbench.rig.sighting import Rays, Sighting
 from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
 from dfdbench.simulation.photographs import photograph
@@ -84,7 +83,7 @@ class SimulatedRig:
         facts = (_VERSION, simulated, board, capture, manifest.axes, manifest.scene_names)
         digest = hashlib.sha256(repr(facts).encode())
         shown = photograph(board.texture.photograph)
-        for values in (shown, read_lens_table().radius, *astuple(read_beams())):
+        for values in (shown, read_lens_table().radius, *astuple(lidar.read_beams())):
             digest.update(np.ascontiguousarray(values).tobytes())
         return digest.hexdigest()
 
@@ -104,8 +103,8 @@ class SimulatedRig:
         whole = [self._frames(simulated, view, step) for step in steps]
         infocus, blurred = (np.array([*map(self._rig.crop, frames)], np.uint8) for frames in whole)
         size = (self._capture.crop_size,) * 2
-        seen = depth_image(self._ranges(simulated), read_beams())
-        levels, valid = warp(*seen, matrices[scene], size)
+        seen = lidar.depth_image(self._ranges(simulated), lidar.read_beams())
+        levels, valid = lidar.warp(*seen, matrices[scene], size)
         depth = in_direction_of(levels, valid, self._manifest.depth)
         return SceneImages.of_pairs(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
 
@@ -115,9 +114,9 @@ class SimulatedRig:
         for name in self._manifest.scene_names:
             simulated = self._scene(name)
             frames = self._frames(simulated, simulated.look(), self._capture.sharpest_step)
-            frame = frames[len(frames) // 2]
-            sightings[name] = sight(frame, self._ranges(simulated), read_beams(), self._rig)
-        found, problems = register(sightings, self._rig)
+            frame, ranges = frames[len(frames) // 2], self._ranges(simulated)
+            sightings[name] = registration.sight(frame, ranges, lidar.read_beams(), self._rig)
+        found, problems = registration.register(sightings, self._rig)
         matrices = {
             name: _rounded(sightings[name].rays, one.pose, self._rig) for name, one in found.items()
         }
@@ -136,9 +135,9 @@ class SimulatedRig:
         ]
 
     def _ranges(self, simulated: SimulatedScene) -> Floats:
-        beams = read_beams()
+        beams = lidar.read_beams()
         scans = range(self._capture.lidar_scans)
-        return average_scans([simulated.scan(beams, number) for number in scans])
+        return lidar.average_scans([simulated.scan(beams, number) for number in scans])
 
 
 def _rounded(rays: Rays, pose: Pose, rig: CaptureRig) -> Floats:
