@@ -8,10 +8,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.audit import coverage as cover
 from dfdbench.audit import difficulty as hardness
-from dfdbench.audit import run_errors, splits
-from dfdbench.audit.leaks import LeakError, leaks_between
-from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
-from dfdbench.audit.trained_on import Training, sides_of_run
+from dfdbench.audit import leaks, run_errors, sides, splits, trained_on
 from dfdbench.board.row_file import read_row
 from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
@@ -63,7 +60,7 @@ def depths(
             raise InputError("a run says itself which split it is of", where="--split")
         tables = _errors(store, result, figure)
     else:
-        side = side_of(store, split or ALL_PAIRS)
+        side = sides.side_of(store, split or ALL_PAIRS)
         if figure is not None:
             screen.save_figure(audits.depths_figure(side), figure)
         tables = [run_errors.level_count_table(side)]
@@ -253,13 +250,13 @@ def coverage(
         _answer_each(store, each, rule, out, format)
     elif run and result:
         saw = run.method.trained_on or run.method.fitted_on
-        side, tested, known = sides_of_run(store, run.dataset.split, saw, train, fold)
-        record = cover.compare_depths(side, tested, rule, leaks_between(side, tested))
+        side, tested, known = trained_on.sides_of_run(store, run.dataset.split, saw, train, fold)
+        record = cover.compare_depths(side, tested, rule, leaks.leaks_between(side, tested))
         _answer_errors(store, run, _folder_of(result), known, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
-        both = sides_of(store, train, test, fold, other)
-        record = cover.compare_depths(*both, rule, leaks_between(*both))
+        both = sides.sides_of(store, train, test, fold, other)
+        record = cover.compare_depths(*both, rule, leaks.leaks_between(*both))
         figure = audits.coverage_figure(record)
         place = _place(out, store, "coverage", _compared(record))
         files: screen.Files = {"coverage.json": cover.as_json(record), "coverage.png": figure}
@@ -270,9 +267,8 @@ def coverage(
 
 
 def _end(*records: cover.CoverageRecord) -> None:
-    leaks = [leak for record in records for leak in record.leaks]
-    if leaks:
-        raise LeakError.of(leak.as_problem() for leak in leaks)
+    found = [leak for record in records for leak in record.leaks]
+    leaks.LeakError.raise_if(leak.as_problem() for leak in found)
     if not all(record.covered for record in records):
         raise Exit(NO)
 
@@ -302,7 +298,7 @@ def _refuse_mixtures(
 def _answer_each(
     store: Dataset, each: Each, rule: cover.Rule, out: str | None, format: Format
 ) -> None:
-    manifest, histograms = store.manifest, scene_histograms(store)
+    manifest, histograms = store.manifest, sides.scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
     tests = folds if each == "fold" else {name: (name,) for name in histograms}
     if not tests:
@@ -310,8 +306,9 @@ def _answer_each(
     records = {}
     for name, scenes in tests.items():
         if any(scene in histograms for scene in scenes):
-            train, test = all_but(store, name), side_of(store, name, scenes)
-            records[name] = cover.compare_depths(train, test, rule, leaks_between(train, test))
+            train, test = sides.all_but(store, name), sides.side_of(store, name, scenes)
+            shared = leaks.leaks_between(train, test)
+            records[name] = cover.compare_depths(train, test, rule, shared)
     bad = sum(not record.covered for record in records.values())
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
     files = {"coverage.json": cover.each_as_json(records, each)}
@@ -324,7 +321,7 @@ def _answer_errors(
     store: Dataset,
     run: Result,
     folder: Path,
-    training: Training,
+    training: trained_on.Training,
     record: cover.CoverageRecord,
     out: str | None,
     format: Format,

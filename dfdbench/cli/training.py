@@ -64,9 +64,7 @@ def train_command(
     use_threads(threads)
     with needed():
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration import read_configuration
-        from dfdbench.training.task import task_of
-        from dfdbench.training.trainer import train
+        from dfdbench.training import configuration, task, trainer
     start = find_weights(method, weights) if weights else None
     seeded = f"-seed{seed}" if seed else ""
     make: Callable[[Path], Trainee]
@@ -80,16 +78,16 @@ def train_command(
             raise InputError(what, where="--fold", fix="give one of them")
         dataset = dataset or "middlebury"
         store = open_dataset(dataset, cache=cache)
-        configuration = read_configuration(config, changed)
-        task = task_of(method, store, configuration, split or "train", fold, seed, start)
+        settings = configuration.read_configuration(config, changed)
+        asked = task.task_of(method, store, settings, split or "train", fold, seed, start)
         trained = f"all-but-{fold}" if fold else split or "train"
         name = f"{method}-{Path(config).stem}{seeded}"
         default = Path("training") / f"{store.path.stem}-{trained}" / name
-        make = partial(_on_patches, task, device)
+        make = partial(_on_patches, asked, device)
     folder = _folder(out or default, start, resume, fresh)
     learner = make(folder.path)
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = train(learner, folder.path, limit, bar, fresh)
+        outcome = trainer.train(learner, folder.path, limit, bar, fresh)
     tables = [card_table(outcome.card), *_keep_figures(folder, learner, outcome)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
     _tell(outcome, f"--method {method}" + (f" --dataset {dataset}" if dataset else ""))
@@ -105,12 +103,11 @@ def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
 
 def _on_patches(task: Task, device: str, _: Path) -> Trainee:
     from dfdbench.methods.networks.inference import find_device
-    from dfdbench.training.configuration import precision_for
-    from dfdbench.training.learner import Learner
+    from dfdbench.training import configuration, learner
 
     if task.configuration.precision == "auto":
-        say("precision    {}: {}".format(*precision_for(find_device(device))))
-    return Learner(task, device)
+        say("precision    {}: {}".format(*configuration.precision_for(find_device(device))))
+    return learner.Learner(task, device)
 
 
 def _on_cameras(
@@ -124,12 +121,10 @@ def _on_cameras(
 ) -> tuple[str, Callable[[Path], Trainee]]:
     """Return how a training of cameras is called, and what makes its learner for a folder."""
     from dfdbench.methods.networks.weights import load_weights
-    from dfdbench.training.cameras import CameraLearner, Course, steps_of
-    from dfdbench.training.stacks import STACK_NET
-    from dfdbench.training.volumes import VOLUME_NET
+    from dfdbench.training import cameras, stacks, volumes
 
-    course: Course[Any] = STACK_NET if method == STACK_NET.method else VOLUME_NET
-    steps = steps_of(course, changes)
+    course: cameras.Course[Any] = stacks.STACK_NET if method == "stack-net" else volumes.VOLUME_NET
+    steps = cameras.steps_of(course, changes)
     if split and not dataset:
         raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
     if start:
@@ -148,7 +143,7 @@ def _on_cameras(
             with progress("rendering rooms", resumed) as bar:
                 examples = course.of_rooms(folder.parent / "examples", bar)
             trained_on = course.rooms
-        return CameraLearner(course, examples, trained_on, seed, steps, start)
+        return cameras.CameraLearner(course, examples, trained_on, seed, steps, start)
 
     return f"{store.path.stem}-{split or 'train'}" if store else "rooms", make
 
