@@ -34,13 +34,11 @@ def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
         catalog.find_manifest("demo.toml")
 
 
-@pytest.mark.parametrize(
-    ("name", "place"),
-    [(name, False) for name in ("middlebury-third-1", "sets/mine.toml")]
-    + [(name, True) for name in ("mine.zarr", "tiny-1@gain-3.zarr", "./mine", "s3://bucket/a")],
-)
-def test_a_path_is_told_from_a_name(name: str, place: bool) -> None:
-    assert catalog.is_place(name) is place
+def test_a_path_is_told_from_a_name() -> None:
+    for name in ("middlebury-third-1", "sets/mine.toml"):
+        assert not catalog.is_place(name)
+    for place in ("mine.zarr", "tiny-1@gain-3.zarr", "./mine", "s3://bucket/a"):
+        assert catalog.is_place(place)
 
 
 def test_a_set_of_ones_own_is_known_by_its_name_once_built(tmp_path: Path) -> None:

@@ -31,21 +31,13 @@ RELEASED = {
 }
 
 
-def test_released_manifests_never_change() -> None:
+def test_released_manifests_never_change_and_are_named_by_name_and_version() -> None:
     folder = resources.files("dfdbench.manifests")
-    hashes = {
-        entry.name.removesuffix(".toml"): hashlib.sha256(entry.read_bytes()).hexdigest()
-        for entry in folder.iterdir()
-        if entry.name.endswith(".toml")
-    }
-    assert hashes == RELEASED
-
-
-def test_the_file_is_named_by_name_and_version() -> None:
-    for manifest in released_manifests():
-        if not seeded(manifest.name):
-            assert manifest.sha256 == RELEASED[manifest.stem]
-        assert manifest.recipe is None or manifest.recipe in RECIPES
+    for name, sha256 in RELEASED.items():
+        assert hashlib.sha256((folder / f"{name}.toml").read_bytes()).hexdigest() == sha256
+    files = [manifest for manifest in released_manifests() if not seeded(manifest.name)]
+    assert {manifest.stem: manifest.sha256 for manifest in files} == RELEASED
+    assert {manifest.recipe for manifest in files} <= {None, *RECIPES}
 
 
 def test_only_simulated_captures_are_marked_so() -> None:
