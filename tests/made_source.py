@@ -1,20 +1,14 @@
 """A source of images that are given to it, for the tests of what reads sources."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.sources import SceneImages
+from dfdbench.building.sources import SceneImages, Whole
 from dfdbench.datasets.manifest import Manifest, Pair
 
 
-class MadeSource:
+class MadeSource(Whole):
     """The same images for every scene, or for the one that is named; captured with `defocus`."""
-
-    options: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(
         self,
@@ -24,19 +18,17 @@ class MadeSource:
         defocus: NDArray[np.uint8] | None = None,
         scene: str = "all",
     ) -> None:
-        self.manifest, self.scene = manifest, scene
+        super().__init__(manifest)
+        self.scene = scene
         self.captures_defocus = defocus is not None
         available = np.ones(infocus.shape[: len(manifest.axes)], bool)
         self.images = SceneImages.of_pairs(infocus, depth, depth > 0, available, defocus)
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        return self.manifest.pairs(self.scene)
+        return self._manifest.pairs(self.scene)
 
     def signature(self, scene: str) -> str:
         return "0" * 64
 
     def read(self, scene: str) -> SceneImages:
         return self.images
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        return ""

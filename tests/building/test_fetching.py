@@ -144,15 +144,16 @@ def test_a_disk_that_is_full(site: Site, tmp_path: Path) -> None:
         fetched(f"{site.address}/file", tmp_path)
 
 
-def made(path: Path, *names: str | zipfile.ZipInfo, content: bytes = b"content") -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in names:
+def archive(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w", method) as file:
+        for name, content in members.items():
             file.writestr(name, content)
     return path
 
 
 def test_a_file_too_large_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = made(tmp_path / "a.zip", "Art/", "a", content=bytes(1000))
+    path = archive(tmp_path / "a.zip", {"Art/": b"", "a": bytes(1000)})
     assert fetching.archive_members(path) == ("a",)
     assert fetching.read_member(path, "a") == bytes(1000)
     monkeypatch.setattr(fetching, "_LARGEST", 999)
@@ -161,7 +162,7 @@ def test_a_file_too_large_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_bomb_that_lies_about_its_size_is_stopped(tmp_path: Path) -> None:
-    path = made(tmp_path / "a.zip", "a", content=bytes(100_000))
+    path = archive(tmp_path / "a.zip", {"a": bytes(100_000)})
     content = bytearray(path.read_bytes())
     # The size unpacked, in the directory at the end and in the member's own header.
     directory = content.rfind(b"PK\x01\x02")
@@ -175,11 +176,9 @@ def test_a_bomb_that_lies_about_its_size_is_stopped(tmp_path: Path) -> None:
 
 def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
     # What packs as LZMA or bzip2 may ask for any amount of memory.
-    info = zipfile.ZipInfo("Art/view1.png")
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
-        file.writestr(info, b"content", zipfile.ZIP_LZMA)
+    path = archive(tmp_path / "a.zip", {"Art/view1.png": b"content"}, zipfile.ZIP_LZMA)
     with pytest.raises(SourceError, match="method 14"):
-        fetching.read_member(tmp_path / "a.zip", "Art/view1.png")
+        fetching.read_member(path, "Art/view1.png")
 
 
 def test_every_bad_line_is_named(tmp_path: Path) -> None:

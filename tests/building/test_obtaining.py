@@ -3,29 +3,25 @@ from pathlib import Path
 import pytest
 
 from dfdbench.building import obtaining
-from dfdbench.building.obtaining import obtain, voltage_pair_sets
 from dfdbench.building.sources import Source
 from dfdbench.datasets.catalog import default_store, find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from tests.conftest import make_published
 
+MIDDLEBURY, REALWORLD = find_manifest("middlebury"), find_manifest("realworld")
+
 
 @pytest.mark.parametrize("mirror", ["/data/middlebury", "ftp://mirror.example", "https:///folder"])
 def test_a_mirror_is_an_address(tmp_path: Path, mirror: str) -> None:
     with pytest.raises(InputError, match=f"not an address.*{mirror}"):
-        obtain(
-            find_manifest("middlebury"), mirrors=["https://right.example", mirror], cache=tmp_path
-        )
-
-
-REALWORLD = find_manifest("realworld")
+        obtaining.obtain(MIDDLEBURY, mirrors=["https://right.example", mirror], cache=tmp_path)
 
 
 @pytest.mark.parametrize("pair", ["135", "a-b", "-135-129", "135-129-141"])
 def test_what_is_no_pair_of_steps_is_told(tmp_path: Path, pair: str) -> None:
     with pytest.raises(InputError, match=rf"not a pair of voltage steps.*, got {pair}$"):
-        voltage_pair_sets(REALWORLD, ["135-129", pair], None, tmp_path)
+        obtaining.voltage_pair_sets(REALWORLD, ["135-129", pair], None, tmp_path)
 
 
 def test_each_pair_has_a_place_beside_the_sets_own_and_is_built_once(
@@ -42,7 +38,7 @@ def test_each_pair_has_a_place_beside_the_sets_own_and_is_built_once(
     first, second = (
         tmp_path / f"stores/{REALWORLD.stem}-{pair}.zarr" for pair in ("135-129", "141-129")
     )
-    found = voltage_pair_sets(REALWORLD, ["135-129", "141-129"], published, tmp_path)
+    found = obtaining.voltage_pair_sets(REALWORLD, ["135-129", "141-129"], published, tmp_path)
     assert list(found) == ["135-129", "141-129"]
     assert [str(place) for place in found.values()] == [str(first), str(second)]
     # The manifest's own pair too: the set that `build` makes is never taken for an experiment's.
@@ -51,7 +47,7 @@ def test_each_pair_has_a_place_beside_the_sets_own_and_is_built_once(
     # What is there is not built again, and needs no captures any more.
     first.mkdir(parents=True)
     built.clear()
-    voltage_pair_sets(REALWORLD, ["135-129", "141-129"], published, tmp_path)
+    obtaining.voltage_pair_sets(REALWORLD, ["135-129", "141-129"], published, tmp_path)
     assert list(built) == [second]
-    assert voltage_pair_sets(REALWORLD, ["135-129"], None, tmp_path)
+    assert obtaining.voltage_pair_sets(REALWORLD, ["135-129"], None, tmp_path)
     assert list(built) == [second]

@@ -25,8 +25,6 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.report.objects import Run
-from dfdbench.results.record import Result
 from dfdbench.system.parallel import Threads
 from tests.conftest import TINY_TOML
 
@@ -127,10 +125,6 @@ def test_results_trainings_and_exports_name_the_track(tracked: Dataset, tmp_path
     assert not list((tmp_path / "png").rglob("*_lin_*"))
 
 
-def result_of(done: Run) -> Result:
-    return next(iter(done.results.values()))
-
-
 def test_a_flat_scene_is_blurred_by_its_distance_from_each_plane() -> None:
     image = np.random.default_rng(0).integers(0, 256, (60, 70, 3)).astype(np.uint8)
     stack = form_stack(image, np.full((60, 70), 128, np.uint8), RECIPES["published"], 5)
@@ -172,13 +166,13 @@ def test_methods_get_a_stack_or_two_of_its_images(stacks: Dataset) -> None:
         return defocus[..., 0].astype(float)
 
     images = stacks.read(stacks.pairs("test")[0]).images
-    assert result_of(run(of_stack, stacks, limit=1)).pairs[0].status == "ok"
+    assert run(of_stack, stacks, limit=1).result.pairs[0].status == "ok"
     assert np.array_equal(seen[-1].values, images)
     run(of_pair, stacks, limit=1)
     assert np.array_equal(seen[-1][1], images[1])
     done = run(of_pair, stacks, limit=1, parameters={"images": "2,5"})
     assert np.array_equal(seen[-1], images[[2, 5]])
-    assert result_of(done).method.parameters == {"images": [2, 5]}
+    assert done.result.method.parameters == {"images": [2, 5]}
 
 
 def test_a_method_of_both_gets_the_whole_stack_and_a_fit_too(stacks: Dataset) -> None:

@@ -3,12 +3,10 @@
 import hashlib
 import shutil
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dfdbench.blur.light import decode
 from dfdbench.board.row_file import known_fingerprints
@@ -21,6 +19,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
+from tests.conftest import read_rgb
 from tests.made_folder import FOLDER_TOML, depth_in_millimetres, make_folder, photograph
 from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
 
@@ -148,10 +147,10 @@ def test_a_stack_is_in_focus_first_then_from_far_to_near_or_else_by_number(stack
     assert images.images.shape[:2] == (1, 4)
     assert images.facts.roles == ("infocus", "defocus", "defocus", "defocus")
     np.testing.assert_array_equal(images.facts.focus_distance[0], [np.nan, 4, 2, 1])
-    first = _read(stacks / "desk/f_001.png")
-    np.testing.assert_array_equal(images.images[0, 3, ..., ::-1], first)
+    first = read_rgb(stacks / "desk/f_001.png")
+    np.testing.assert_array_equal(images.images[0, 3], first)
     images = open_source(stack_manifest(WITHOUT_TABLE), stacks).read("desk")
-    np.testing.assert_array_equal(images.images[0, 1, ..., ::-1], first)
+    np.testing.assert_array_equal(images.images[0, 1], first)
     assert np.isnan(images.facts.focus_distance).all()
 
 
@@ -240,7 +239,7 @@ def test_images_of_16_bits_are_kept_and_those_of_8_join_them(stacks: Path) -> No
     images = open_source(stack_manifest(), stacks).read("desk").images
     assert images.dtype == np.uint16
     np.testing.assert_array_equal(images[0, 2, ..., 0], deep)
-    eight = _read(stacks / "desk/sharp.png")[..., ::-1].astype(np.uint16)
+    eight = read_rgb(stacks / "desk/sharp.png").astype(np.uint16)
     np.testing.assert_array_equal(images[0, 0], eight * 257)
 
 
@@ -276,10 +275,6 @@ def test_json_holds_records_or_lists() -> None:
     for wrong in (b"3", b"[3]", b"{", b"\xff"):
         with pytest.raises(SourceError, match="no table of the images"):
             read_table(wrong, "a.json", [])
-
-
-def _read(path: Path) -> NDArray[Any]:
-    return np.asarray(cv2.imread(str(path)))
 
 
 def test_a_mistake_in_a_table_of_all_scenes_is_told_once(stacks: Path, tmp_path: Path) -> None:

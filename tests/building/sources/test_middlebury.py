@@ -12,6 +12,7 @@ from dfdbench.building.sources import middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
+from tests.building.test_fetching import archive
 from tests.conftest import BELOW, TINY_DEFAULT_TOML, served_by, write_png
 from tests.site import Site
 
@@ -37,14 +38,6 @@ def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> Non
         middlebury.MiddleburyScenes(tiny_manifest, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
         middlebury.MiddleburyScenes(tiny_manifest, tmp_path / "none")
-
-
-def archive(path: Path, members: dict[str, bytes]) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with zipfile.ZipFile(path, "w") as file:
-        for name, content in members.items():
-            file.writestr(name, content)
-    return path
 
 
 @pytest.mark.parametrize("top", ["", "Third/"])

@@ -13,7 +13,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
-from tests.conftest import make_published, store_of, write_png
+from tests.conftest import make_published, read_rgb, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
@@ -43,7 +43,7 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
     images = store.read(pair)
     for image, step in ((images.infocus, 141), (images.defocus, 129)):
         path = published / f"k33/left/exp_30/image_{step}_30.00.png"
-        assert (image == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
+        assert (image == read_rgb(path)).all()
     assert not images.valid[:20].any()
     assert images.valid[20:].all()
     assert len(store.pairs("test-pruned")) == 4
@@ -52,7 +52,7 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
 def test_another_pair_of_voltage_steps(published: Path) -> None:
     images = RealworldFolder(CAPTURED, published, (141, 135)).read("k34")
     path = published / "k34/left/exp_10/image_135_10.00.png"
-    assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
+    assert (images.defocus[0] == read_rgb(path)).all()
     for wrong in ((141, 141), (141, 99)):
         with pytest.raises(SourceError, match="are not two steps"):
             RealworldFolder(CAPTURED, published, wrong)
@@ -109,7 +109,7 @@ def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
     top, left = scene.rig.crop_offset
     inner = (slice(top, top + 630), slice(left, left + 630))
     for path in scene.images(40, 129):
-        frame = np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR_RGB))
+        frame = read_rgb(path)
         marred = noise.copy()
         marred[inner] = frame[inner]
         write_png(path, marred)
