@@ -13,7 +13,7 @@ from dfdbench.building import folder_layout
 from dfdbench.building.folder_facts import Facts, look_into, look_into_stacks
 from dfdbench.building.sources.folder import what_is_in
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles
+from dfdbench.datasets.captured_files import ANY_ENDING, CapturedFiles
 from dfdbench.datasets.manifest import FOUND, Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, Problem, SourceError
@@ -168,7 +168,7 @@ def _scenes(layout: folder_layout.Layout, facts: Facts) -> list[_Scene]:
         split, name = key
         names = {"split": split} if split else {}
         if layout.by_order:
-            names |= {role: Path(facts.roles[role].files[key]).stem for role in ROLES}
+            names |= {role: Path(group.files[key]).stem for role, group in facts.roles.items()}
         elif renamed:
             names["file"] = name
         scenes.append(_Scene(safe[key], split, names))

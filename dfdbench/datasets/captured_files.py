@@ -12,8 +12,6 @@ from dfdbench.system.strict import STEPS, Positive, Share, StrictRecord
 #: What a pattern ends in if the files end differently.
 ANY_ENDING = ".*"
 _PLACE = re.compile(r"\{([^{}]*)\}")
-#: What the files of a pair are.
-ROLES = ("infocus", "defocus", "depth")
 #: What is known of each image; NaN if it is not.
 BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
 #: What is known of the camera.

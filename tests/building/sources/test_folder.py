@@ -132,14 +132,14 @@ def stacks(tmp_path: Path) -> Path:
     return make_stacks(tmp_path / "captures")
 
 
-def problems_of(manifest: Manifest, stacks: Path, scene: str = "desk") -> str:
+def problems_of(manifest: Manifest, stacks: Path) -> str:
     with pytest.raises(SourceError) as caught:
-        open_source(manifest, stacks).signature(scene)
+        open_source(manifest, stacks).signature("desk")
     return str(caught.value)
 
 
-def table(stacks: Path, *rows: str, scene: str = "desk") -> None:
-    (stacks / scene / "focus.csv").write_text("\n".join(("image,focus_distance", *rows)))
+def table(stacks: Path, *rows: str) -> None:
+    (stacks / "desk/focus.csv").write_text("\n".join(("image,focus_distance", *rows)))
 
 
 def test_a_stack_is_in_focus_first_then_from_far_to_near_or_else_by_number(stacks: Path) -> None:
@@ -217,7 +217,7 @@ def test_a_column_that_is_not_there_and_a_pair_beyond_the_end(stacks: Path) -> N
 
 
 def test_what_is_wrong_with_scenes_is_told_and_others_built(stacks: Path, tmp_path: Path) -> None:
-    table(stacks, "1,1", "2,1", "3,4", scene="desk")
+    table(stacks, "1,1", "2,1", "3,4")
     write_image(stacks / "door/f_002.png", photograph(9, (40, 50)))
     np.save(stacks / "lamp/depth.npy", np.full(depth_in_millimetres().shape, np.nan))
     manifest = stack_manifest()
