@@ -122,7 +122,9 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
     try:
         train = training_side(trained_on, store)
         if train is None:
-            return [*warnings, f"depths not compared with training: trained_on is not {FORM}"]
+            said = trained_on.split(TRAININGS)[0]
+            what = f'depths not compared with training: trained_on is "{said}", not {FORM}'
+            return [*warnings, what]
         test = side_of(store, split)
     except DfdbenchError as error:
         return [*warnings, f"depths not compared with training: {error.problems[0].what}"]

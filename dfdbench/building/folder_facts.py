@@ -52,6 +52,8 @@ class Facts:
         What the set's depth is in.
     scale : tuple of float or None
         The distances between which almost all depths lie; None where the files hold levels.
+    turned : bool
+        Whether EXIF data say of a photograph that it is to be turned.
     found, open : list of str
         In words: what was found, and what a person has to say.
     """
@@ -62,6 +64,7 @@ class Facts:
     files: dict[str, str] = field(default_factory=dict)
     unit: str = "none is known"
     scale: tuple[float, float] | None = None
+    turned: bool = False
     found: list[str] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
 
@@ -129,10 +132,11 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         Where a file that is looked at is damaged.
     """
     stack, *more = layout.stacks
+    # What most scenes have: the others are left out, and named.
     others = [
         group
         for group in layout.groups
-        if group not in layout.stacks and len(group.files) == len(layout.scenes)
+        if group not in layout.stacks and 2 * len(group.files) > len(layout.scenes)
     ]
     depths = [group for group in others if group.is_depth]
     sharp = [group for group in others if group not in depths]
@@ -154,7 +158,7 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.open.append("whether an image is in focus all over: infocus")
     if depths:
         facts.roles["depth"] = depths[0]
-        _tell_depth(layout.scenes, facts, metres=True)
+        _tell_depth(_shared(layout.scenes, depths[0]), facts, metres=True)
     else:
         facts.open.append(f"depth: {_some_depth(layout)}, so that nothing can be scored")
     _tell_table(layout, stack, images[layout.scenes[0]], facts)
@@ -244,6 +248,7 @@ def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> Non
         facts.files["image_bits"] = str(bits)
         facts.found.append(f"16-bit photographs that hold {bits} bits")
     if turned:
+        facts.turned = True
         facts.open.append(
             f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
         )
@@ -304,8 +309,13 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     last = np.iinfo(kind).max if kind.kind == "u" else None
     stand = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
+    below = values[np.isfinite(values) & (values < 0)]
+    if below.size > 1 and np.ptp(below) == 0 and (values > 0).any():
+        # One value, again and again, is no measurement.
+        stand.insert(0, float(below[0]))
     facts.files["depth_missing"], facts.unit = str(stand), "levels, as in the files"
-    if kind.kind == "f" and ("disp" in group.pattern.lower() or (values < 0).any()):
+    signed = bool(below.size) and below[0] not in stand
+    if kind.kind == "f" and ("disp" in group.pattern.lower() or signed):
         _tell_ends(values[np.isfinite(values)], facts)
         return
     told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
@@ -363,13 +373,19 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
 
 def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
     """Add the table that has a row per image, in the scenes' folders or above them."""
-    for table in tables_below(facts.folder):
+    tables = list(tables_below(facts.folder))
+    for table in tables:
         if len(table.rows) == len(images) and table.is_above(images[0]):
             # As deep as the table lies, folders are those of the stack's pattern.
             folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
             pattern = str(PurePosixPath(*folders, table.path.name))
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
             facts.found.append(f"a table with a row per image: {pattern}")
+            read = {str(each.path) for each in tables}
+            alike = sorted(facts.folder.rglob(table.path.name))
+            below = [path.relative_to(facts.folder).as_posix() for path in alike]
+            if unread := [path for path in below if path not in read]:
+                facts.open.append(f"no tables with a row per image: {listed(unread, _NAMED)}")
             _tell_columns(table, stack, facts)
             return
     facts.open.append(
@@ -400,7 +416,10 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:
     both = [key for key in facts.shapes if key in sizes]
     others = [key for key in both if sizes[key] != facts.shapes[key]]
-    if others:
+    if others and all(sizes[key] == facts.shapes[key][::-1] for key in others) and facts.turned:
+        facts.files["exif_rotation"] = '"apply"'
+        facts.found.append("depth has the photographs' size once these are turned by EXIF data")
+    elif others:
         facts.open.append(
             f"in {len(others)} of {len(both)} scenes looked at depth has another size than the "
             f"photographs (in {others[0][1]} {_size(sizes[others[0]])}, not "

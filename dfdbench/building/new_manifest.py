@@ -76,7 +76,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     if not folder.is_dir():
         is_file = folder.exists()
         what = f"{folder.name} is a file, not a folder" if is_file else "no such folder"
-        raise InputError(what, where=str(folder))
+        raise InputError(what, where=str(folder), fix="name the folder that holds the captures")
     layout, facts = _look(folder, folder_layout.image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
@@ -201,9 +201,10 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
         patterns = ", ".join(group.pattern for group in facts.roles.values())
         raise InputError("no scene has all three files", where=patterns, got=there)
     facts.found.insert(0, counted(len(scenes), "scene"))
-    lacking = len(layout.scenes) - len(scenes)
-    if lacking:
-        facts.open.append(f"{lacking} scenes lack a file and are left out")
+    for role, group in facts.roles.items():
+        if lacking := [name for split, name in layout.scenes if (split, name) not in group.files]:
+            named = f"{counted(len(lacking), 'scene')} without {role}: {listed(lacking, _NAMED)}"
+            facts.open.append(f"left out {named}")
     if layout.by_order:
         facts.open.append(
             "whether files go together by their order: their names have nothing in common"
@@ -218,7 +219,7 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
 
 def _left(layout: folder_layout.Layout) -> list[str]:
     named = listed(layout.left, _NAMED)
-    return [f"{counted(len(layout.left), 'image file')} without a scene: {named}"] * bool(named)
+    return [f"{counted(len(layout.left), 'file')} without a scene: {named}"] * bool(named)
 
 
 def _listed(scenes: list[_Scene]) -> Iterator[str]:

@@ -303,8 +303,10 @@ def _show(
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:
         facts["verdict"] = done.verdict_facts()
-        if done.failed and not done.result.evaluated and not done.result.method.scored:
-            then = f"dfdbench check-method {done.result.method.entry}"
+        method = done.result.method
+        own = method.entry.startswith("dfdbench.")
+        if done.failed and not done.result.evaluated and not method.scored and not own:
+            then = f"dfdbench check-method {method.entry}"
         facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
         say(verdict_text(facts["verdict"]))
         say(f"next         {facts['next']}")

@@ -20,7 +20,7 @@ def test_the_text_names_scenes_of_the_store(tiny_store: Dataset) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("cats", "trained_on is not"),
+        ("cats", 'trained_on is "cats", not "MANIFEST, split NAME"'),
         ("tiny-1, split tarin", "unknown split"),
         ("nosuch-1, split train", "unknown data set"),
         ("middlebury-third-1, split train", "not built"),

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import find_layout, image_files
 from dfdbench.errors import InputError
 from dfdbench.system.text import parse_toml
-from tests.made_folder import SCENES, SHAPE, make_folder
+from tests.made_folder import SCENES, SHAPE, built, make_folder
 
 
 def facts_of(folder: Path) -> Facts:
@@ -67,6 +68,30 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
     assert facts.roles["depth"].pattern == "{scene}/depth.npy"
     assert (facts.files["depth_unit"], facts.scale) == ("1.0 # metres", (0.3, 2.0))
     assert any("in desk 64 × 64, not 96 × 72): resample it" in text for text in facts.open)
+
+
+def test_one_negative_value_stands_for_depth_that_is_not_known(folder: Path) -> None:
+    metres = np.linspace(0.3, 2.0, SHAPE[0] * SHAPE[1], dtype=np.float32).reshape(SHAPE)
+    metres[:9] = -1
+    for scene in SCENES:
+        (folder / scene / "depth.png").unlink()
+        np.save(folder / scene / "depth.npy", metres)
+    facts = facts_of(folder)
+    assert facts.files["depth_missing"] == "[-1.0]"
+    assert facts.files["depth_unit"] == "1.0 # metres"
+
+
+def test_depth_of_the_size_of_turned_photographs_asks_to_turn_them(folder: Path) -> None:
+    for scene in SCENES:
+        for name in ("sharp.png", "blurred.png"):
+            exif = Image.Exif()
+            exif[ExifTags.Base.Orientation] = 6
+            with Image.open(folder / scene / name) as image:
+                image.rotate(90, expand=True).save(folder / scene / name, exif=exif)
+    facts = facts_of(folder)
+    assert facts.files["exif_rotation"] == '"apply"'
+    assert not any("resample" in text for text in facts.open)
+    built(folder)
 
 
 def test_grey_photographs_of_16_bits_are_told_from_depth_by_its_name(folder: Path) -> None:

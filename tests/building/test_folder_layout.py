@@ -125,6 +125,21 @@ def test_depth_in_some_stacks_is_counted(tmp_path: Path) -> None:
     assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
 
 
+def test_a_stack_that_lacks_what_most_have_is_named(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    first, second, third, _ = SCENES
+    (folder / first / "depth.npy").unlink()
+    (folder / second / "sharp.png").unlink()
+    written, store = built(folder)
+    assert store.scenes == tuple(sorted(SCENES[2:]))
+    assert [text for text in written.open if text.startswith("left out")] == [
+        f"left out 1 scene without infocus: {second}",
+        f"left out 1 scene without depth: {first}",
+    ]
+    (folder / third / "focus.csv").write_text("image,focus_distance\n1")
+    assert f"no tables with a row per image: {third}/focus.csv" in new_manifest(folder).open
+
+
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:
     folder = rearranged(tmp_path, lambda number, kind: f"{kind}/{number}.png")
     paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))

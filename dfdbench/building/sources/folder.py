@@ -17,6 +17,7 @@ from dfdbench.building.sources.captured_images import CapturedImages, captured_i
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
@@ -26,6 +27,8 @@ from dfdbench.tables.table import listed
 _NAMED, _LACKED = 8, 3
 _IMAGES_NAMED = 4
 _MISSING = "a file is missing"
+# So many times as far as the farthest depth, or as near as the nearest, no stack is focused.
+_FAR_OFF = 10
 
 Row = Mapping[str, str]
 
@@ -177,8 +180,9 @@ class FolderScenes(Whole):
             try:
                 taken.append(self._image(path, {**values, **row}))
             except ValueError as error:
-                problems.append(Problem(str(error), where=where, got=path))
+                problems.append(Problem(str(error), where=where, got=f"row of {path}"))
         problems += _odd_ones(taken, where, self._manifest.pair_images or ())
+        problems += _in_another_unit(taken, where, self._manifest.depth.scale)
         SourceError.raise_if(problems)
         near, far = self._manifest.depth.ends
         return sorted(taken, key=lambda image: _place(image, 1 if near > far else -1))
@@ -323,12 +327,13 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
     >>> read_table(b'{"views": 61, "focus_depth": [-3.1, 0.5]}', "focus.json", [])
     [{'focus_depth': '-3.1'}, {'focus_depth': '0.5'}]
     """
+    is_json = where.endswith(".json")
     try:
         text = content.decode("utf-8")
-        is_json = where.endswith(".json")
         rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
     except ValueError as error:
-        fix = "" if columns else "a text without a heading needs `columns` under [files]"
+        fix = "a text without a heading needs `columns` under [files]" * (not columns)
+        fix = "mend the JSON there, or fetch the file again" if is_json else fix
         raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
     if not rows:
         raise SourceError("the table of the images is empty", where=where)
@@ -357,7 +362,8 @@ def _json_rows(content: Any) -> list[dict[str, str]]:
         ]
     if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
         raise ValueError("neither a list of records nor lists by name")
-    return [{name: str(value) for name, value in row.items()} for row in content]
+    # As an empty cell of a text: not known.
+    return [{n: "" if value is None else str(value) for n, value in row.items()} for row in content]
 
 
 def _filled(pattern: str, values: Row) -> str:
@@ -407,6 +413,8 @@ def _rows(
         except ValueError as error:
             problems.append(Problem(str(error), where=where))
             continue
+        if path in named:
+            problems.append(Problem(f"the table tells of {path} twice", where=where))
         named.add(path)
         yield path, row
     lacking = [p for p in there if not {p, str(PurePosixPath(p).with_suffix(ANY_ENDING))} & named]
@@ -456,6 +464,20 @@ def _odd_ones(taken: Sequence[_Taken], where: str, pair: Sequence[int]) -> Itera
             focus = at[1] if math.isnan(at[0]) else at[0]
             fix = f"leave {other} or {image.path} out of the table, or mend its focus"
             yield Problem(f"two images are focused at {focus:g}", where=where, fix=fix)
+
+
+def _in_another_unit(
+    taken: Sequence[_Taken], where: str, scale: DepthScale | None
+) -> Iterator[Problem]:
+    """Yield that a stack is focused far from all depths: its table may be in millimetres."""
+    found = [image.facts["focus_distance"] for image in taken]
+    found = sorted(distance for distance in found if not math.isnan(distance))
+    if scale is None or len(found) < 2:
+        return
+    if found[0] > _FAR_OFF * scale.far or found[-1] * _FAR_OFF < scale.near:
+        what = f"focused at {found[0]:g} to {found[-1]:g} m, where depths are {scale.near:g} to"
+        fix = "give focus distances in metres, or mend near and far under [depth.scale]"
+        yield Problem(f"{what} {scale.far:g} m", where=where, fix=fix)
 
 
 def _place(image: _Taken, nearness: int) -> tuple[bool, float, float]:

@@ -187,6 +187,8 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(stacks: Path) -
         (["1,1", "2,2", "3,2"], "two images are focused at 2 (WHERE)"),
         (["1,1", "2,2", "3,far"], "focus_distance is 'far', and not a number above 0"),
         (["1,1", "2,2", "3,0.04"], "focus_distance 0.04 m is not beyond the focal length, 0.05 m"),
+        (["1,1", "2,2", "2,3", "3,4"], "the table tells of desk/f_002.png twice (WHERE)"),
+        (["1,900", "2,1800", "3,3500"], "focused at 900 to 3500 m, where depths are"),
         (["1,1", "2,2", "3"], "no table of the images: 3, where image, focus_distance"),
         ([], "the table of the images is empty (WHERE)"),
     ],
@@ -272,8 +274,9 @@ def test_each_image_of_a_stack_is_laid_on_the_first_one(stacks: Path) -> None:
 def test_json_holds_records_or_lists() -> None:
     records = b'[{"image": 3, "focus_distance": 0.5}]'
     assert read_table(records, "a.json", []) == [{"image": "3", "focus_distance": "0.5"}]
+    assert read_table(records.replace(b"3", b"null"), "a.json", [])[0]["image"] == ""
     for wrong in (b"3", b"[3]", b"{", b"\xff"):
-        with pytest.raises(SourceError, match="no table of the images"):
+        with pytest.raises(SourceError, match=r"(?s)no table of the images.*mend the JSON"):
             read_table(wrong, "a.json", [])
 
 
@@ -283,4 +286,4 @@ def test_a_mistake_in_a_table_of_all_scenes_is_told_once(stacks: Path, tmp_path:
     with pytest.raises(SourceError) as caught:
         build_store(manifest, open_source(manifest, stacks), tmp_path / "mine.zarr")
     assert len(caught.value.problems) == 1
-    assert str(caught.value).endswith("focus.csv): got desk/f_002.png and 3 more")
+    assert str(caught.value).endswith("focus.csv): got row of desk/f_002.png and 3 more")
