@@ -24,7 +24,7 @@ from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
 from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table, grouped, percent
 
 #: A step that is a useful depth difference: an eighth of the range that 256 levels span.
 COARSE = 32
@@ -164,10 +164,10 @@ def split_difficulty(
 def difficulty_rows(manifest: Manifest, found: Mapping[Pair, Difficulty]) -> list[dict[str, Any]]:
     """Return mean shares and median steps by scene and lighting, views taken together."""
     lighting = _lighting(manifest)
-    groups: dict[tuple[str, tuple[int, ...]], list[Difficulty]] = {}
-    for pair, difficulty in found.items():
-        key = (pair.scene, tuple(pair.at[axis] for axis in lighting))
-        groups.setdefault(key, []).append(difficulty)
+    groups = grouped(
+        ((pair.scene, tuple(pair.at[axis] for axis in lighting)), difficulty)
+        for pair, difficulty in found.items()
+    )
     return [
         {
             "scene": scene,
@@ -404,8 +404,8 @@ def bound_as_json(
 
 def _nrmse(result: Result, found: Mapping[Pair, Bound]) -> float:
     wanted = {pair.id for pair in found}
-    scores = [pair.scores.get(PROTOCOL, {}) for pair in result.pairs if pair.id in wanted]
-    values = [score for each in scores if (score := each.get(METRIC)) is not None]
+    scores = [pair.score(PROTOCOL, METRIC) for pair in result.pairs if pair.id in wanted]
+    values = [score for score in scores if score is not None]
     return _root_mean_square(values) if len(values) == len(wanted) else math.nan
 
 

@@ -16,6 +16,7 @@ from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.system.strict import Record
 from dfdbench.system.text import TRAININGS
+from dfdbench.tables.table import grouped
 
 if TYPE_CHECKING:
     from dfdbench.audit.sides import Side
@@ -216,7 +217,5 @@ def scenes_alike(manifest: Manifest, hashes: Mapping[str, Hashes]) -> list[tuple
     for leak in manifest_leaks(manifest, names, manifest, names) + image_leaks(hashes, hashes):
         one, other = (names.index(name.split("/")[0]) for name in (leak.train, leak.test))
         alike[one, other] = True
-    groups: dict[int, list[str]] = {}
-    for name, group in zip(names, connected_components(alike)[1], strict=True):
-        groups.setdefault(int(group), []).append(name)
+    groups = grouped(zip(connected_components(alike)[1].tolist(), names, strict=True))
     return [tuple(group) for group in groups.values()]

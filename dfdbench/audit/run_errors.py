@@ -20,7 +20,7 @@ from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import answer_digest, read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, counted, percent
+from dfdbench.tables.table import Table, counted, grouped, percent
 
 #: An evaluated pair, its depth levels, where they are known and answered, and the answer.
 Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
@@ -124,11 +124,8 @@ class ErrorJoin:
 
     def of_scenes(self) -> dict[str, LevelErrors]:
         """Return the errors by scene."""
-        names = dict.fromkeys(pair.scene for pair in self.pairs)
-        return {
-            name: field_sums(*(e for pair, e in self.pairs.items() if pair.scene == name))
-            for name in names
-        }
+        of_scenes = grouped((pair.scene, errors) for pair, errors in self.pairs.items())
+        return {name: field_sums(*errors) for name, errors in of_scenes.items()}
 
 
 def join_errors(store: Dataset, result: Result, folder: Path, record: CoverageRecord) -> ErrorJoin:

@@ -328,7 +328,7 @@ def _run_again(
 def _differences(claim: PairResult, rerun: PairResult) -> Iterator[float]:
     for protocol, scores in claim.scores.items():
         for metric, claimed in scores.items():
-            found = rerun.score(protocol, metric) if rerun.scores else None
+            found = rerun.score(protocol, metric)
             if claimed is None or found is None:
                 yield 0.0 if claimed is found and rerun.scores else float("inf")
             else:

@@ -147,7 +147,7 @@ def _constant(
 
 def _of(pair: PairResult, protocol: str) -> float | None:
     """Return a pair's score by the metric that ranks."""
-    return pair.scores.get(protocol, {}).get(ranked_by(protocol)[0])
+    return pair.score(protocol, ranked_by(protocol)[0])
 
 
 def _beside(own: float, other: float) -> str:

@@ -160,7 +160,7 @@ def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
             "scene": pair.scene,
             **{axis: pair.coordinates[axis] for axis in result.dataset.axes},
             "status": UNANSWERED if pair.lacks_answers(shown) else pair.status,
-            **{name: pair.score(shown, name) if pair.scores else None for name in metrics},
+            **{name: pair.score(shown, name) for name in metrics},
             "seconds": pair.seconds,
         }
         for pair in result.pairs

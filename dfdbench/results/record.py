@@ -111,7 +111,7 @@ class PairResult(Record):
 
     def score(self, protocol: str, metric: str) -> float | None:
         """Return a score; None where it is undefined, or was not scored: see `Metric.younger`."""
-        return self.scores[protocol].get(metric)
+        return self.scores.get(protocol, {}).get(metric)
 
     def lacks_answers(self, protocol: str) -> bool:
         """Whether it has no score since pixels have no answer, which this protocol wants."""

@@ -17,19 +17,6 @@ EXTREMES = 5
 _SPREAD = {"minimum": "minimum", "mean": "mean", "maximum": "maximum", "std deviation": "std"}
 
 
-def run_tables(summary: RunSummary, scenes: Sequence[Scene] = ()) -> list[Table]:
-    """Return a run's tables: scores, best and worst pairs, run times.
-
-    As data, the scores are also parted by what the scenes are labelled with.
-    """
-    tables = [run_score_table(summary, scenes)]
-    if summary.ranked:
-        tables.append(extremes_table(summary))
-    if summary.ranked and not summary.result.method.scored:
-        tables.append(time_table(summary))
-    return tables
-
-
 def region_table(results: Mapping[str, Result]) -> Table:
     """Return the NRMSE of runs at edges, in flat regions, far and near: a row a run.
 
@@ -55,7 +42,10 @@ def region_table(results: Mapping[str, Result]) -> Table:
 
 
 def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
-    """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3."""
+    """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3.
+
+    As data, the scores are also parted by what the scenes are labelled with.
+    """
     result, groups = summary.result, summary.groups
     dataset = result.dataset
     partial = any(group.evaluated < group.expected for group in groups)
@@ -195,7 +185,7 @@ def _rules(groups: Sequence[ScoreGroup]) -> frozenset[int]:
 
 
 def all_tables(summary: RunSummary, store: Dataset | None) -> list[Table]:
-    """Return all of a run's tables: its own, those of its splits and of its scenes; none is empty.
+    """Return a run's tables: scores, best and worst pairs, times, by split and scene; none empty.
 
     Of a limited run there may be no whole split to tell the spread of, and no scene of a part.
 
@@ -207,8 +197,10 @@ def all_tables(summary: RunSummary, store: Dataset | None) -> list[Table]:
         The data set, if it is there: its manifest tells scenes and splits.
     """
     scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ([], [])
-    tables = [*run_tables(summary, scenes), spread_table(summary, splits)]
-    tables += scene_tables(summary, scenes)
+    tables = [run_score_table(summary, scenes), extremes_table(summary)]
+    if summary.ranked and not summary.result.method.scored:
+        tables.append(time_table(summary))
+    tables += [spread_table(summary, splits), *scene_tables(summary, scenes)]
     return [table for table in tables if table.rows]
 
 

@@ -17,7 +17,7 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.results.record import load_result
 from dfdbench.results.run_folder import read_prediction
-from dfdbench.results.run_tables import run_tables
+from dfdbench.results.run_tables import all_tables
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import summarise
 from tests.conftest import store_of
@@ -131,7 +131,7 @@ def test_it_scores_as_a_run_does_and_says_not_run(tiny_store: Dataset, tmp_path:
         assert (mine.scores, mine.prediction_sha256) == (its.scores, its.prediction_sha256)
         assert (mine.warnings, mine.seconds) == (its.warnings, None)
     assert (result.method.scored, result.method.source_sha256) == ("levels", None)
-    titles = [table.title for table in run_tables(summarise(result, "thesis"))]
+    titles = [table.title for table in all_tables(summarise(result, "thesis"), None)]
     assert titles[0].startswith("mine (scored, not run) on tiny-1")
     assert not any("seconds" in title for title in titles)
     pair = tiny_store.pairs("test")[0]

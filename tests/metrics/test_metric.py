@@ -37,7 +37,7 @@ from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
 from dfdbench.results.differences import change_tables
 from dfdbench.results.record import RESULT, Result, load_result
-from dfdbench.results.run_tables import run_tables, scene_tables, spread_table
+from dfdbench.results.run_tables import all_tables, scene_tables
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import summarise
 from tests.board.made_boards import entry_of
@@ -88,12 +88,12 @@ def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_pat
         for scene in tiny_store.manifest.scenes
     ]
     summary = summarise(result, "valid")
-    scores, extremes, _ = run_tables(summary)
+    scores, extremes, _, spread = all_tables(summary, None)
     (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == "valid"]
     standings = standings_table(board, tmp_path)
     by_scene = scene_tables(summary, scenes)
     assert len(by_scene) == 2
-    for table in (scores, extremes, spread_table(summary), *by_scene, standings):
+    for table in (scores, extremes, spread, *by_scene, standings):
         assert table.columns.count(HEADING) == 1
         assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
     assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
@@ -124,8 +124,8 @@ def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path:
         assert len(summary.ranked) == len(result.pairs)
         found = boards([entry_of(result, folder / RESULT)])
         (board,) = [each for each in found if each.protocol == protocol]
-        scores, extremes, _ = run_tables(summary)
-        for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):
+        scores, extremes, _, spread = all_tables(summary, None)
+        for table in (scores, extremes, spread, standings_table(board, tmp_path)):
             shown = [text for text in table.columns if text.endswith(("↑", "↓"))]
             assert shown == wanted, table.title
             assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
@@ -154,7 +154,7 @@ def test_a_result_from_before_a_metric_is_shown_without_it(
     result = load_result(tmp_path / "run")
     summary = summarise(result, "valid")
     assert summary.groups[-1].undefined == 0
-    table = run_tables(summary)[0]
+    table = all_tables(summary, None)[0]
     place = table.columns.index(HEADING)
     assert {row[place] for row in table.rows} == {"–"}
 

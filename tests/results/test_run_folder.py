@@ -9,13 +9,7 @@ import zarr
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
-from dfdbench.results.run_folder import (
-    PREDICTIONS,
-    Predictions,
-    open_run_folder,
-    read_identity,
-    read_prediction,
-)
+from dfdbench.results import run_folder
 from tests.system.test_files import kill_while_writing
 
 
@@ -39,19 +33,19 @@ def test_depth_maps_that_are_something_else_are_told(
 ) -> None:
     pair = tiny_store.pairs("test")[0]
     shape = tiny_store.shape_of(pair.scene)
-    Predictions(tmp_path, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
-    assert read_prediction(tmp_path, pair, shape) is not None
+    run_folder.Predictions(tmp_path, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
+    assert run_folder.read_prediction(tmp_path, pair, shape) is not None
     with pytest.raises(ResultError, match="not a run's depth maps"):
-        read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
-    spoil(tmp_path / PREDICTIONS / pair.scene)
+        run_folder.read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
+    spoil(tmp_path / run_folder.PREDICTIONS / pair.scene)
     with pytest.raises(ResultError, match="not a run's depth maps"):
-        read_prediction(tmp_path, pair, shape)
+        run_folder.read_prediction(tmp_path, pair, shape)
 
 
 def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Path) -> None:
     kill_while_writing(tmp_path / "run.json")
-    assert open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False) is None
-    assert read_identity(tmp_path) == {"entry": "mine"}
+    assert run_folder.open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False) is None
+    assert run_folder.read_identity(tmp_path) == {"entry": "mine"}
     (tmp_path / "run.json").rename(tmp_path / "thesis.txt")
     with pytest.raises(ResultError, match="something other than a run"):
-        open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False)
+        run_folder.open_run_folder(tmp_path, {"entry": "mine"}, goes_on=False)

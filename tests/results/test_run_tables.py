@@ -3,7 +3,7 @@ from itertools import product
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.results.run_tables import region_table, run_tables, scene_tables, spread_table
+from dfdbench.results import run_tables
 from dfdbench.results.summary import summarise
 from tests.made_results import edited, make_result
 
@@ -12,7 +12,9 @@ VALUES = {place: 0.01 * (1 + number) for number, place in enumerate(PLACES)}
 
 
 def test_a_run_has_scores_extremes_and_times() -> None:
-    scores, extremes, times = run_tables(summarise(make_result(VALUES), "thesis"))
+    scores, extremes, times, _ = run_tables.all_tables(
+        summarise(make_result(VALUES), "thesis"), None
+    )
     assert scores.columns[:4] == ("exposure", "illumination", "NRMSE ↓", "std")
     assert "SSIM ↑" in scores.columns
     places = ["|".join(row[:2]) for row in scores.rows]
@@ -21,7 +23,7 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert scores.rows[-1][2] == "0.0850"
     assert "range of the means of 2 groups of scenes, too few for an interval" in scores.notes[0]
     many = {(scene, 1, 1, 0): 0.1 for scene in "abcdefgh"}
-    notes = run_tables(summarise(make_result(many), "thesis"))[0].notes
+    notes = run_tables.run_score_table(summarise(make_result(many), "thesis")).notes
     assert "95 % interval of the overall mean, over 8 groups of scenes" in notes[0]
     assert [row[0] for row in extremes.rows] == ["top"] * 5 + ["bottom"] * 5
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
@@ -37,7 +39,7 @@ def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -
         edited(result, pairs=[first, edited(result.pairs[1], regions=values, answered=share)])
         for share in (1, 0.5)
     )
-    table = region_table({"all": whole, "most": gaps, "older": result})
+    table = run_tables.region_table({"all": whole, "most": gaps, "older": result})
     assert table.columns == ("method", "edges", "flat", "far", "near")
     assert table.rows[0] == ("all", "0.2000", "–", "0.2000", "0.0500")
     assert {cell for row in table.rows[1:] for cell in row[1:]} == {"–"}
@@ -46,7 +48,7 @@ def test_runs_have_a_row_by_region_but_for_those_that_leave_out_what_is_hard() -
 
 def test_an_undefined_score_is_shown_as_such() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
-    notes = " ".join(run_tables(summarise(result, "thesis"))[0].notes)
+    notes = " ".join(run_tables.run_score_table(summarise(result, "thesis")).notes)
     assert "without a defined score (flat ground truth), in no mean: 1 pair" in notes
 
 
@@ -54,7 +56,7 @@ def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     result = make_result(VALUES)
     pairs = {"status": "failed", "scores": {}, "error": "raised X: y"}
     failed = edited(result, pairs=pairs, dataset={"evaluated": 0}, averages=None)
-    (scores,) = run_tables(summarise(failed, "thesis"))
+    (scores,) = run_tables.all_tables(summarise(failed, "thesis"), None)
     assert "PARTIAL" in scores.title
     assert all("–" in row for row in scores.rows)
     first = "a/view1/illumination1/exposure0"
@@ -62,7 +64,7 @@ def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
 
 
 def test_the_numbers_come_as_data_in_full() -> None:
-    scores, extremes, _ = run_tables(summarise(make_result(VALUES), "thesis"))
+    scores, extremes, *_ = run_tables.all_tables(summarise(make_result(VALUES), "thesis"), None)
     whole = {"exposure": "all", "illumination": "all", "metric": "nrmse"}
     (overall,) = (row for row in scores.records if whole.items() <= row.items())
     numbers = {"mean": 0.085, "min": 0.01, "max": 0.16, "low": 0.045, "high": 0.125, "defined": 16}
@@ -75,8 +77,11 @@ def test_the_numbers_come_as_data_in_full() -> None:
 def test_tables_of_simulated_captures_say_so() -> None:
     captured = make_result(VALUES)
     simulated = edited(captured, dataset={"simulated": True})
-    assert "on tiny-1 (SIMULATED), split" in run_tables(summarise(simulated, "thesis"))[0].title
-    assert "on tiny-1, split" in run_tables(summarise(captured, "thesis"))[0].title
+    assert (
+        "on tiny-1 (SIMULATED), split"
+        in run_tables.run_score_table(summarise(simulated, "thesis")).title
+    )
+    assert "on tiny-1, split" in run_tables.run_score_table(summarise(captured, "thesis")).title
 
 
 LEVELS = {
@@ -99,7 +104,7 @@ def test_scores_are_parted_by_geometry_and_by_texture() -> None:
         scene("k04", "flat-far", 2),
         scene("k05", "oblique-near-left", 2),
     ]
-    geometry, texture = scene_tables(summarise(make_result(LEVELS), "thesis"), scenes)
+    geometry, texture = run_tables.scene_tables(summarise(make_result(LEVELS), "thesis"), scenes)
     assert [row[:3] for row in geometry.rows] == [
         ("flat-far", "k00 k04", "0.4000"),
         ("oblique-near-left", "k01 k05", "0.2000"),
@@ -121,7 +126,7 @@ def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
         Split(name="else", partition="other", pairs=1, scenes=["k99"]),
     ]
     result = edited(make_result(LEVELS), dataset={"split": "all"})
-    table = spread_table(summarise(result, "thesis"), splits)
+    table = run_tables.spread_table(summarise(result, "thesis"), splits)
     assert [" ".join(row[:2]) for row in table.rows if row[0]] == [
         *("split all 5", "split train 3", "split test 2", "split train-pruned 1"),
         *("partition pruned 2", "split test-pruned 1"),
@@ -136,14 +141,14 @@ def test_what_was_not_run_is_a_note_and_no_row() -> None:
         if pair.scene in ("k04", "k05"):
             object.__setattr__(pair, "status", "not-run")
     scenes = [scene(name, None, number) for number, name in enumerate(("k00", "k01", "k04", "k05"))]
-    (table,) = scene_tables(summarise(result, "thesis"), scenes)
+    (table,) = run_tables.scene_tables(summarise(result, "thesis"), scenes)
     assert [row[0] for row in table.rows] == ["00", "01"]
     assert table.notes == ("nothing was run of texture 02, 03",)
 
 
 def test_the_parts_come_as_data() -> None:
     scenes = [scene("k00", "flat-far", None), scene("k01", "oblique", None)]
-    rows = run_tables(summarise(make_result(LEVELS), "thesis"), scenes)[0].records
+    rows = run_tables.run_score_table(summarise(make_result(LEVELS), "thesis"), scenes).records
     parted = {(r["geometry"], r["metric"]): r for r in rows if r["geometry"] != "all"}
     assert len(parted) == 2 * 4
     flat = parted["flat-far", "nrmse"]
