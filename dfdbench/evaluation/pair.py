@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Depth, Pair
+from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
-from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, in_unit_range
+from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, difference, in_unit_range
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
@@ -29,21 +29,30 @@ from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
 from dfdbench.results.run_folder import answer_digest
 from dfdbench.system.location import is_local
+from dfdbench.tables.table import counted, listed
 
 #: How a pair's warning begins where the method printed, where its depth goes the wrong way, and
 #: where a second call gave something else.
-PRINTED = "printed"
-TURNED = "depth falls where the truth rises"
-DIFFERS = "a second call on the same pair"
+_PRINTED = "printed"
+_TURNED = "depth falls where the truth rises"
+_DIFFERS = "a second call on the same pair"
+#: Of many pairs, so many are named.
+_NAMED = 10
 
 
-class EvaluatedElsewhere(NamedTuple):
-    """What became of a pair in another process: what that had used until then, and where it is."""
+class Evaluated(NamedTuple):
+    """What became of a pair in a process: what that had used until then, and where it is."""
 
     record: PairResult
     answer: Prediction
     used: Hashes
     environment: Environment
+
+    def differs_from(self, again: Self) -> str:
+        """Return a warning if a second call on the pair gave something else; else nothing."""
+        one, other = self.answer, again.answer
+        differs = difference(one.depth, other.depth) or difference(one.sigma, other.sigma)
+        return f"{_DIFFERS} {differs}" if differs else ""
 
 
 class PairEvaluator:
@@ -145,7 +154,7 @@ class RemoteEvaluator:
         expected = json.dumps({"software": software(), "used": method.used})
         return cls(str(place), method.entry, parameters, seed, learned, given, expected)
 
-    def __call__(self, pair: Pair) -> EvaluatedElsewhere:
+    def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable.
 
         Raises
@@ -156,7 +165,7 @@ class RemoteEvaluator:
         method, evaluate = _evaluator_here(self)
         record, answer = evaluate(pair)
         record = record.model_copy(update={"timed_alone": False})
-        return EvaluatedElsewhere(record, answer, method.used, _environment_here())
+        return Evaluated(record, answer, method.used, _environment_here())
 
 
 @lru_cache(maxsize=1)
@@ -208,7 +217,7 @@ def record_of(
     warnings = []
     if prediction.printed:
         first = prediction.printed.strip().splitlines()[:1]
-        warnings.append(f"{PRINTED} {len(prediction.printed)} characters: {''.join(first)[:80]}")
+        warnings.append(f"{_PRINTED} {len(prediction.printed)} characters: {''.join(first)[:80]}")
     blank = blank_record(images.pair, "failed")
     depth, sigma = prediction.depth, prediction.sigma
     if depth is None:
@@ -243,7 +252,7 @@ def _oddities(about: Depth, images: Capture, depth: NDArray[np.float32]) -> list
     known = images.valid & ~np.isnan(depth)
     likeness = correlation(images.truth[known], depth[known])
     if likeness < AGAINST:
-        odd.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
+        odd.append(f"{_TURNED}: correlation {likeness:.2f} over the known pixels")
     if about.kind == "levels" and in_unit_range(depth):
         odd.append(UNIT_LEVELS)
     far = np.float32(about.ends[1])
@@ -255,3 +264,51 @@ def _oddities(about: Depth, images: Capture, depth: NDArray[np.float32]) -> list
 def blank_record(pair: Pair, status: str) -> PairResult:
     """Return the record of a pair that was not evaluated."""
     return PairResult(id=pair.id, scene=pair.scene, coordinates=pair.at, status=status)  # type: ignore[arg-type]
+
+
+def warned(
+    manifest: Manifest,
+    pairs: list[PairResult],
+    evaluated: list[PairResult],
+    environments: list[Environment],
+) -> list[str]:
+    """Return the warnings of a run that follow from its pairs, and from where they were run."""
+    warnings = []
+    if missing := [pair.id for pair in pairs if pair.status == "missing"]:
+        warnings.append(
+            f"the store lacks {len(missing)} of {len(pairs)} pairs of the split, and there is no "
+            f"average: {listed(missing, _NAMED)}"
+        )
+    if printed := _how_many(pairs, _PRINTED):
+        warnings.append(f"the method printed to standard output on {counted(printed, 'pair')}")
+    for pair in evaluated:
+        warnings += [
+            f"{text} ({pair.id}): the scores cannot be reproduced; does it need a seed?"
+            for text in pair.warnings
+            if text.startswith(_DIFFERS)
+        ]
+    turned = _how_many(evaluated, _TURNED)
+    # A flat board tells no direction: half the pairs of a set that has some are enough.
+    if turned and 2 * turned >= len(evaluated):
+        # A method in metres that does not say so answers the wrong way round on such a set.
+        metres = "; or are these metres?" if manifest.depth.kind == "metres" else ""
+        warnings.append(
+            f"{_TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
+            f"{manifest.depth.direction}{metres}"
+        )
+    if evaluated and _how_many(evaluated, UNIT_LEVELS) == len(evaluated):
+        warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
+    if far := _how_many(evaluated, MILLIMETRES):
+        warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
+    if together := sum(not pair.timed_alone for pair in evaluated):
+        pairs_together = counted(together, "pair")
+        warnings.append(f"{pairs_together} run several at once: times are not comparable")
+    there = [environments[machine] for machine in {pair.machine for pair in evaluated}]
+    machines = {(each.platform, each.cpu, each.cpu_count, each.gpu) for each in there}
+    if len(machines) > 1:
+        warnings.append(f"the pairs were run on {len(machines)} machines: times are not comparable")
+    return warnings
+
+
+def _how_many(pairs: list[PairResult], begins: str) -> int:
+    return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)

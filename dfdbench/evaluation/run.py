@@ -11,17 +11,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, keep_fit
-from dfdbench.evaluation.pair import (
-    DIFFERS,
-    PRINTED,
-    TURNED,
-    EvaluatedElsewhere,
-    PairEvaluator,
-    RemoteEvaluator,
-    blank_record,
-)
+from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record, warned
 from dfdbench.evaluation.plan import RunOptions, RunPlan, differences_from, plan_run, protocols_on
-from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.readout import Chosen
 from dfdbench.methods.sources import Hashes
@@ -226,9 +217,9 @@ class _Journal:
         self.reused = len(self._finished)
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
-        self._first: EvaluatedElsewhere | None = None
+        self._first: Evaluated | None = None
 
-    def note(self, pair: Pair, evaluated: EvaluatedElsewhere) -> None:
+    def note(self, pair: Pair, evaluated: Evaluated) -> None:
         """Write down what became of a pair; the first comes twice, and is compared."""
         plan = self._plan
         if pair == self.to_do[0]:
@@ -251,20 +242,17 @@ class _Journal:
         """Return the mean of what is done, by the metric that ranks on this data set."""
         protocol = record.first_protocol(self._plan.store.manifest.short)
         metric = ranked_by(protocol)[0]
-        found = (each.scores.get(protocol, {}).get(metric) for each in self._finished.values())
+        found = (each.score(protocol, metric) for each in self._finished.values())
         return f"{find_metric(metric).title} {score_text(mean_of(found))}"
 
     def _keep(self, found: record.PairResult) -> None:
         self._finished[found.id] = found
         run_folder.add_to_journal(self._folder, found)
 
-    def _compare(self, first: EvaluatedElsewhere, second: EvaluatedElsewhere) -> None:
-        one, other = first.answer, second.answer
-        differs = difference(one.depth, other.depth) or difference(one.sigma, other.sigma)
-        if differs:
+    def _compare(self, first: Evaluated, second: Evaluated) -> None:
+        if differs := first.differs_from(second):
             kept = self._finished[first.record.id]
-            said = [*kept.warnings, f"{DIFFERS} {differs}"]
-            self._keep(kept.model_copy(update={"warnings": said}))
+            self._keep(kept.model_copy(update={"warnings": [*kept.warnings, differs]}))
 
     def records(self) -> list[record.PairResult]:
         """Return the records of all pairs of the split, those not evaluated too."""
@@ -285,7 +273,7 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
             found, answer = evaluate(pair)
             # After the first pair: a method may load PyTorch only then.
             environment = environment or describe_environment()
-            journal.note(pair, EvaluatedElsewhere(found, answer, plan.method.used, environment))
+            journal.note(pair, Evaluated(found, answer, plan.method.used, environment))
         return
     if to_do and plan.method.warm_up:
         # Here, once: each worker would compile the same at the same time.
@@ -293,10 +281,6 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
     remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(to_do), _BATCH):
         pool.map(remote, to_do[start : start + _BATCH], on_outcome=journal.note)
-
-
-#: Of many pairs, so many are named.
-_NAMED = 10
 
 
 def compose(
@@ -356,7 +340,7 @@ def compose(
         seed=seed,
         pairs=pairs,
         averages=record.average(evaluated, labels) if len(evaluated) == len(pairs) else None,
-        warnings=[*_warnings(manifest, pairs, evaluated, [first, *others]), *warnings],
+        warnings=[*warned(manifest, pairs, evaluated, [first, *others]), *warnings],
     )
 
 
@@ -398,50 +382,3 @@ def trained_on_of(method: Method, manifest: Manifest) -> str | None:
     if method.trained_on is None and {"training_mean", "training_median"} & {*method.uses}:
         return f"{manifest.stem}, split train"
     return method.trained_on
-
-
-def _warnings(
-    manifest: Manifest,
-    pairs: list[record.PairResult],
-    evaluated: list[record.PairResult],
-    environments: list[record.Environment],
-) -> list[str]:
-    warnings = []
-    if missing := [pair.id for pair in pairs if pair.status == "missing"]:
-        warnings.append(
-            f"the store lacks {len(missing)} of {len(pairs)} pairs of the split, and there is no "
-            f"average: {listed(missing, _NAMED)}"
-        )
-    if printed := _warned(pairs, PRINTED):
-        warnings.append(f"the method printed to standard output on {counted(printed, 'pair')}")
-    for pair in evaluated:
-        warnings += [
-            f"{text} ({pair.id}): the scores cannot be reproduced; does it need a seed?"
-            for text in pair.warnings
-            if text.startswith(DIFFERS)
-        ]
-    turned = _warned(evaluated, TURNED)
-    # A flat board tells no direction: half the pairs of a set that has some are enough.
-    if turned and 2 * turned >= len(evaluated):
-        # A method in metres that does not say so answers the wrong way round on such a set.
-        metres = "; or are these metres?" if manifest.depth.kind == "metres" else ""
-        warnings.append(
-            f"{TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
-            f"{manifest.depth.direction}{metres}"
-        )
-    if evaluated and _warned(evaluated, UNIT_LEVELS) == len(evaluated):
-        warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
-    if far := _warned(evaluated, MILLIMETRES):
-        warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
-    if together := sum(not pair.timed_alone for pair in evaluated):
-        pairs_together = counted(together, "pair")
-        warnings.append(f"{pairs_together} run several at once: times are not comparable")
-    there = [environments[machine] for machine in {pair.machine for pair in evaluated}]
-    machines = {(each.platform, each.cpu, each.cpu_count, each.gpu) for each in there}
-    if len(machines) > 1:
-        warnings.append(f"the pairs were run on {len(machines)} machines: times are not comparable")
-    return warnings
-
-
-def _warned(pairs: list[record.PairResult], begins: str) -> int:
-    return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
