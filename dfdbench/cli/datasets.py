@@ -357,7 +357,7 @@ def doctor(
 ) -> None:
     """Say what is installed here and what the machine can do: for bug reports."""
     if warm:
-        from dfdbench.evaluation.warming import warm_up
+        from dfdbench.evaluation.check import warm_up
 
         with progress("compiling", "the same command compiles what is left") as step:
             warm_up(step)

@@ -271,8 +271,7 @@ def check_method_command(
     format: Printed = Format.table,
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before a long run."""
-    from dfdbench.evaluation.check import check_method
-    from dfdbench.evaluation.loading import load_to_check
+    from dfdbench.evaluation.check import check_method, load_to_check
 
     load = partial(load_to_check, method, values_of(param, "--param"))
     found, tried = load(), count(1)

@@ -1,25 +1,32 @@
-"""Try a method on awkward inputs before a long run."""
+"""Try a method on made images: on awkward ones before a long run, or so that it is compiled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
+from inspect import signature
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import focus_levels, form_stack
-from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.formation import focus_levels, form_pair, form_stack
+from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
-from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import DfdbenchError
 from dfdbench.methods.calling import UNIT_LEVELS, TorchMethod, call, difference, in_unit_range
+from dfdbench.methods.fitted import Solver
 from dfdbench.methods.method import Image, Learned, Method, Prediction, restore, teach
 from dfdbench.methods.process_state import seeded
-from dfdbench.metrics.protocol import Unit
+from dfdbench.methods.registry import Facts, built_in_methods, load_method
+from dfdbench.methods.rims import settle_rims
+from dfdbench.metrics.protocol import Unit, protocols_of, score
 from dfdbench.metrics.scores import AGAINST, correlation
-from dfdbench.system.parallel import Processes
+from dfdbench.system.parallel import Processes, one_by_one
 
 #: Of the images, and for each call, as in a run.
 _SEED = 0
@@ -32,6 +39,27 @@ _FIT = "fit, on two made pairs"
 _AGAIN = "the same pair again"
 _ELSEWHERE = "the same pair in another process"
 _SEEDED = "an answer may depend only on the pair and the run's seed"
+
+
+def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
+    """Load a method with made facts of a data set, to check it before a run.
+
+    A class with a fit gets no recipe: it has to find out the blur, so that its fit is tried.
+
+    Raises
+    ------
+    MethodError, UnknownNameError
+        As for `dfdbench.methods.load`.
+    """
+    offers: Facts = {
+        "recipe": lambda: _RECIPE,
+        "recipe_name": lambda: "published",
+        "training_mean": lambda: 128.0,
+        "training_median": lambda: 128.0,
+        "seed": lambda: 0,
+        "rig": Rig,
+    }
+    return load_method(name, parameters, offers, {"recipe": lambda: None})
 
 
 def made_pair(
@@ -277,3 +305,65 @@ def _try_writing(method: Method, pair: Capture) -> Check:
     if not all(map(np.array_equal, mine, images)):
         odd.append("changes the images it is handed")
     return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))
+
+
+#: Of the images that are compiled for.
+_SHAPE = (24, 40)
+#: Those of networks alone, of which numba compiles nothing, and one that needs PyTorch, too.
+_LEARNED = ("dfdbench.methods.learned:", "dfdbench.methods.stack_net:")
+_VOLUME = "dfdbench.methods.volume_net:"
+
+
+def warm_up(on_step: Callable[[int, int], None] | None = None) -> None:
+    """Use whatever is compiled on made images, so that its machine code is cached.
+
+    Parameters
+    ----------
+    on_step : callable, optional
+        Called with (steps done, steps in all).
+    """
+    for step in one_by_one(list(_steps()), on_step):
+        step()
+
+
+def _steps() -> Iterator[Callable[[], object]]:
+    for name, entry in built_in_methods().items():
+        lacks = entry.startswith(_VOLUME) and find_spec("torch") is None
+        if not entry.startswith(_LEARNED) and not lacks:
+            yield partial(_try_all, name)
+    yield from (_blur, _score, _render)
+
+
+def _try_all(name: str) -> None:
+    method = load_to_check(name, {})
+    check_method(method)
+    solver = method.predict
+    if isinstance(solver, Solver):
+        # Of a blur that was told other code is compiled than of one that was measured, and of
+        # stacks more than of pairs.
+        laws, image = solver.blurs, np.zeros((*_SHAPE, 3), np.uint8)
+        if "recipe" in signature(type(solver)).parameters:
+            type(solver)(recipe=_RECIPE).warm_up(image, image)
+        settle_rims([*laws, *laws], image, [image, image], np.zeros(_SHAPE, np.float32))
+
+
+def _blur() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*_SHAPE, 3)).astype(np.uint8)
+    levels = np.linspace(0, LAST_LEVEL, _SHAPE[1]).astype(np.uint8)
+    depth = np.tile(levels, (_SHAPE[0], 1))
+    for track in TRACKS.values():
+        form_pair(image, depth, _RECIPE, Degradation(track, 3), "a/pair")
+    form_stack(image, depth, _RECIPE, 2)
+
+
+def _score() -> None:
+    depth = np.tile(np.arange(_SHAPE[1], dtype=np.float32), (_SHAPE[0], 1))
+    for protocol in protocols_of(False, "levels").values():
+        score(protocol, depth, np.ones(_SHAPE, bool), depth + 1, _SHAPE[0])
+
+
+def _render() -> None:
+    from dfdbench.simulation.unseen import render_pair, render_stack  # they compile
+
+    render_pair(0, 0, rays=1)
+    render_stack(0, 0, planes=1, rays=1)

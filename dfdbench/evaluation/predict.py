@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.building.export import STACK_FILE
-from dfdbench.building.sources.captured_images import matched
-from dfdbench.building.sources.image_files import SUFFIXES, read_photograph
-from dfdbench.building.sources.matching import matching_of
+from dfdbench.building.sources import captured_images, image_files, matching
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
@@ -24,13 +22,12 @@ from dfdbench.datasets.dataset import open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
-from dfdbench.evaluation.fitting import FIT, read_fit, require_run_of
-from dfdbench.evaluation.lens import is_lens, lens_law
-from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.fitting import fit_again, require_run_of
+from dfdbench.evaluation.loading import images_in, is_lens, lens_law
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
 from dfdbench.methods.fitted import Blur
-from dfdbench.methods.method import DepthMap, Method, Predict, restore
+from dfdbench.methods.method import DepthMap, Method, Predict
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import Facts, find_entry, load_method
@@ -140,18 +137,14 @@ class DepthPredictor:
         return {"align": self._align, **identity_of(self.method, self._seed, self._fitted)}
 
     def _restore(self, fitted: Path | None) -> None:
-        if self.method.learner is None:
+        if self.method.learner is None or (fitted and fit_again(self.method, fitted)):
             return
-        if fitted is None or not (fitted / FIT).is_file():
-            what = "the run kept nothing that the method learned"
-            if fitted is None:
-                what = "the method learns the blur of a camera, and nothing says what it is"
-            fix = "name a run on the same camera (--fitted RUN)"
-            fix += ", or the lens (--lens FILE)" if self._takes_lens else ""
-            raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
-        learned = read_fit(fitted).learned
-        assert learned is not None  # `keep_fit` writes nothing else
-        restore(self.method, learned)
+        what = "the run kept nothing that the method learned"
+        if fitted is None:
+            what = "the method learns the blur of a camera, and nothing says what it is"
+        fix = "name a run on the same camera (--fitted RUN)"
+        fix += ", or the lens (--lens FILE)" if self._takes_lens else ""
+        raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
 
     @property
     def meaning(self) -> str:
@@ -249,12 +242,12 @@ class DepthPredictor:
             # The method takes that out by itself: twice would be worse than never.
             found = f"the law says of the defocus image: {words}; that is taken out"
         elif self._align:
-            needed = matching_of([("the photographs", infocus, defocus)])
+            needed = matching.matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
                 fix = "align them yourself and say --no-align"
                 raise InputError("the photographs cannot be aligned", fix=fix)
             asked = CapturedFiles(align=needed.align, match_gain=needed.match_gain)
-            infocus, defocus, _, _ = matched(infocus, defocus, asked)
+            infocus, defocus, _, _ = captured_images.matched(infocus, defocus, asked)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
@@ -345,7 +338,7 @@ def read_image(path: Path) -> Image:
         If it is damaged or no photograph.
     """
     try:
-        return read_photograph(path.read_bytes(), str(path), rotation="apply")
+        return image_files.read_photograph(path.read_bytes(), str(path), rotation="apply")
     except OSError as error:
         raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
@@ -409,7 +402,7 @@ def lone_images(folder: Path) -> list[Problem]:
 def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
     there: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.rglob("*")):
-        images = path.suffix.lower() in SUFFIXES and path.stem in ROLES
+        images = path.suffix.lower() in image_files.SUFFIXES and path.stem in ROLES
         if images or path.name == STACK_FILE:
             name = path.parent.relative_to(folder).as_posix()
             there.setdefault(name, {})[path.stem if images else STACK_FILE] = path

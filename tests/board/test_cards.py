@@ -7,7 +7,7 @@ import pytest
 from dfdbench.board.board import leaderboard
 from dfdbench.board.cards import find_card, load_cards
 from dfdbench.errors import ResultError
-from dfdbench.evaluation.loading import load_to_check
+from dfdbench.evaluation.check import load_to_check
 from tests.board.made_boards import add, add_card
 
 HERE = Path(__file__).parents[2] / "leaderboard"

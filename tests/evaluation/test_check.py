@@ -9,6 +9,7 @@ from scipy import ndimage
 from dfdbench.evaluation.check import check_method
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
+from tests.process import python
 
 
 def problems(predict: Any) -> dict[str, str]:
@@ -173,3 +174,32 @@ def test_a_method_of_stacks_is_tried_on_stacks_in_its_unit() -> None:
             return 5.5 - super().__call__(stack)
 
     assert "distances seem to fall" in problems(Turned())["farther is more"]
+
+
+#: What a first command would wait for: a solver, a filter over a stack, the blur of a track.
+FIRST_CALLS = """
+import numpy
+from dfdbench.blur.formation import form_pair
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.tracks import find_degradation
+from dfdbench.methods import load
+
+image = numpy.random.default_rng(0).integers(0, 256, (50, 70, 3)).astype("u1")
+for name in ("graph-cuts", "graph-cuts-rounded", "sgm", "guided"):
+    load(name, recipe="published")(image, image)
+form_pair(image, image[..., 0], RECIPES["published"], find_degradation("lens-2"), "a")
+"""
+
+
+@pytest.mark.slow
+def test_after_warming_up_nothing_is_left_to_compile(tmp_path: Path) -> None:
+    def machine_code() -> set[Path]:
+        return {path.relative_to(tmp_path) for path in tmp_path.rglob("*.nbc")}
+
+    done = python("-m", "dfdbench", "doctor", "--warm", NUMBA_CACHE_DIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    compiled = machine_code()
+    assert len(compiled) > 40
+    done = python("-c", FIRST_CALLS, NUMBA_CACHE_DIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert machine_code() == compiled
