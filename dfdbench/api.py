@@ -18,28 +18,16 @@ from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.fingerprint import require_sound
 from dfdbench.errors import InputError, MethodError
-from dfdbench.evaluation.evaluate import (
-    built_track,
-    cross_validate,
-    evaluate,
-    labels_of,
-    score_predictions,
-    without_track,
-)
-from dfdbench.evaluation.fitting import camera_note, training_pairs
-from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.plan import RunOptions, protocol_on
+from dfdbench.evaluation import evaluate, fitting, loading, plan
 from dfdbench.evaluation.run import OnPair, RunDone
+from dfdbench.methods import registry
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
-from dfdbench.methods.registry import find_entry, method_words, registered_methods
-from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run, Transfer
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result
-from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.saved_run import open_saved_run as _open_run
+from dfdbench.results.saved_run import SavedRun, open_saved_run
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Shown, Threads
@@ -161,7 +149,7 @@ def list_methods() -> pd.DataFrame:
     >>> list_methods().loc["local", "entry"]
     'dfdbench.methods.baselines:Local'
     """
-    words, entries = method_words(), registered_methods()
+    words, entries = registry.method_words(), registry.registered_methods()
     rows = [(name, words[name], entries[name]) for name in sorted(entries)]
     return pd.DataFrame(rows, columns=["name", "what", "entry"]).set_index("name")
 
@@ -189,7 +177,7 @@ def load_method(name: str, **parameters: Any) -> Method:
     >>> method(image, image).tolist()
     [[80.0, 80.0, 80.0], [80.0, 80.0, 80.0]]
     """
-    return _load_method(name, parameters, {"seed": lambda: 0}, {"recipe": lambda: None})
+    return registry.load_method(name, parameters, {"seed": lambda: 0}, {"recipe": lambda: None})
 
 
 def _check_for_board(split: str, limit: int | None = None) -> Callable[..., None]:
@@ -288,16 +276,16 @@ def run(
         raise InputError(what, where="fitted", fix="let the method be fitted here")
     store = _opened(dataset, cache)
     store.manifest.scenes_of(split)
-    shown = protocol_on(store.manifest, protocol)
+    shown = plan.protocol_on(store.manifest, protocol)
     learned = None if fitted is None else Path(fitted)
-    options = RunOptions(limit, keep_predictions, fresh, seed, learned)
+    options = plan.RunOptions(limit, keep_predictions, fresh, seed, learned)
     with _folder(out, str(store.path)) as folder:
-        evaluated = partial(evaluate, pool=pool, check=check, on_pair=on_pair)
+        evaluated = partial(evaluate.evaluate, pool=pool, check=check, on_pair=on_pair)
         done, calibration = evaluated(method, store, split, folder, parameters, options)
         note = None
         if calibration and fitted is None:
-            pairs = training_pairs(store, split)[1], store.captures(split)
-            note = camera_note(calibration.law, *pairs)
+            pairs = fitting.training_pairs(store, split)[1], store.captures(split)
+            note = fitting.camera_note(calibration.law, *pairs)
         return _run_of({CLEAN: done}, {CLEAN: store}, shown, out, calibration, note)
 
 
@@ -352,21 +340,21 @@ def run_tracks(
     >>> found.table()  # doctest: +SKIP
     """
     check = _check_for_board(split) if for_board else None
-    plain = without_track(dataset)
+    plain = evaluate.without_track(dataset)
     plain.scenes_of(split)
-    protocol = protocol_on(plain, protocol)
-    labels = labels_of(tracks)
+    protocol = plan.protocol_on(plain, protocol)
+    labels = evaluate.labels_of(tracks)
     # What cannot be run is said before anything is built or run for long.
     if isinstance(method, str):
-        find_entry(method)
-    options = RunOptions(keep_predictions=False, seed=seed)
+        registry.find_entry(method)
+    options = plan.RunOptions(keep_predictions=False, seed=seed)
     with _folder(out, source, replaces=False) as folder:
-        stores = {CLEAN: built_track(dataset, CLEAN, source, cache, shown)}
-        load_for(stores[CLEAN], method, parameters, seed, given_blur)
+        stores = {CLEAN: evaluate.built_track(dataset, CLEAN, source, cache, shown)}
+        loading.load_for(stores[CLEAN], method, parameters, seed, given_blur)
         for label in labels[1:]:
-            stores[label] = built_track(dataset, label, source, cache, shown)
+            stores[label] = evaluate.built_track(dataset, label, source, cache, shown)
         runs = {}
-        evaluated = partial(evaluate, given_blur=given_blur, check=check)
+        evaluated = partial(evaluate.evaluate, given_blur=given_blur, check=check)
         name = method if isinstance(method, str) else repr(method)
         for label, store in stores.items():
             with shown(f"running {name} on {label}") as step:
@@ -424,8 +412,9 @@ def tune(
     --------
     >>> dfdbench.tune("s-transform", "dfd-indoor", {"window": [9, 91]})  # doctest: +SKIP
     """
-    store = _opened(dataset, cache)
-    return cross_validate(store, method, ranges, parameters, protocol, limit, seed, on_pair)
+    return evaluate.cross_validate(
+        _opened(dataset, cache), method, ranges, parameters, protocol, limit, seed, on_pair
+    )
 
 
 def run_transfer(
@@ -484,18 +473,18 @@ def run_transfer(
         # What cannot be run is said before anything is run for long.
         for store in stores.values():
             store.manifest.scenes_of(split)
-            protocol_on(store.manifest, protocol)
-            if load_for(store, method, parameters, seed).learner is None:
+            plan.protocol_on(store.manifest, protocol)
+            if loading.load_for(store, method, parameters, seed).learner is None:
                 what = f"the method has no fit on {store.manifest.short} to transfer"
                 fix = "name one that is fitted there; recipe=null withholds the blur from ours"
                 raise MethodError(what, where="method", fix=fix)
         for own in stores:
             for other in (own, *(name for name in stores if name != own)):
                 fitted = None if other == own else folder / own / own
-                options = RunOptions(keep_predictions=False, seed=seed, fitted=fitted)
+                options = plan.RunOptions(keep_predictions=False, seed=seed, fitted=fitted)
                 store, place = stores[other], folder / own / other
                 with shown(f"fitted on {own}, on {other}") as step:
-                    done, _ = evaluate(
+                    done, _ = evaluate.evaluate(
                         method, store, split, place, parameters, options, on_pair=step
                     )
                 results[own, other] = done.result
@@ -545,10 +534,10 @@ def score(
     store.manifest.scenes_of(split)
     if for_board:
         require_sound(store)
-    shown = protocol_on(store.manifest, protocol)
+    shown = plan.protocol_on(store.manifest, protocol)
     name = method or Path(folder).resolve().name
     with _folder(out, folder, str(store.path)) as place:
-        done = score_predictions(Path(folder), store, split, place, name, unit, on_pair)
+        done = evaluate.score_predictions(Path(folder), store, split, place, name, unit, on_pair)
         return _run_of({CLEAN: done}, {CLEAN: store}, shown, out)
 
 
@@ -633,7 +622,7 @@ def compare(
     >>> compare("results/a", "results/b").table()  # doctest: +SKIP
     """
     label = find_protocol(protocol).label if protocol else None
-    opened = [each._first if isinstance(each, Run) else _open_run(each, dataset) for each in runs]
+    opened = [one._first if isinstance(one, Run) else open_saved_run(one, dataset) for one in runs]
     return Comparison(opened, label, most)
 
 
@@ -659,5 +648,5 @@ def open_run(path: Path | str, dataset: str | None = None) -> Run:
     folder = Path(path)
     if (folder / CLEAN / RESULT).is_file():
         labels = [CLEAN, *sorted(p.parent.name for p in folder.glob(f"*-[1-9]/{RESULT}"))]
-        return Run({label: _open_run(folder / label, dataset) for label in labels})
-    return Run({CLEAN: _open_run(path, dataset)})
+        return Run({label: open_saved_run(folder / label, dataset) for label in labels})
+    return Run({CLEAN: open_saved_run(path, dataset)})

@@ -30,7 +30,7 @@ from dfdbench.results.run_folder import Predictions, keep_store_place, open_run_
 from dfdbench.results.wording import plain, score_text
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool, Shown, one_by_one
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Table, grouped
 
 
 def evaluate(
@@ -308,9 +308,8 @@ def folds_of(store: Dataset) -> list[list[Pair]]:
     InputError
         If there are fewer groups than folds.
     """
-    groups: dict[str, list[Pair]] = {}
-    for pair in store.pairs(TRAINING):
-        groups.setdefault(store.manifest.groups.get(pair.scene, pair.scene), []).append(pair)
+    group_of = store.manifest.groups
+    groups = grouped((group_of.get(p.scene, p.scene), p) for p in store.pairs(TRAINING))
     if len(groups) < FOLDS:
         what = f"{len(groups)} groups of training captures are too few for {FOLDS} folds"
         raise InputError(what, where=store.manifest.stem, fix="build it with more training scenes")

@@ -84,7 +84,7 @@ class RunPlan:
     @property
     def identity(self) -> dict[str, Any]:
         """What must be the same for pairs of an earlier call to be taken over."""
-        identity = {
+        return {
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
@@ -92,9 +92,8 @@ class RunPlan:
             "keep_predictions": self.options.keep_predictions,
             # The same method, parameters and data without them are another run.
             "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
+            **identity_of(self.method, self.options.seed, self.options.fitted),
         }
-        own = identity_of(self.method, self.options.seed, self.options.fitted)
-        return dict(json.loads(json.dumps(identity | own)))
 
 
 def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[str, Any]:

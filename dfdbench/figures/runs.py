@@ -17,8 +17,7 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
 from dfdbench.errors import ResultError
-from dfdbench.figures import style
-from dfdbench.figures.sureness import curves_of, sureness_figure
+from dfdbench.figures import style, sureness
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
@@ -61,9 +60,9 @@ def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Pat
         "depths": depth_figure(store, result, folder),
         "time_by_pixels": pixel_time_figure(store, result),
     }
-    if sure := curves_of(run, result.method.title):
+    if sure := sureness.curves_of(run, result.method.title):
         title = f"how sure it is, {result.dataset.heading}"
-        figures["sureness"] = sureness_figure([sure], title)
+        figures["sureness"] = sureness.sureness_figure([sure], title)
     groups = group_figures({result.method.title: result}, protocol, store.manifest.scenes)
     figures |= {f"by_{what}": figure for what, figure in groups.items()}
     return [

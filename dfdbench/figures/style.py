@@ -83,9 +83,7 @@ def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -
 def without_ticks(axes: Iterable[Axes], background: str) -> None:
     """Remove the ticks around images; `background` fills their masked parts."""
     for axis in axes:
-        axis.set_xticks([])
-        axis.set_yticks([])
-        axis.set_facecolor(background)
+        axis.set(xticks=[], yticks=[], facecolor=background)
 
 
 def depth_span(depth: NDArray[np.float64], whole: float = LAST_LEVEL) -> tuple[float, float]:

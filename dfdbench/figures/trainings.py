@@ -121,8 +121,7 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
         image = axis.imshow(uses, cmap="viridis", vmin=0, vmax=highest, interpolation="nearest")
         count = f"pair {number + 1}, {patches[number]:,} patches"
         axis.set_title(f"{names[number]}: {count}\n{drawn.pairs[number]}", fontsize=9)
-        axis.set_xticks([])
-        axis.set_yticks([])
+        axis.set(xticks=[], yticks=[])
     bottom.colorbar(image, ax=axes, label="patches that a pixel lay in", fraction=0.05)
     return figure
 

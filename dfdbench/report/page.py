@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.tables import lighting_table, runs_table, standings_table
-from dfdbench.figures import style
-from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
+from dfdbench.figures import comparisons, style, sureness
 from dfdbench.figures.runs import group_figures, panel_figure
-from dfdbench.figures.sureness import curves_of, sureness_figure
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
@@ -123,17 +121,17 @@ def _section_of(
     store = next((run.store for run in members if run.store), None)
     scenes = store.manifest.scenes if store else []
     details = tuple((run.label, tuple(all_tables(summary, store))) for run, summary in summaries)
-    plots = lighting_figures(members, board.protocol)
+    plots = comparisons.lighting_figures(members, board.protocol)
     parted = group_figures({run.label: run.result for run in members}, board.protocol, scenes)
     plots |= {f"by {what}": figure for what, figure in parted.items()}
-    if (times := time_figure(members)) is not None:
+    if times := comparisons.time_figure(members):
         plots["seconds per pair"] = times
-    if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
+    if len(members) > 1 and (accuracy := comparisons.accuracy_figure(members, board.protocol)):
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
-    sure = [curves for run in members if (curves := curves_of(run, run.label))]
+    sure = [curves for run in members if (curves := sureness.curves_of(run, run.label))]
     if sure:
-        plots["how sure it is"] = sureness_figure(sure, board.result.dataset.heading)
+        plots["how sure it is"] = sureness.sureness_figure(sure, board.result.dataset.heading)
     regions = region_table({run.label: run.result for run in members})
     tables = (ranking, regions, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
