@@ -65,7 +65,12 @@ def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> N
     -------
     ndarray of float32, shape (y, x, channel)
     """
-    return undo(how, light_of(defocus, linear), offset)
+    back: Array = light_of(defocus, linear)
+    if how.down or how.right:
+        back = move(back.astype(np.float64), -how.down, -how.right)
+    if offset or how.gain != 1:
+        back = (back - offset) / how.gain
+    return np.asarray(back, np.float32)
 
 
 def noise_of(law: BlurLaw, aim: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -100,8 +105,6 @@ def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     levels = np.arange(float(LEVELS))
     return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(decode(levels) * LAST_LEVEL)))
 
-
-Floats = NDArray[np.float32]
 
 # Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
 # blur then weighs less than what differs in place.
@@ -192,13 +195,3 @@ def find_alignment(
     if not 1 / _LARGEST_GAIN <= gain <= _LARGEST_GAIN:
         gain = 1.0
     return Alignment(float(place[0]), float(place[1]), gain)
-
-
-def undo(alignment: Alignment, defocus: NDArray[Any], offset: float = 0) -> Floats:
-    """Return the defocus image moved back and with the in-focus image's brightness, (y, x, c)."""
-    back: NDArray[Any] = np.asarray(defocus, np.float32)
-    if alignment.down or alignment.right:
-        back = move(back.astype(np.float64), -alignment.down, -alignment.right)
-    if offset or alignment.gain != 1:
-        back = (back - offset) / alignment.gain
-    return np.asarray(back, np.float32)

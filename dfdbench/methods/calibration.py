@@ -18,21 +18,13 @@ from scipy.optimize import minimize, nnls
 from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.methods import alignment
+from dfdbench.methods import alignment, width_curve
 from dfdbench.methods.blurred import blur
 from dfdbench.methods.fitted import part_of
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred, view_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
-from dfdbench.methods.width_curve import (
-    LADDER,
-    best_widths,
-    grown_from_focus,
-    held_at_ends,
-    left_at,
-    width_curve,
-)
 
 #: Side of the kernels that are tried, in pixels.
 KERNEL_SIZE = 27
@@ -114,7 +106,7 @@ class Sample:
 
     def trials(self, way: Way) -> Iterator[NDArray[np.float64]]:
         """Yield the light that each width of the ladder would give: float64, shape (pixel,)."""
-        for kernel in point_spread_functions(LADDER, KERNEL_SIZE, way.exponent):
+        for kernel in point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent):
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
@@ -288,14 +280,14 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     way = replace(way, exponent=_exponent(few, way))
     samples = [part.sample(way) for part in parts]
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way)
-    rough = width_curve(sums, pixels)
+    rough = width_curve.width_curve(sums, pixels)
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
-    sigmas = grown_from_focus(held_at_ends(sigmas, pixels), pixels)
+    sigmas = width_curve.grown_from_focus(width_curve.held_at_ends(sigmas, pixels), pixels)
     residual, noise = _residuals(samples, way, sigmas)
     # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
-    shares = np.interp(sigmas, LADDER, _shares(way))
+    shares = np.interp(sigmas, width_curve.LADDER, _shares(way))
     both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
     law = BlurLaw(
         sigmas=tuple(sigmas.tolist()),
@@ -306,7 +298,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
         falloff=change.falloff,
         **asdict(way),
     )
-    widths = np.where(pixels > 0, best_widths(sums)[0], np.nan)
+    widths = np.where(pixels > 0, width_curve.best_widths(sums)[0], np.nan)
     return Calibration(law, widths, pixels, residual, change.uneven)
 
 
@@ -338,12 +330,12 @@ def _exponent(few: Sequence[Part], way: Way) -> float:
 
 def _misfit(few: Sequence[Part], way: Way, turned: bool = False) -> float:
     samples = [part.sample(way, turned) for part in few]
-    return float(best_widths(_sums(samples, way)[0])[2].sum())
+    return float(width_curve.best_widths(_sums(samples, way)[0])[2].sum())
 
 
 def _shares(way: Way) -> NDArray[np.float64]:
     """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
-    kernels = point_spread_functions(LADDER, KERNEL_SIZE, way.exponent)
+    kernels = point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent)
     return np.asarray(np.square(kernels).sum(axis=(1, 2)))
 
 
@@ -354,7 +346,7 @@ def _sums(
 
     In units of the noise; without it in grey levels, so that ways can be held against each other.
     """
-    sums = np.zeros((LEVELS, LADDER.size))
+    sums = np.zeros((LEVELS, width_curve.LADDER.size))
     pixels = np.zeros(LEVELS, np.int64)
     for sample in samples:
         pixels += np.bincount(sample.depth, minlength=LEVELS)
@@ -372,7 +364,7 @@ def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
 
     Less contrast looks like more blur: both have to be found together.
     """
-    trials = np.zeros((3, LEVELS, LADDER.size))
+    trials = np.zeros((3, LEVELS, width_curve.LADDER.size))
     aims = np.zeros((3, LEVELS, 1))
     for sample in samples:
         depth, aim = sample.depth, sample.aim.astype(np.float64)
@@ -387,7 +379,7 @@ def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
         gain, offset = line
         squares = aim_square - 2 * gain * both - 2 * offset * aim_sum
         squares = squares + gain**2 * trial_square + 2 * gain * offset * trial_sum
-        return float(best_widths(squares + offset**2 * count)[2].sum())
+        return float(width_curve.best_widths(squares + offset**2 * count)[2].sum())
 
     start = np.array([[1.0, 0.0], [0.95, 0.0], [1.0, 4.0]])
     options = {"initial_simplex": start, "xatol": 1e-3, "fatol": 1e-4, "maxfev": 120}
@@ -403,8 +395,8 @@ def _residuals(
     By depth level, in grey levels; and by grey level, in the unit of a law's noise.
     """
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
-    place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
-    first = np.clip(place.astype(int), 0, LADDER.size - 2)
+    place = np.interp(sigmas, width_curve.LADDER, np.arange(width_curve.LADDER.size))
+    first = np.clip(place.astype(int), 0, width_curve.LADDER.size - 2)
     part = place - first
     for sample in samples:
         steps, weights = first[sample.depth], part[sample.depth]
@@ -436,10 +428,11 @@ def _cleared_curve(sums: Array, pixels: Array, way: Way) -> tuple[NDArray[np.flo
     shares = _shares(way)
     infocus_noise = 0.0
     for _ in range(_ROUNDS):
-        sigmas = width_curve(sums - infocus_noise**2 * pixels[:, np.newaxis] * shares, pixels)
-        left = left_at(sums, sigmas) / np.maximum(pixels, 1)
+        cleared = sums - infocus_noise**2 * pixels[:, np.newaxis] * shares
+        sigmas = width_curve.width_curve(cleared, pixels)
+        left = width_curve.left_at(sums, sigmas) / np.maximum(pixels, 1)
         root = np.sqrt(pixels)
-        terms = np.stack([root, root * np.interp(sigmas, LADDER, shares)], axis=1)
+        terms = np.stack([root, root * np.interp(sigmas, width_curve.LADDER, shares)], axis=1)
         own, blurred = nnls(terms, root * left)[0]
         infocus_noise = min(math.sqrt(blurred / own), 1.0) if own else 1.0
     return sigmas, infocus_noise

@@ -11,17 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from dfdbench import errors
 from dfdbench.blur.law import SIGMAS, BlurLaw, law_of_fields
 from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
-from dfdbench.errors import (
-    DfdbenchError,
-    MethodError,
-    Problem,
-    UnknownNameError,
-    reason_of,
-    unknown_name,
-    writable,
-)
 from dfdbench.methods.sources import sha256_of
 from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_toml
@@ -107,14 +99,14 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
         return given
     if not isinstance(given, str | Mapping | BlurRecipe):
         known = f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml"
-        raise MethodError(f"not a blur recipe: {given!r}", where=where, expected=known)
+        raise errors.MethodError(f"not a blur recipe: {given!r}", where=where, expected=known)
     try:
         is_law = isinstance(given, Mapping) and SIGMAS in given
         return law_of_fields(given) if is_law else find_recipe(given)  # type: ignore[arg-type]
-    except UnknownNameError:
+    except errors.UnknownNameError:
         raise
-    except DfdbenchError as error:
-        raise MethodError.of(
+    except errors.DfdbenchError as error:
+        raise errors.MethodError.of(
             replace(problem, where=f"{where}: {problem.where}".removesuffix(": "))
             for problem in error.problems
         ) from error
@@ -133,13 +125,13 @@ def read_fields(file: str | Path) -> dict[str, Any]:
     path = Path(file)
     if path.suffix != ".toml":
         own = "A recipe of your own: its fields, or FILE.toml"
-        raise unknown_name("blur recipe", str(file), RECIPES, own)
+        raise errors.unknown_name("blur recipe", str(file), RECIPES, own)
     try:
         return parse_toml(read_text(path))
     except (OSError, ValueError) as error:
-        what = f"cannot read the blur recipe: {reason_of(error)}"
+        what = f"cannot read the blur recipe: {errors.reason_of(error)}"
         fix = "name a TOML file of a recipe, law or lens"
-        raise MethodError(what, where=str(file), fix=fix) from error
+        raise errors.MethodError(what, where=str(file), fix=fix) from error
 
 
 def _plain(value: Any) -> Any:
@@ -163,13 +155,15 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
         number = isinstance(value, float | np.floating)
         if number and not math.isfinite(value):
             expected = "a finite number"
-        elif isinstance(value, str) and writable(value) != value:
+        elif isinstance(value, str) and errors.writable(value) != value:
             expected = "text in UTF-8"
         else:
             continue
-        what = f"a parameter that no result can keep: {writable(str(value))[:80]}"
-        problems.append(Problem(what, where=f"parameter {writable(name)}", expected=expected))
-    MethodError.raise_if(problems)
+        what = f"a parameter that no result can keep: {errors.writable(str(value))[:80]}"
+        problems.append(
+            errors.Problem(what, where=f"parameter {errors.writable(name)}", expected=expected)
+        )
+    errors.MethodError.raise_if(problems)
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
@@ -185,8 +179,8 @@ def _digest(path: Path) -> str:
     try:
         return sha256_of(path) if path.is_file() else _of_folder(path)
     except OSError as error:
-        what = f"cannot read what a parameter names, to hash it: {reason_of(error)}"
-        raise MethodError(what, where=str(error.filename or path)) from error
+        what = f"cannot read what a parameter names, to hash it: {errors.reason_of(error)}"
+        raise errors.MethodError(what, where=str(error.filename or path)) from error
 
 
 def _of_folder(folder: Path) -> str:
@@ -198,6 +192,6 @@ def _of_folder(folder: Path) -> str:
         most = f"{_MOST_FILES:,} files or {_MOST_BYTES / 1e9:.0f} GB"
         what = f"a parameter names a folder that is too large to hash, above {most}"
         fix = "name the folder or the file that the method reads"
-        raise MethodError(what, where=str(folder), fix=fix)
+        raise errors.MethodError(what, where=str(folder), fix=fix)
     lines = sorted(f"{sha256_of(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()

@@ -16,17 +16,9 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import Pair
 from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.inference import find_device
+from dfdbench.training import task as tasks
 from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.crops import IGNORED, Cropper, TrainingImages, count_levels
-from dfdbench.training.task import (
-    PROTOCOL,
-    Task,
-    begun_network,
-    evenly_spaced,
-    mean_scores,
-    redraw_of,
-    require_trainable,
-)
 from dfdbench.training.trainer import EndedBy, Log, Row, Trainee
 
 #: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
@@ -187,18 +179,18 @@ class Learner(Trainee):
         If the choices do not fit, or the weights to begin with are of another network.
     """
 
-    def __init__(self, task: Task, device: str = "auto") -> None:
+    def __init__(self, task: tasks.Task, device: str = "auto") -> None:
         found = find_device(device)
         # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
         choices = settled(task.configuration, found)
         self._task = task = replace(task, configuration=choices)
         self._choices = choices
         self.pairs = tuple(pair.id for pair in task.train)
-        self.architecture = require_trainable(task)
+        self.architecture = tasks.require_trainable(task)
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
         self.architecture["channel_means"] = images.channel_means()
         beginning = task.method, self.architecture, task.seed, task.start
-        network, started_from = begun_network(*beginning)
+        network, started_from = tasks.begun_network(*beginning)
         network = network.to(found, memory_format=torch.channels_last)  # type: ignore[call-overload]
         groups = _parameter_groups(network, choices.weight_decay, choices.decay_prelu)
         rate, betas = choices.learning_rate, choices.betas
@@ -206,7 +198,7 @@ class Learner(Trainee):
         super().__init__(network, optimizer, choices.steps, task.identity, started_from, found)
         self._dlib = DlibSchedule(choices) if choices.schedule == "dlib" else None
         drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
-        self.cropper = Cropper(images, *drawn, task.seed, redraw_of(task, images))
+        self.cropper = Cropper(images, *drawn, task.seed, tasks.redraw_of(task, images))
         if choices.initial_filters == "differences" and task.start is None:
             first_patches, _ = self.cropper.draw(0)
             start_from_differences(network, first_patches)
@@ -250,16 +242,16 @@ class Learner(Trainee):
         if self.step % self._choices.evaluate_every:
             return row
         for name, pairs in (("train", self._task.train), ("test", self._task.test)):
-            chosen = evenly_spaced(pairs, self._choices.evaluate_pairs)
+            chosen = tasks.evenly_spaced(pairs, self._choices.evaluate_pairs)
             for protocol, scores in self.mean_scores(chosen).items():
-                kind = name if protocol == PROTOCOL else f"{name}_{protocol}"
+                kind = name if protocol == tasks.PROTOCOL else f"{name}_{protocol}"
                 row |= {f"{kind}_{metric}": value for metric, value in scores.items()}
         return row
 
     def mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
         """Return the mean scores on pairs, by protocol."""
         store, readout = self._task.store, self._choices.readout
-        return mean_scores(self.network, store, pairs, self.device, readout=readout)
+        return tasks.mean_scores(self.network, store, pairs, self.device, readout=readout)
 
     def levels(self) -> list[Row]:
         """Return how often each depth level was trained, and occurs in the training pairs."""
@@ -283,7 +275,7 @@ class Learner(Trainee):
             "configuration": choices.model_dump(mode="json"),
             "seed": task.seed,
             "scored_on": f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
-            "scores": scores.pop(PROTOCOL),
+            "scores": scores.pop(tasks.PROTOCOL),
             "further_scores": scores,
         }
 

@@ -332,13 +332,3 @@ class Solution:
     labels: NDArray[Any]
     energy: int
     history: tuple[int, ...]
-
-
-def label_dtype(labels: int) -> type[np.unsignedinteger[Any]]:
-    """Give the smallest unsigned type that holds the labels."""
-    return np.uint8 if labels <= 256 else np.uint16
-
-
-def starting_labels(energy: Energy, start: ArrayLike | None) -> NDArray[np.int32]:
-    """Give the labels that a solver begins with: all 0, or a copy of those given."""
-    return np.zeros(energy.shape, np.int32) if start is None else np.array(start, np.int32)

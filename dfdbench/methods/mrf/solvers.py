@@ -13,14 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.methods.mrf.energy import (
-    COST_LIMIT,
-    Energy,
-    Solution,
-    bands_of,
-    label_dtype,
-    starting_labels,
-)
+from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, bands_of
 from dfdbench.methods.mrf.maxflow import GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
@@ -67,7 +60,7 @@ def expansion(
     ([[1, 1, 1]], 5, (27, 5, 5))
     """
     energy = energy.held()
-    labels = starting_labels(energy, start)
+    labels = np.array(np.zeros(energy.shape) if start is None else start, np.int32)
     mover = Mover(energy, labels)
     history = [mover.value()]
     idle = 0
@@ -81,7 +74,12 @@ def expansion(
             if idle == energy.labels:
                 break
         history.append(mover.value())
-    return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
+    return _solution(energy, labels, history)
+
+
+def _solution(energy: Energy, labels: NDArray[np.int32], history: list[int]) -> Solution:
+    small = labels.astype(np.uint8 if energy.labels <= 256 else np.uint16)
+    return Solution(small, history[-1], tuple(history))
 
 
 @compiled()
@@ -128,7 +126,7 @@ def repair(
     >>> solution.labels.tolist(), solution.history
     ([[2, 2, 2]], (23, 3, 2))
     """
-    labels = starting_labels(energy, start)
+    labels = np.array(start, np.int32)
     mover = Mover(energy, labels, graph)
     history = [mover.value()]
     for lengths in rounds:
@@ -139,7 +137,7 @@ def repair(
             for offer in _offers(length, energy.labels):
                 mover.move(offer)
         history.append(mover.value())
-    return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
+    return _solution(energy, labels, history)
 
 
 def _offers(length: int, labels: int) -> list[NDArray[np.int32]]:
