@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.methods.alignment import Alignment, aim_of, find_alignment, light_of, noise_of
+from dfdbench.methods.alignment import Alignment, Array, aim_of, find_alignment, light_of, noise_of
 from dfdbench.methods.view_change import ViewChange
-
-Array = NDArray[Any]
 
 # Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
 # most 0.05 grey levels where black meets white.

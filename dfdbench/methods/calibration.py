@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +19,7 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.methods import alignment, width_curve
 from dfdbench.methods.blurred import blur
-from dfdbench.methods.fitted import part_of
+from dfdbench.methods.fitted import Array, part_of
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred, view_and_blurred
@@ -45,9 +44,6 @@ _LEAST_TEXTURE = 1.0
 # A level with less texture, as a part of its pixels, does not count; few pixels mislead nobody.
 _TEXTURED = 0.1
 _MANY_PIXELS = 200
-
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

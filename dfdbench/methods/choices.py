@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.methods.fitted import evenly_spread, part_of
+from dfdbench.methods.fitted import Array, evenly_spread, part_of
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
 
@@ -46,8 +46,6 @@ _ENOUGH = 2
 _BETTER, _FEW_LEVELS = 0.85, 5.0
 # What rounding leaves of an error, so that one of 0 has a logarithm.
 _ROUNDING = 0.5
-
-Array = NDArray[Any]
 
 
 class Part(NamedTuple):

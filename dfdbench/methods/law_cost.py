@@ -19,7 +19,7 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.methods.blurred import Blurred, all_blurred, blurred_by
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Blur, Image
+from dfdbench.methods.fitted import Array, Blur, Image
 from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.
@@ -94,8 +94,6 @@ def level_costs_by_rows(
     # Twice all of it would be too much: whoever asks for all rows asks once.
     return lambda rows: costs if rows == slice(None) else costs[rows].copy()
 
-
-Array = NDArray[Any]
 
 # Levels whose squares are worked out, and held, at once.
 _AT_ONCE = 16

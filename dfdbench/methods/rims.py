@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.occlusion import GAP, without_tails
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.methods.alignment import light_of, noise_of
+from dfdbench.methods.alignment import Array, light_of, noise_of
 from dfdbench.methods.blurred import aligned
 from dfdbench.system.compiled import compiled
 
-Array = NDArray[Any]
 #: Of images or of one: what is aimed at, its noise, kernels by level, and how far they reach.
 Views = tuple[Array, Array, Array, Array]
 

@@ -12,14 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import evenly_spread, nothing_to_fit
+from dfdbench.methods.fitted import Array, evenly_spread, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.metrics.sureness import REACH_90
-
-Array = NDArray[Any]
 
 #: Captures that a factor is fitted on, evenly among all, and pixels of each.
 MOST_CAPTURES, _PIXELS = 16, 20_000

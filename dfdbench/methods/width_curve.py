@@ -1,7 +1,6 @@
 """The width of the blur at every depth level, out of what a ladder of widths leaves unexplained."""
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +9,7 @@ from scipy.linalg import solve_banded
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.alignment import ROUNDING
-
-Array = NDArray[Any]
+from dfdbench.methods.alignment import ROUNDING, Array
 
 #: Widths that are tried, in pixels; between them the residual is a smooth curve.
 LADDER = np.geomspace(0.22, 6.4, 37)

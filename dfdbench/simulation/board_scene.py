@@ -23,11 +23,9 @@ from dfdbench.rig.lidar import Beams, average_scans, read_beams, write_ranges
 from dfdbench.rig.registration import NAME, write_registration
 from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
-from dfdbench.simulation.raycast import Board, Texture, View, look
+from dfdbench.simulation.raycast import Board, Floats, Texture, View, look
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Threads
-
-Floats = NDArray[np.float64]
 
 RIG = CaptureRig()
 #: How the simulated LIDAR is turned on its mount: what registration has to find.

@@ -13,11 +13,9 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.lighting import Lamp, lit
 from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.raycast import Texture
+from dfdbench.simulation.raycast import Floats, Texture
 from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, cross, pack
 from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
-
-Floats = NDArray[np.float64]
 
 #: How far the depths of a room are apart at least, in metres.
 SPREAD = 1.6

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture
+from dfdbench.simulation.raycast import Ball, Board, Floats, Floor, Surface, Texture
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Outline = Literal["rectangle", "disc", "lattice"]
 #: The directions of a surface's right, of its bottom and of what lies behind it; unit vectors at

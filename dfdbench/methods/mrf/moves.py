@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.methods.mrf.energy import Energy, bands_of, costs_at
-from dfdbench.methods.mrf.lines import best_lines
+from dfdbench.methods.mrf.lines import Array, best_lines
 from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
 from dfdbench.system.compiled import compiled
 
-Array = NDArray[Any]
 #: The table of the smoothness, and the weights of edges to the right and down.
 Edges = tuple[Array, Array, Array]
 #: Labels and their costs, what each label is offered, and what that costs each pixel.

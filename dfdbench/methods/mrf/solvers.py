@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, bands_of
-from dfdbench.methods.mrf.maxflow import GridGraph
+from dfdbench.methods.mrf.maxflow import Array, GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
-
-Array = NDArray[Any]
 
 # Costs are turned from pixels of labels to labels of pixels for so many labels at a time: in one
 # label's plane, neighbours are neighbours in memory, and this many come in one line of the cache.
