@@ -11,26 +11,19 @@ from tests.methods.made_planes import pair_of, texture
 
 pytest.importorskip("torch")
 
-from dfdbench.methods.volume_net import (
-    VolumeNetMethod,
-    _least_labels,
-    finer_levels,
-    halved_costs,
-    levels_of,
-    looked_again,
-)
+from dfdbench.methods import volume_net
 
 LAW = BlurLaw(sigmas=tuple(RECIPES["published"].sigmas[::-1].tolist()))
 
 
 def test_costs_are_those_of_normal_noise_over_two_by_two_pixels() -> None:
     pair = pair_of(texture(3)[:31, :40], np.full((31, 40), 90, np.uint8))
-    volume, told = halved_costs([LAW], pair.infocus, [pair.defocus], 32, 8)
+    volume, told = volume_net.halved_costs([LAW], pair.infocus, [pair.defocus], 32, 8)
     assert volume.shape == (32, 16, 20)
     assert told.shape == (16, 20)
     blurred = blurred_by(LAW, pair.infocus, pair.defocus)
     costs = []
-    for level in levels_of(32):
+    for level in volume_net.levels_of(32):
         residual = (blurred.nodes @ blurred.factors[:, level] - blurred.aim) / blurred.noise
         spread = blurred.spread[level]
         costs.append((residual**2).sum(2) / (2 * spread) + 1.5 * np.log(spread))
@@ -47,7 +40,7 @@ def test_it_finds_depth_for_a_blur_that_it_was_not_trained_on() -> None:
     depth[:, 64:] = 180
     depth[30:70, 20:50] = 230
     train = pair_of(texture(5, 96, 128), depth)
-    method = VolumeNetMethod(device="cpu")
+    method = volume_net.VolumeNetMethod(device="cpu")
     method.restore(dict(method.fit([train])))  # type: ignore[misc]
     found, sigma = method(train.infocus, train.defocus)
     assert found.shape == sigma.shape == depth.shape
@@ -60,12 +53,13 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     depth = np.full((48, 64), 101, np.uint8)
     depth[:, 32:] = 154
     pair = pair_of(texture(6, 48, 64), depth)
-    levels = finer_levels(32)
+    levels = volume_net.finer_levels(32)
     # 64 a nat.
     costs, _ = law_cost(blurred_by(LAW, pair.infocus, pair.defocus, levels), 64, 65535)
     said = depth + np.float32(6)
     unsure, sure = (
-        looked_again(costs.copy(), levels, said, np.full_like(said, by)) for by in (9, 0.3)
+        volume_net.looked_again(costs.copy(), levels, said, np.full_like(said, by))
+        for by in (9, 0.3)
     )
     assert np.abs(unsure - depth).mean() < 2
     # Who is surer is believed more.
@@ -76,7 +70,7 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
 def test_the_least_of_labels_side_by_side_is_that_of_planes(count: int) -> None:
     costs = np.random.default_rng(count).integers(0, 6, (20, 30, count)).astype(np.uint16)
     found = np.empty(costs.shape[:2])
-    _least_labels(costs, found)
+    volume_net._least_labels(costs, found)
     assert (found == least_label(np.moveaxis(costs, 2, 0))).all()
 
 
@@ -85,10 +79,10 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
     depth = np.full((64, 80), 70, np.uint8)
     depth[:, 40:] = 180
     clean = [pair_of(texture(seed), depth) for seed in range(5)]
-    method = VolumeNetMethod(device="cpu")
+    method = volume_net.VolumeNetMethod(device="cpu")
     method.restore(dict(method.fit(clean[1:])))  # type: ignore[misc]
     assert method.chosen.finer > 0
-    never = VolumeNetMethod(finer=False, device="cpu")
+    never = volume_net.VolumeNetMethod(finer=False, device="cpu")
     never.restore(dict(never.fit(clean[1:])))  # type: ignore[misc]
     assert never.chosen.finer == 0
     found = [each(clean[0].infocus, clean[0].defocus)[0] for each in (method, never)]
@@ -100,7 +94,7 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
 
 
 def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    method = VolumeNetMethod(device="cpu")
+    method = volume_net.VolumeNetMethod(device="cpu")
     errors = iter(np.full((8, 9), 20.0) - np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(9)) / 8)
     monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
     assert method._best_tried([None] * 8) == (0.0, 1)  # type: ignore[list-item]

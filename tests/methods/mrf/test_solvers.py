@@ -8,24 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.methods.mrf import (
-    Energy,
-    Parts,
-    Solution,
-    expansion,
-    repair,
-    split,
-    truncated_absolute,
-)
+from dfdbench.methods import mrf
 from dfdbench.methods.mrf.moves import Mover, expansion_offer
 from dfdbench.methods.mrf.solvers import coarse_to_fine, coarser, finer
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
-SOLVERS: dict[str, Callable[[Energy], Solution]] = {
-    "expansion": expansion,
-    "fast": lambda energy: split(energy, "fast"),
-    "default": split,
-    "high": lambda energy: split(energy, "high"),
+SOLVERS: dict[str, Callable[[mrf.Energy], mrf.Solution]] = {
+    "expansion": mrf.expansion,
+    "fast": lambda energy: mrf.split(energy, "fast"),
+    "default": mrf.split,
+    "high": lambda energy: mrf.split(energy, "high"),
 }
 
 
@@ -59,8 +51,8 @@ def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) ->
 @pytest.mark.slow
 def test_cost_types_agree(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 5, 6, 8, "absolute", dtype=np.int32)
-    twin = Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)
-    for solve in (expansion, split):
+    twin = mrf.Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)
+    for solve in (mrf.expansion, mrf.split):
         assert solve(energy).history == solve(twin).history
 
 
@@ -78,7 +70,7 @@ def test_costs_in_parts_give_the_same_solution(
         seen.append(part.shape)
         return part, int(part.sum())
 
-    parts = Parts(of, held.unary.shape, held.largest_cost, most_bytes)
+    parts = mrf.Parts(of, held.unary.shape, held.largest_cost, most_bytes)
     assert parts.offset() == held.unary.sum()
     energy = replace(held, unary=parts)
     seen.clear()
@@ -95,7 +87,7 @@ def test_costs_in_parts_give_the_same_solution(
 def test_many_labels_and_single_pixels(rng: np.random.Generator, solver: str) -> None:
     wide = random_energy(rng, 1, 3, 300, "absolute")
     assert SOLVERS[solver](wide).labels.dtype == np.uint16
-    single = Energy(np.array([[[5, 3, 0, 4]]], np.uint16), truncated_absolute(4, cap=9))
+    single = mrf.Energy(np.array([[[5, 3, 0, 4]]], np.uint16), mrf.truncated_absolute(4, cap=9))
     assert SOLVERS[solver](single).labels.tolist() == [[2]]
 
 
@@ -109,28 +101,28 @@ def test_split_is_near_expansion_if_convex(
     surface = (labels - 1) * (0.5 + 0.4 * np.sin(y / 7) * np.cos(x / 9))
     valley = surface + rng.normal(0, 1.5, surface.shape)
     unary = np.minimum(3 * (valley[..., None] - np.arange(labels)) ** 2, 400).astype(np.uint16)
-    energy = Energy(unary, random_energy(rng, 1, 1, labels, kind).smoothness)
-    swept = expansion(energy).energy
-    assert split(energy, "default").energy <= 1.03 * swept
-    assert split(energy, "high").energy <= 1.01 * swept
+    energy = mrf.Energy(unary, random_energy(rng, 1, 1, labels, kind).smoothness)
+    swept = mrf.expansion(energy).energy
+    assert mrf.split(energy, "default").energy <= 1.03 * swept
+    assert mrf.split(energy, "high").energy <= 1.01 * swept
 
 
 def test_without_smoothness_every_pixel_has_its_least_cost(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 9, 7, 33, "absolute")
     alone = replace(energy, smoothness=np.zeros(33, np.int32))
-    assert split(alone).energy == int(alone.unary.min(axis=2).sum()) + alone.offset
+    assert mrf.split(alone).energy == int(alone.unary.min(axis=2).sum()) + alone.offset
 
 
 def test_split_hands_potts_to_expansion(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 8, 9, 6, "potts", weighted=True)
-    assert split(energy).energy == expansion(energy).energy
+    assert mrf.split(energy).energy == mrf.expansion(energy).energy
 
 
 def test_results_do_not_depend_on_threads(rng: np.random.Generator) -> None:
     energies = [random_energy(rng, 20, 25, 16, "absolute") for _ in range(8)]
-    alone = [split(energy) for energy in energies]
+    alone = [mrf.split(energy) for energy in energies]
     with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(split, energies))
+        together = list(pool.map(mrf.split, energies))
     for first, second in zip(alone, together, strict=True):
         assert first.history == second.history
         assert np.array_equal(first.labels, second.labels)
@@ -139,7 +131,7 @@ def test_results_do_not_depend_on_threads(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts", "published"])
 def test_expansion_ends_where_no_label_lowers_it(rng: np.random.Generator, kind: str) -> None:
     energy = random_energy(rng, 10, 12, 8, kind, weighted=True)
-    labels = expansion(energy).labels.astype(np.int32)
+    labels = mrf.expansion(energy).labels.astype(np.int32)
     for label in range(8):
         assert Mover(energy, labels).move(expansion_offer(8, label)) == 0
 
@@ -147,7 +139,7 @@ def test_expansion_ends_where_no_label_lowers_it(rng: np.random.Generator, kind:
 def test_expansion_starts_and_stops_as_told(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 6, 7, 5, "absolute")
     start = rng.integers(0, 5, (6, 7))
-    solution = expansion(energy, start=start, max_sweeps=1)
+    solution = mrf.expansion(energy, start=start, max_sweeps=1)
     assert (solution.history[0], len(solution.history)) == (energy.evaluate(start), 2)
 
 
@@ -157,8 +149,8 @@ def test_jumps_go_both_ways_and_snaps_reach_every_label_within_half_a_period() -
     for step, target, start, reached in jumps + snaps:
         unary = np.full((4, 5, 10), 9, np.uint16)
         unary[..., target] = 0
-        energy = Energy(unary, truncated_absolute(10, cap=3))
-        assert (repair(energy, np.full((4, 5), start), [(step,)]).labels == reached).all()
+        energy = mrf.Energy(unary, mrf.truncated_absolute(10, cap=3))
+        assert (mrf.repair(energy, np.full((4, 5), start), [(step,)]).labels == reached).all()
 
 
 @settings(max_examples=60)
@@ -178,9 +170,11 @@ def test_a_labeling_of_blocks_costs_what_it_costs_at_full_size(
 
 def test_sums_beyond_16_bits_are_kept_in_32() -> None:
     unary = np.full((2, 2, 3), 65535, np.uint16)
-    blocks = coarser(Energy(unary, truncated_absolute(3, cap=2)))
+    blocks = coarser(mrf.Energy(unary, mrf.truncated_absolute(3, cap=2)))
     assert (blocks.unary.dtype, blocks.unary.tolist()) == (np.int32, [[[4 * 65535] * 3]])
-    assert coarser(Energy(unary // 4, truncated_absolute(3, cap=2))).unary.dtype == np.uint16
+    assert (
+        coarser(mrf.Energy(unary // 4, mrf.truncated_absolute(3, cap=2))).unary.dtype == np.uint16
+    )
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])
@@ -190,7 +184,7 @@ def test_every_block_size_lowers_the_energy(
     energy = random_energy(rng, *shape, 20, "absolute", weighted=True)
     asked = []
 
-    def begin(blocks: Energy) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    def begin(blocks: mrf.Energy) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
         asked.append(blocks.shape)
         return np.zeros(blocks.shape, np.int64)
 
@@ -206,6 +200,6 @@ def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generato
     energy = random_energy(rng, 4, 5, 20, "absolute")
     large = replace(energy, unary=energy.unary.astype(np.int32))
     large.unary[0, 0, 3] = 2**26
-    solution = split(large)
+    solution = mrf.split(large)
     assert solution.labels[0, 0] != 3
     assert solution.energy == large.evaluate(solution.labels)

@@ -6,12 +6,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import (
-    DfDNet,
-    UNet,
-    fold_batch_norm,
-    start_from_differences,
-)
+from dfdbench.methods.networks import architectures
+from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import count_parameters
 
@@ -151,7 +147,7 @@ def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
     network.eval()
     with torch.no_grad():
         before = network(pixels)
-        fold_batch_norm(network)
+        architectures.fold_batch_norm(network)
         assert torch.allclose(network(pixels), before, atol=1e-4)
     kinds = [type(module).__name__ for module in network.modules()]
     assert kinds.count("BatchNorm2d") == 1  # after a sum, before no convolution
@@ -163,7 +159,7 @@ def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
     network = DfDNet(SMALL) if kind == "dfd-net" else UNet((4, 8, 16, 32, 64))
     sharp = torch.randint(0, 256, (2, 3, 32, 32)).float()
     pixels = torch.cat([sharp, sharp + torch.randn(2, 3, 32, 32)], 1)
-    start_from_differences(network, pixels)
+    architectures.start_from_differences(network, pixels)
     flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
     answer = network.first(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
     assert answer.abs().max() < 1e-4
