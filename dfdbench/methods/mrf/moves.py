@@ -215,6 +215,12 @@ def _choose(state: State, gains: Array, weights: Array, nodes: Array, tree: Arra
     return nodes[:count]
 
 
+@compiled(inline="always")
+def _saved(table: Array, label: int, new: int, beside: int) -> Any:
+    # What an edge costs less where one end changes its label and the other keeps its own.
+    return table[abs(label - beside)] - table[abs(new - beside)]
+
+
 @compiled()
 def _drop(edges: Edges, gains: Array, state: State, active: Array, tree: Array) -> Array:
     # As `_choose`, with what is known by now: an edge to a pixel that stays saves what it saves.
@@ -231,20 +237,16 @@ def _drop(edges: Edges, gains: Array, state: State, active: Array, tree: Array) 
         most = gains[abs(new - label)]
         gain = 0
         if x > 0:
-            beside = labels[y, x - 1]
-            known = table[abs(label - beside)] - table[abs(new - beside)]
+            known = _saved(table, label, new, labels[y, x - 1])
             gain += right[y, x - 1] * (most if tree[node - 1] else known)
         if x + 1 < width:
-            beside = labels[y, x + 1]
-            known = table[abs(label - beside)] - table[abs(new - beside)]
+            known = _saved(table, label, new, labels[y, x + 1])
             gain += right[y, x] * (most if tree[node + 1] else known)
         if y > 0:
-            beside = labels[y - 1, x]
-            known = table[abs(label - beside)] - table[abs(new - beside)]
+            known = _saved(table, label, new, labels[y - 1, x])
             gain += down[y - 1, x] * (most if tree[node - pitch] else known)
         if y + 1 < height:
-            beside = labels[y + 1, x]
-            known = table[abs(label - beside)] - table[abs(new - beside)]
+            known = _saved(table, label, new, labels[y + 1, x])
             gain += down[y, x] * (most if tree[node + pitch] else known)
         if np.int32(offered[y, x]) - np.int32(costs[y, x]) < gain:
             active[count] = node
@@ -282,13 +284,9 @@ def _propose(
         terminal[node] += np.int32(offered[y, x]) - np.int32(costs[y, x])
         # Of the edges to the left and up, only those to pixels that stay are left to do.
         if x > 0 and tree[node - 1] == FREE:
-            beside = labels[y, x - 1]
-            gain = table[abs(label - beside)] - table[abs(new - beside)]
-            terminal[node] -= right[y, x - 1] * gain
+            terminal[node] -= right[y, x - 1] * _saved(table, label, new, labels[y, x - 1])
         if y > 0 and tree[node - pitch] == FREE:
-            beside = labels[y - 1, x]
-            gain = table[abs(label - beside)] - table[abs(new - beside)]
-            terminal[node] -= down[y - 1, x] * gain
+            terminal[node] -= down[y - 1, x] * _saved(table, label, new, labels[y - 1, x])
         for direction in (RIGHT, DOWN):
             if direction == RIGHT:
                 if x + 1 == width:
