@@ -10,6 +10,8 @@ from dfdbench.blur.synthesis import Ints, reaches, require_kernels
 from dfdbench.system.compiled import compiled
 from dfdbench.system.vectors import LANES, all_of, load, plus, store, times, where_below
 
+#: The depth level of each pixel.
+Levels = NDArray[np.int16]
 #: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
 #: thousandth of its light.
 TAIL = 1e-3
@@ -115,11 +117,7 @@ def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats)
 
 @compiled()
 def _composite(
-    light: Floats,
-    depth: NDArray[np.int16],
-    present: Ints,
-    quadrants: Floats,
-    shape: tuple[int, int],
+    light: Floats, depth: Levels, present: Ints, quadrants: Floats, shape: tuple[int, int]
 ) -> Floats:
     height, width = shape
     planes, radius = light.shape[2], quadrants.shape[1] - 1
@@ -168,9 +166,7 @@ def _composite(
 
 
 @compiled()
-def _groups(
-    depth: NDArray[np.int16], light: Floats, levels: int, radius: int
-) -> tuple[Ints, Ints, Floats]:
+def _groups(depth: Levels, light: Floats, levels: int, radius: int) -> tuple[Ints, Ints, Floats]:
     """Gather pixels of one level that lie close together in a row, by level and then by row.
 
     Returns which groups each level and row has, from one number to the next; the columns of a
@@ -293,13 +289,7 @@ def _lay_over(surface: Floats, total: Floats, x: int, behind: float) -> None:
 
 @compiled()
 def _behind(
-    depth: NDArray[np.int16],
-    centre: int,
-    far: int,
-    near: int,
-    halves: Ints,
-    weights: Floats,
-    seen: Floats,
+    depth: Levels, centre: int, far: int, near: int, halves: Ints, weights: Floats, seen: Floats
 ) -> float:
     """Return how much of a level's kernel around a pixel falls on what is farther than another."""
     size, stride = weights.shape[1:]
