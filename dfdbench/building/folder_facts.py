@@ -307,7 +307,7 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     kind = some[0].dtype
     values = np.concatenate(some).astype(np.float64)
     last = np.iinfo(kind).max if kind.kind == "u" else None
-    stand = [0] if (values == 0).any() else []
+    stand: list[float] = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
     below = values[np.isfinite(values) & (values < 0)]
     if below.size > 1 and np.ptp(below) == 0 and (values > 0).any():
