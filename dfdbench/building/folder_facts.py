@@ -306,15 +306,10 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
         sizes[key] = image.shape[:2]
     kind = some[0].dtype
     values = np.concatenate(some).astype(np.float64)
-    last = np.iinfo(kind).max if kind.kind == "u" else None
-    stand: list[float] = [0] if (values == 0).any() else []
-    stand += [last] if last and last > 255 and (values == last).any() else []
-    below = values[np.isfinite(values) & (values < 0)]
-    if below.size > 1 and np.ptp(below) == 0 and (values > 0).any():
-        # One value, again and again, is no measurement.
-        stand.insert(0, float(below[0]))
+    stand = _stand_for_none(values, kind)
     facts.files["depth_missing"], facts.unit = str(stand), "levels, as in the files"
-    signed = bool(below.size) and below[0] not in stand
+    below = values[np.isfinite(values) & (values < 0)]
+    signed = not np.isin(below, stand).all()
     if kind.kind == "f" and ("disp" in group.pattern.lower() or signed):
         _tell_ends(values[np.isfinite(values)], facts)
         return
@@ -342,6 +337,17 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
         f"whether near {near:g} m and far {far:g} m are right: they hold "
         f"{100 - 2 * _SHARE:g} % of the depths of {counted(len(some), 'scene')}"
     )
+
+
+def _stand_for_none(values: NDArray[np.float64], kind: np.dtype[Any]) -> list[float]:
+    """Return the values that stand for depth that is not known."""
+    last = np.iinfo(kind).max if kind.kind == "u" else None
+    stand: list[float] = [0] if (values == 0).any() else []
+    stand += [last] if last and last > 255 and (values == last).any() else []
+    below = values[np.isfinite(values) & (values < 0)]
+    # One value, again and again, is no measurement.
+    is_mark = below.size > 1 and np.ptp(below) == 0 and (values > 0).any()
+    return [*below[:1].tolist(), *stand] if is_mark else stand
 
 
 def _tell_ends(values: NDArray[np.float64], facts: Facts) -> None:

@@ -23,7 +23,8 @@ from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
 from dfdbench.evaluation.fitting import fit_again, require_run_of
-from dfdbench.evaluation.loading import images_in, is_lens, lens_law
+from dfdbench.evaluation.lens import is_lens, lens_law
+from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
 from dfdbench.methods.fitted import Blur
