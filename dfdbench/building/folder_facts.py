@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -11,7 +12,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import Group, Key, Layout, Table, tables_below, unread_files
+from dfdbench.building import folder_layout
+from dfdbench.building.folder_layout import Group, Key, Layout, Table
 from dfdbench.building.sources import image_files
 from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.datasets.captured_files import BY_IMAGE, Align, places_in
@@ -31,6 +33,8 @@ _STACKS, _STACKS_NAMED = 4, 3
 _DEPTH_MAPS, _PIXELS = 200, 20_000
 # Depths of a camera's scenes, in metres: a median in between is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
+_SIDEWAYS = 5  # the EXIF orientations from there on swap rows and columns
+_MEASURED = 16  # more positive values than those are no layers, but measured
 _SHARE = 0.5  # per cent of the depths that bounds leave out at each end
 
 
@@ -52,8 +56,8 @@ class Facts:
         What the set's depth is in.
     scale : tuple of float or None
         The distances between which almost all depths lie; None where the files hold levels.
-    turned : bool
-        Whether EXIF data say of a photograph that it is to be turned.
+    turned : set
+        The scenes whose photographs all lie on their side, as their EXIF data say.
     found, open : list of str
         In words: what was found, and what a person has to say.
     """
@@ -64,7 +68,7 @@ class Facts:
     files: dict[str, str] = field(default_factory=dict)
     unit: str = "none is known"
     scale: tuple[float, float] | None = None
-    turned: bool = False
+    turned: set[Key] = field(default_factory=set)
     found: list[str] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
 
@@ -100,7 +104,7 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         if not depths:
             what = "no depth map is found: its file is grey and says so in its name, as depth.png"
             what += f" does, or has 16 or 32 bits ({endings})"
-        found = "; ".join(filter(None, (there, unread_files(folder))))
+        found = "; ".join(filter(None, (there, folder_layout.unread_files(folder))))
         fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
         fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
         raise InputError(what, where=str(folder), got=found, fix=fix)
@@ -132,14 +136,10 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         Where a file that is looked at is damaged.
     """
     stack, *more = layout.stacks
-    # What most scenes have: the others are left out, and named.
-    others = [
-        group
-        for group in layout.groups
-        if group not in layout.stacks and 2 * len(group.files) > len(layout.scenes)
-    ]
-    depths = [group for group in others if group.is_depth]
-    sharp = [group for group in others if group not in depths]
+    others = [group for group in layout.groups if group not in layout.stacks]
+    # Scenes without the depth that most have are left out, and named.
+    depths = [g for g in others if g.is_depth and 2 * len(g.files) > len(layout.scenes)]
+    sharp = [g for g in others if not g.is_depth and len(g.files) == len(layout.scenes)]
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
     likely = (named or (sharp if len(sharp) == 1 else []))[:1]
     facts = Facts(folder, dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
@@ -161,7 +161,8 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         _tell_depth(_shared(layout.scenes, depths[0]), facts, metres=True)
     else:
         facts.open.append(f"depth: {_some_depth(layout)}, so that nothing can be scored")
-    _tell_table(layout, stack, images[layout.scenes[0]], facts)
+    whole = _shared(layout.scenes, *facts.roles.values())
+    _tell_table(layout, stack, images[(whole or layout.scenes)[0]], facts)
     if more:
         named_more = listed((group.pattern for group in more), _STACKS_NAMED)
         facts.open.append(f"whether these stacks are values of an axis: {named_more}")
@@ -239,16 +240,18 @@ def _photograph(group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
 def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     """Add the photographs' sizes, bits and rotation."""
     greatest, deep, turned, count = 0, True, 0, 0
+    orientations = defaultdict[Key, list[int]](list)
     for group in groups:
         for key, content, image in _decoded(facts.folder, group, keys):
             facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
-            turned, count = turned + (image_files.orientation_of(content) > 1), count + 1
+            orientations[key].append(image_files.orientation_of(content))
+            turned, count = turned + (orientations[key][-1] > 1), count + 1
     if deep and (bits := image_files.likely_bits(greatest)):
         facts.files["image_bits"] = str(bits)
         facts.found.append(f"16-bit photographs that hold {bits} bits")
+    facts.turned = {key for key, found in orientations.items() if min(found) >= _SIDEWAYS}
     if turned:
-        facts.turned = True
         facts.open.append(
             f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
         )
@@ -346,7 +349,8 @@ def _stand_for_none(values: NDArray[np.float64], kind: np.dtype[Any]) -> list[fl
     stand += [last] if last and last > 255 and (values == last).any() else []
     below = values[np.isfinite(values) & (values < 0)]
     # One value, again and again, is no measurement.
-    is_mark = below.size > 1 and np.ptp(below) == 0 and (values > 0).any()
+    measured = np.unique(values[values > 0]).size > _MEASURED
+    is_mark = below.size > 1 and np.ptp(below) == 0 and measured
     return [*below[:1].tolist(), *stand] if is_mark else stand
 
 
@@ -379,7 +383,7 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
 
 def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
     """Add the table that has a row per image, in the scenes' folders or above them."""
-    tables = list(tables_below(facts.folder))
+    tables = list(folder_layout.tables_below(facts.folder))
     for table in tables:
         if len(table.rows) == len(images) and table.is_above(images[0]):
             # As deep as the table lies, folders are those of the stack's pattern.
@@ -388,8 +392,9 @@ def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Fa
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
             facts.found.append(f"a table with a row per image: {pattern}")
             read = {str(each.path) for each in tables}
-            alike = sorted(facts.folder.rglob(table.path.name))
-            below = [path.relative_to(facts.folder).as_posix() for path in alike]
+            name, depth = table.path.name, len(table.path.parts)
+            alike = (p for p in folder_layout.shown_files(facts.folder) if p.name == name)
+            below = sorted(str(path) for path in alike if len(path.parts) == depth)
             if unread := [path for path in below if path not in read]:
                 facts.open.append(f"no tables with a row per image: {listed(unread, _NAMED)}")
             _tell_columns(table, stack, facts)
@@ -422,7 +427,11 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:
     both = [key for key in facts.shapes if key in sizes]
     others = [key for key in both if sizes[key] != facts.shapes[key]]
-    if others and all(sizes[key] == facts.shapes[key][::-1] for key in others) and facts.turned:
+    if (
+        others
+        and facts.turned.intersection(both) == set(others)
+        and all(sizes[key] == facts.shapes[key][::-1] for key in others)
+    ):
         facts.files["exif_rotation"] = '"apply"'
         facts.found.append("depth has the photographs' size once these are turned by EXIF data")
     elif others:

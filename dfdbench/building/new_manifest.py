@@ -202,7 +202,7 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
         raise InputError("no scene has all three files", where=patterns, got=there)
     facts.found.insert(0, counted(len(scenes), "scene"))
     for role, group in facts.roles.items():
-        if lacking := [name for split, name in layout.scenes if (split, name) not in group.files]:
+        if lacking := ["/".join(filter(None, k)) for k in layout.scenes if k not in group.files]:
             named = f"{counted(len(lacking), 'scene')} without {role}: {listed(lacking, _NAMED)}"
             facts.open.append(f"left out {named}")
     if layout.by_order:

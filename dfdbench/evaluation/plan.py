@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -208,22 +206,15 @@ def require_truth(store: Dataset) -> None:
 
 
 def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
-    """Refuse pairs, or stacks focused nobody knows where, for a method that needs to know that."""
-    if not method.attribute("needs_stack"):
-        return
-    dot, manifest = (slice(1), slice(1)), store.manifest
-    capture = store.read(pair, dot)
-    if capture.is_pair:
+    """Refuse a set of pairs for a method that could answer to none of them."""
+    dot = (slice(1), slice(1))
+    if method.attribute("needs_stack") and store.read(pair, dot).is_pair:
+        manifest = store.manifest
         what = f"{method.name} needs a focal stack, and {manifest.short} holds pairs"
         fix = "name a method of pairs, as sgm; or build stacks: dfdbench build demo@stack-9"
         if manifest.recipe and not manifest.on_track:
             fix = f"dfdbench build {manifest.short}@stack-9, and name that as --dataset"
         raise MethodError(what, where=str(store.path), fix=fix)
-    facts = capture.facts
-    if np.isnan(facts.focus_distance).all() and np.isnan(facts.focus_depth).all():
-        what = f"{method.name} needs to know where each image of a stack is focused"
-        fix = "say so in the manifest, and build anew: docs/your_own_data.md"
-        raise MethodError(f"{what}, and {manifest.short} does not say", where=pair.id, fix=fix)
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:

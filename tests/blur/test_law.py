@@ -1,8 +1,10 @@
 import tomllib
 
+import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw, law_of_fields
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import InputError
 
 
@@ -11,6 +13,15 @@ def test_a_law_is_read_from_the_file_that_it_writes() -> None:
     assert law_of_fields(tomllib.loads(law.as_toml())) == law
     assert law_of_fields(law.as_dict()) == law
     assert hash(law) == hash(law_of_fields(law.as_dict()))
+
+
+def test_a_gaussian_law_has_the_recipes_kernels() -> None:
+    recipe = RECIPES["published"]
+    law = BlurLaw(tuple(recipe.sigmas[::-1].tolist()))
+    rows = recipe.kernels()[::-1]
+    expected = np.einsum("ia,ib->iab", rows, rows)
+    assert np.abs(law.kernels() - expected).max() < 1e-12
+    assert law.depth_of_level(7) == 7
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,6 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
 from dfdbench.results.record import RESULT, load_result
 from tests.evaluation.made_methods import Counting, method
-from tests.made_folder import SCENES, built
-from tests.made_stack_folder import make_stacks
 
 FILTERED = """
 from pathlib import Path
@@ -52,16 +50,6 @@ def test_pairs_are_refused_for_a_method_of_stacks(tiny_store: Dataset) -> None:
     says = "shape-from-focus needs a focal stack, and tiny holds pairs"
     with pytest.raises(MethodError, match=f"{says}.*\nFix: dfdbench build (demo|tiny)@stack-9"):
         plan_run(tiny_store, loaded, "test", RunOptions())
-
-
-def test_stacks_focused_nobody_knows_where_are_refused(tmp_path: Path) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for scene in SCENES:
-        (folder / scene / "focus.csv").unlink()
-    _, store = built(folder)
-    loaded = load_for(store, "shape-from-focus", {})
-    with pytest.raises(MethodError, match="needs to know where each image of a stack is focused"):
-        plan_run(store, loaded, "test", RunOptions())
 
 
 def of_smaller_crop(store: Dataset) -> Dataset:

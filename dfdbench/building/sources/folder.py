@@ -180,7 +180,9 @@ class FolderScenes(Whole):
             try:
                 taken.append(self._image(path, {**values, **row}))
             except ValueError as error:
-                problems.append(Problem(str(error), where=where, got=f"row of {path}"))
+                problems.append(
+                    Problem(str(error), where=where, got=f"{'row of ' * bool(table and row)}{path}")
+                )
         problems += _odd_ones(taken, where, self._manifest.pair_images or ())
         problems += _in_another_unit(taken, where, self._manifest.depth.scale)
         SourceError.raise_if(problems)
@@ -200,7 +202,7 @@ class FolderScenes(Whole):
             raise ValueError(f"{focus} is not beyond the focal length, {focal_length:g} m")
         focused = np.array(facts["focus_depth"])
         facts["focus_depth"] = float(in_unit_of(focused, self._files, self._manifest.depth))
-        role = values.get("role", "defocus")
+        role = values.get("role") or "defocus"
         if role not in ROLES:
             raise ValueError(f"role {role} is neither {' nor '.join(ROLES)}")
         return _Taken(path, ROLES[ROLES.index(role)], facts)
@@ -470,8 +472,7 @@ def _in_another_unit(
     taken: Sequence[_Taken], where: str, scale: DepthScale | None
 ) -> Iterator[Problem]:
     """Yield that a stack is focused far from all depths: its table may be in millimetres."""
-    found = [image.facts["focus_distance"] for image in taken]
-    found = sorted(distance for distance in found if not math.isnan(distance))
+    found = sorted({d for image in taken if math.isfinite(d := image.facts["focus_distance"])})
     if scale is None or len(found) < 2:
         return
     if found[0] > _FAR_OFF * scale.far or found[-1] * _FAR_OFF < scale.near:
