@@ -6,7 +6,6 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.law_cost import law_cost
 from dfdbench.methods.networks.volume import MOST
-from dfdbench.methods.readout import least_label
 from tests.methods.made_planes import pair_of, texture
 
 pytest.importorskip("torch")
@@ -66,12 +65,17 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     assert np.abs(sure - said).mean() < np.abs(unsure - said).mean() - 1
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 9])
-def test_the_least_of_labels_side_by_side_is_that_of_planes(count: int) -> None:
-    costs = np.random.default_rng(count).integers(0, 6, (20, 30, count)).astype(np.uint16)
-    found = np.empty(costs.shape[:2])
-    volume_net._least_labels(costs, found)
-    assert (found == least_label(np.moveaxis(costs, 2, 0))).all()
+def test_the_mean_level_weighs_each_by_its_cost() -> None:
+    random = np.random.default_rng(3)
+    costs = random.integers(0, 300, (20, 30, 9)).astype(np.uint16)
+    levels = np.arange(5, 90, 10)
+    weights = np.exp(np.arange(120) / -20).astype(np.float32)
+    found = np.empty(costs.shape[:2], np.float32)
+    volume_net._mean_levels(costs, levels, weights, found)
+    expected = np.average(np.broadcast_to(levels, costs.shape), 2, np.exp(costs / -20))
+    # What weighs less than exp(-6) is left out.
+    assert np.abs(found - expected).max() < 1
+    assert np.abs(found - expected).mean() < 0.1
 
 
 @pytest.mark.slow
@@ -95,9 +99,9 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
 
 def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     method = volume_net.VolumeNetMethod(device="cpu")
-    errors = iter(np.full((8, 9), 20.0) - np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(9)) / 8)
+    errors = iter(np.full((8, 10), 20.0) - np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(10)) / 8)
     monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
     assert method._best_tried([None] * 8) == (0.0, 1)  # type: ignore[list-item]
-    steady = iter(np.full((8, 9), 20.0) - np.arange(9) / 8)
+    steady = iter(np.full((8, 10), 20.0) - np.arange(10) / 8)
     monkeypatch.setattr(method, "_errors_on", lambda capture: next(steady))
-    assert method._best_tried([None] * 8) == (16.0, 13)  # type: ignore[list-item]
+    assert method._best_tried([None] * 8) == (4.0, 13)  # type: ignore[list-item]
