@@ -99,7 +99,8 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
 
 def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     method = volume_net.VolumeNetMethod(device="cpu")
-    errors = iter(np.full((8, 10), 20.0) - np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(10)) / 8)
+    rough = np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(10))
+    errors = iter(np.full((8, 10), 20.0) - rough / 8)
     monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
     assert method._best_tried([None] * 8) == (0.0, 1)  # type: ignore[list-item]
     steady = iter(np.full((8, 10), 20.0) - np.arange(10) / 8)
