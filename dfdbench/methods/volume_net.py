@@ -44,10 +44,7 @@ _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
 _COARSER, _LIMIT, _STEPS = 16, 100, (0.5, 15.0)
 # What the fit tries: not to look again, or within so many standard deviations of the network's
 # answer, with so many times the usual smoothing.
-_TRIED = (
-    (0.0, 1),
-    *((reach, smoothing) for smoothing in (1, 2, 13) for reach in (1.0, 2.0, 4.0)),
-)
+_TRIED = ((0.0, 1), *((reach, smoothing) for smoothing in (1, 2, 13) for reach in (1.0, 2.0, 4.0)))
 # What a nat counts in the mean over levels, and nats that count nothing: as sharp as erred least on
 # training captures of Middlebury's tracks.
 _SHARPNESS, _NOTHING = 3.0, 4.0
