@@ -299,6 +299,7 @@ def find_degradation(label: str) -> Degradation:
     # The whole of it is matched: of "noise1" the track alone would be half an answer.
     near = difflib.get_close_matches(label[:99].casefold(), known, n=3, cutoff=0.6)
     fix = f"did you mean {' or '.join(near)}? " if near else ""
-    expected = f"TRACK-SEVERITY, of: {', '.join(TRACKS)}; severities from 0, which is {CLEAN}"
+    names = ", ".join((*TRACKS, *STACKS))
+    expected = f"TRACK-SEVERITY, of: {names}; severities from 0, which is {CLEAN}"
     fix = f"{fix}`dfdbench list` shows them all."
     raise UnknownNameError(f"unknown track {label!r}", expected=expected, fix=fix)

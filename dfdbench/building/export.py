@@ -21,6 +21,7 @@ from dfdbench.system.parallel import OnDone, one_by_one
 
 #: What says of a stack's images what is known of them.
 STACK_FILE = "stack.json"
+_STACK_DEPTH = "depth.npy"
 
 
 def export_png(
@@ -66,14 +67,19 @@ def export_png(
     Raises
     ------
     StoreError
-        If the store holds no pair of the split, a file of that name holds something else, or the
-        disk refuses it.
+        If the store holds no pair of the split, a file of that name holds something else, the
+        folder of `images_only` has a pair's depth, or the disk refuses it.
     """
     recipe = store.recipe
     blurred = blur_name(recipe) if recipe else "defocus"
     if store.manifest.on_track:
         blurred = store.manifest.degradation
     pairs = store.some_pairs(split)
+    for pair in pairs if images_only else ():
+        places = (f"{pair.scene}/{_names(store.manifest, pair)[1]}", f"{pair.id}/{_STACK_DEPTH}")
+        if there := next((place for place in places if (folder / place).exists()), None):
+            what = "a depth map lies there, which methods must not see"
+            raise StoreError(what, where=str(folder / there), fix="export into another folder")
     for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
         if not images.is_pair:
@@ -103,7 +109,7 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
     if not images_only:
         content = io.BytesIO()
         np.save(content, capture.depth)
-        write_whole(folder / "depth.npy", content.getvalue())
+        write_whole(folder / _STACK_DEPTH, content.getvalue())
 
 
 def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:

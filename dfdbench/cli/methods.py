@@ -75,6 +75,9 @@ def predict(
     if fitted and lens:
         raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
     folder = len(images) == 1 and images[0].is_dir()
+    if len(images) == 1 and not images[0].exists():
+        fix = "name a folder of pairs, or two photographs"
+        raise InputError("no such folder", where=str(images[0]), fix=fix)
     if not folder and len(images) != 2:
         named = counted(len(images), "path")
         what = f"two photographs or a folder of pairs are needed, not {named}"
@@ -128,6 +131,7 @@ def _predict_pair(
 
     from dfdbench.evaluation.map_files import write_depth
     from dfdbench.evaluation.predict import read_images
+    from dfdbench.optics.sharpness import laplacian_energy
 
     sharp, blurred = read_images(images)
     with progress("estimating depth", "nothing was written"):
@@ -143,6 +147,8 @@ def _predict_pair(
     if gaps:
         say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
     _say_if_odd(estimate, predictor.unit)
+    if laplacian_energy(blurred) > laplacian_energy(sharp):
+        say("odd          the second photograph is the sharper one: are the two swapped?")
     held = {"levels": "the file holds levels times 256", "metres": "the file holds millimetres"}
     inside = f" ({held[predictor.unit]})" if out.suffix.lower() == ".png" else ""
     show(

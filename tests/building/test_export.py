@@ -78,6 +78,9 @@ def test_images_alone_are_enough_for_the_scores_of_a_run(
     scored = score_predictions(tmp_path / "depth", tiny_store, "One", tmp_path / "scored", "local")
     run = run_method(tiny_store, load_for(tiny_store, local, {}), "One", tmp_path / "run")
     assert [p.scores for p in scored.result.pairs] == [p.scores for p in run.result.pairs]
+    export_png(tiny_store, tmp_path / "whole", "One")
+    with pytest.raises(StoreError, match="which methods must not see"):
+        export_png(tiny_store, tmp_path / "whole", "One", images_only=True)
 
 
 @pytest.mark.slow

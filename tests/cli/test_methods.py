@@ -29,6 +29,9 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     assert np.asarray(cv2.imread("picture.png")).ndim == 3
     told = dfdbench.fine("predict", *images, "--method", "mymodule:near", "--out", "depth.npy")
     assert "odd          100 % of the pixels are at one end of the levels" in told.err
+    told = dfdbench.fine("predict", *images[::-1], *predict[3:], "--no-align")
+    assert "odd          the second photograph is the sharper one" in told.err
+    assert "no such folder" in dfdbench.refused("nowhere", "predict", "nowhere", *predict[3:]).err
     for image in images:
         Path(image).write_bytes(b"")
     assert images[1] in dfdbench.refused(images[0], *predict).err
