@@ -188,7 +188,7 @@ def score_predictions(
             images = store.read(pair)
             depth, sigma = found.read(pair, store.shape_of(pair.scene))
             answer = Prediction(depth, 0.0, sigma=sigma)
-            record = record_of(store, images, answer, protocols_on(store))
+            record = record_of(store, images, answer, protocols_on(store), unit)
             records[pair.id] = record.model_copy(update={"seconds": None})
             kept.keep(pair, depth, sigma)
         wanted = store.manifest.pairs(split)
@@ -211,7 +211,7 @@ def _warnings(found: PredictionFiles) -> list[str]:
     warnings = []
     if found.others:
         warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
-    if found.highest <= 1 and found.about.kind == "levels":
+    if found.highest <= 1 and found.unit == found.about.kind == "levels":
         warnings.append("no depth map rises above level 1; levels go from 0 to 255")
     if found.beyond and found.about.scale is not None:
         ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"

@@ -167,13 +167,19 @@ def of_stacks(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return store_of(manifest, make_stacks(folder / "mine"), folder / "one.zarr")
 
 
-def test_millimetres_for_metres_are_scored_and_told(of_stacks: Dataset) -> None:
-    def far(stack: Any) -> Any:
-        return np.full(stack.shape[1:3], 9000.0)
+def test_millimetres_for_metres_are_scored_and_told(
+    of_stacks: Dataset, tiny_store: Dataset
+) -> None:
+    def far(*images: Any) -> Any:
+        return np.full(images[0].shape[-3:-1], 9000.0)
 
     far.unit = "metres"  # type: ignore[attr-defined]
-    warnings = evaluate(far, of_stacks).result.warnings
-    assert any("are these metres?" in text for text in warnings)
+    for store in (of_stacks, in_metres(tiny_store)[0]):
+        warnings = evaluate(far, store).result.warnings
+        millimetres, beyond = warnings[-2:]
+        assert "are these metres?" in millimetres
+        assert beyond.startswith("over a tenth of the pixels lie beyond the set's ends")
+        assert not any("multiply" in text for text in warnings)
 
 
 def test_what_knows_pairs_and_stacks_is_warmed_up_on_a_pair(of_stacks: Dataset) -> None:
