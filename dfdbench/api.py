@@ -593,6 +593,8 @@ def _run_of(
         write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
+    for text in dict.fromkeys(text for each in done.values() for text in each.result.warnings):
+        warnings.warn(text, stacklevel=3)
     return made
 
 

@@ -64,6 +64,16 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
         dfdbench.compare(done)
 
 
+def test_a_run_and_scored_maps_warn_of_their_unit(tiny_store: Dataset, tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="between 0 and 1"):
+        dfdbench.run(lambda infocus, defocus: infocus.mean(2) / 255, tiny_store)
+    (tmp_path / "maps").mkdir()
+    for pair in tiny_store.pairs("test"):
+        np.save(tmp_path / "maps" / pair.id.replace("/", "_"), tiny_store.read(pair).levels / 255)
+    with pytest.warns(UserWarning, match="between 0 and 1"):
+        dfdbench.score(tmp_path / "maps", tiny_store)
+
+
 def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:
     (tmp_path / "tiny-1.toml").write_text(TINY_TOML)
     (tiny_folder / "Two/Illum1/Exp1/view1.png").unlink()
