@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pandas as pd
 from pydantic import ValidationError
@@ -169,6 +169,8 @@ def score_predictions(
     ------
     InputError
         For a name that is none.
+    UnknownNameError
+        For a unit that is none.
     StoreError
         Where the store has lost what was built.
     ResultError
@@ -199,6 +201,8 @@ def score_predictions(
 
 
 def _method_record(name: str, unit: Unit) -> MethodRecord:
+    if unit not in get_args(Unit):
+        raise unknown_name("unit", str(unit), get_args(Unit))
     unknown: dict[str, Any] = dict.fromkeys(("source_sha256", "trained_on", "paper"))
     try:
         return MethodRecord(name=name, entry=SCORED, parameters={}, uses=[], scored=unit, **unknown)

@@ -140,6 +140,8 @@ def test_it_scores_as_a_run_does_and_says_not_run(tiny_store: Dataset, tmp_path:
     np.testing.assert_array_equal(kept, tiny_store.read(pair).infocus[..., 0])
     with pytest.raises(InputError, match="no name for a method"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "new", "a\nb")
+    with pytest.raises(UnknownNameError, match=r"unknown unit: got meters\nFix: .* metres"):
+        dfdbench.score(tmp_path / "made", tiny_store, unit="meters")  # type: ignore[arg-type]
     path.unlink()
     with pytest.raises(ResultError, match="pairs without a depth map: 1"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "new", "mine")
