@@ -1,11 +1,12 @@
 """Run a method on a data set and its tracks, try its parameters, or score maps made elsewhere."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
@@ -244,7 +245,7 @@ def cross_validate(
     Parameters, answer and errors are those of `dfdbench.tune`.
     """
     loaded = load_for(store, method, parameters, seed)
-    ranges = dict(ranges or loaded.attribute("ranges") or {})
+    ranges = _values_of(ranges or loaded.attribute("ranges") or {})
     if not ranges or not all(ranges.values()):
         what = "nothing to try: the method states no ranges of its own"
         raise InputError(what, where=loaded.name, fix="name some: --range window=7,31,91")
@@ -281,6 +282,18 @@ def cross_validate(
         rows.append({**trial, **pd.DataFrame(found).mean()})
     tried = pd.DataFrame(rows).set_index(list(ranges))
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
+
+
+def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
+    for name, values in ranges.items():
+        # A text has letters, which nobody wants to try.
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            fix = f"give a list: {{{name!r}: [{values!r}]}}"
+            raise InputError("the values to try are no list", where=name, fix=fix)
+    return {
+        name: values.tolist() if isinstance(values, np.ndarray) else list(values)
+        for name, values in ranges.items()
+    }
 
 
 def tried_table(tried: pd.DataFrame, title: str) -> Table:

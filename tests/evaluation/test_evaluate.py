@@ -269,6 +269,9 @@ def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: s
 def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, off: str) -> None:
     with pytest.raises(InputError, match="1 groups of training captures are too few for 4 folds"):
         dfdbench.tune(off, tiny_store)
+    for values in ("12", 12):
+        with pytest.raises(InputError, match=r"give a list: {'off': \['?12'?\]}"):
+            dfdbench.tune(off, few_demo, {"off": values})  # type: ignore[dict-item]
     with pytest.raises(MethodError, match="strength"):
         dfdbench.tune(off, few_demo, {"strength": [1, 2]})
     with pytest.raises(MethodError, match="no such thing"):
