@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError, MethodError, ResultError
 from tests.conftest import TINY_TOML
 
 
@@ -72,6 +72,14 @@ def test_a_run_and_scored_maps_warn_of_their_unit(tiny_store: Dataset, tmp_path:
         np.save(tmp_path / "maps" / pair.id.replace("/", "_"), tiny_store.read(pair).levels / 255)
     with pytest.warns(UserWarning, match="between 0 and 1"):
         dfdbench.score(tmp_path / "maps", tiny_store)
+
+
+def test_what_no_run_takes_says_why(tiny_store: Dataset) -> None:
+    for limit in (0, 2.5, "3"):
+        with pytest.raises(InputError, match="a whole number from 1"):
+            dfdbench.run("constant", tiny_store, limit=limit)  # type: ignore[arg-type]
+    with pytest.raises(MethodError, match=r"\(parameter gain\): got array"):
+        dfdbench.run(lambda a, b, gain: a, tiny_store, parameters={"gain": np.ones(2)})
 
 
 def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:

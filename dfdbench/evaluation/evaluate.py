@@ -1,5 +1,6 @@
 """Run a method on a data set and its tracks, try its parameters, or score maps made elsewhere."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -62,6 +63,13 @@ def evaluate(
     loaded = load_for(store, method, parameters, options.seed, given_blur)
     if check:
         check(loaded, store)
+    for key, value in loaded.parameters.items():
+        try:
+            json.dumps(value)
+        except TypeError as error:
+            what, where, got = "no result can keep this", f"parameter {key}", f"{value!r:.80}"
+            fix = "give numbers, texts or lists, or the name of a file that the method reads"
+            raise MethodError(what, where=where, got=got, fix=fix) from error
     if loaded.source_sha256 is None:
         options = replace(options, fresh=True)
     warnings = depth_warnings(loaded, store, split)
