@@ -7,6 +7,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -155,7 +156,7 @@ def list_methods() -> pd.DataFrame:
 
 
 def load_method(name: str, **parameters: Any) -> Method:
-    """Return a method: call it with an in-focus and a defocus image.
+    """Return a method: call it with an in-focus and a defocus image, or with a stack.
 
     Parameters
     ----------
@@ -259,7 +260,7 @@ def run(
     UnknownNameError
         If there is no such method, data set, split or protocol.
     InputError
-        If `limit` is less than 1, or `out` holds something else.
+        If `limit` is no whole number from 1, or `out` holds something else.
     MethodError
         If the method cannot be loaded or fitted. What it raises on a pair is in that pair's record.
 
@@ -268,8 +269,7 @@ def run(
     >>> found = run(lambda infocus, defocus: 255 - infocus.mean(2), "demo")  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
-    if limit is not None and limit < 1:
-        raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
+    _require_number(limit)
     check = _check_for_board(split, limit) if for_board else None
     if for_board and fitted is not None:
         what = "the leaderboard takes no run with the fit of another"
@@ -404,7 +404,8 @@ def tune(
     Raises
     ------
     InputError
-        If there is nothing to try, or fewer groups than the four folds.
+        If there is nothing to try, `limit` is no whole number from 1, or fewer groups
+        than the four folds.
     MethodError
         If the method does not take a parameter, or fails.
 
@@ -412,6 +413,7 @@ def tune(
     --------
     >>> dfdbench.tune("s-transform", "dfd-indoor", {"window": [9, 91]})  # doctest: +SKIP
     """
+    _require_number(limit)
     return evaluate.cross_validate(
         _opened(dataset, cache), method, ranges, parameters, protocol, limit, seed, on_pair
     )
@@ -541,6 +543,12 @@ def score(
         return _run_of({CLEAN: done}, {CLEAN: store}, shown, out)
 
 
+def _require_number(limit: int | None) -> None:
+    if limit is not None and not (isinstance(limit, Integral) and limit >= 1):
+        expected, got = "a whole number from 1", repr(limit)
+        raise InputError("no number of pairs", where="limit", expected=expected, got=got)
+
+
 def _opened(dataset: str | Dataset, cache: Path | str | None) -> Dataset:
     return open_dataset(dataset, cache=cache) if isinstance(dataset, str) else dataset
 
@@ -593,6 +601,8 @@ def _run_of(
         write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))
     if out is None:
         weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
+    for text in dict.fromkeys(text for each in done.values() for text in each.result.warnings):
+        warnings.warn(text, stacklevel=3)
     return made
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError, MethodError, ResultError
 from tests.conftest import TINY_TOML
 
 
@@ -62,6 +62,24 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
     assert set(found.scores["run"]) == {0, 1}
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
+
+
+def test_a_run_and_scored_maps_warn_of_their_unit(tiny_store: Dataset, tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="between 0 and 1"):
+        dfdbench.run(lambda infocus, defocus: infocus.mean(2) / 255, tiny_store)
+    (tmp_path / "maps").mkdir()
+    for pair in tiny_store.pairs("test"):
+        np.save(tmp_path / "maps" / pair.id.replace("/", "_"), tiny_store.read(pair).levels / 255)
+    with pytest.warns(UserWarning, match="between 0 and 1"):
+        dfdbench.score(tmp_path / "maps", tiny_store)
+
+
+def test_what_no_run_takes_says_why(tiny_store: Dataset) -> None:
+    for limit in (0, 2.5, "3"):
+        with pytest.raises(InputError, match="a whole number from 1"):
+            dfdbench.run("constant", tiny_store, limit=limit)  # type: ignore[arg-type]
+    with pytest.raises(MethodError, match=r"\(parameter gain\): got array"):
+        dfdbench.run(lambda a, b, gain: a, tiny_store, parameters={"gain": np.ones(2)})
 
 
 def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import errno
 import os
 import re
 import sys
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -228,6 +229,8 @@ def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
     screen.spell_out_what_cannot_be_shown()
     keep_quiet_of_abandoned_tasks()
+    # A run's tables have its warnings.
+    warnings.filterwarnings("ignore", module=r"dfdbench\.cli\.")
     # Figures go into files: no variable names a screen for them.
     os.environ["MPLBACKEND"] = "agg"
     try:

@@ -62,7 +62,7 @@ class ImageFacts:
     pixel_pitch: NDArray[np.float64] = field(default_factory=_unknown)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """N images of one view and its depth; a pair is a capture of two.
 
@@ -95,6 +95,17 @@ class Capture:
     facts: ImageFacts = field(default_factory=ImageFacts)
     about: Depth = LEVELS
     group: str = ""
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether it is the same capture, with the same images and depth."""
+        if not isinstance(other, Capture):
+            return NotImplemented
+        same = (self.pair, self.group) == (other.pair, other.group)
+        same = same and np.array_equal(self.images, other.images)
+        return same and np.array_equal(self.depth, other.depth, equal_nan=True)
+
+    def __hash__(self) -> int:
+        return hash((self.pair, self.group))
 
     @property
     def infocus(self) -> NDArray[np.uint8]:

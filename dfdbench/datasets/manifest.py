@@ -112,6 +112,14 @@ class Depth(StrictRecord):
         turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
         return turn(depth).astype("float32")
 
+    def beyond(self, distance: NDArray[Any]) -> NDArray[np.bool_]:
+        """Return where distances in metres lie beyond the scale's ends; NaN does not."""
+        import numpy as np
+
+        if self.scale is None:
+            return np.zeros(distance.shape, bool)
+        return (distance < self.scale.near) | (distance > self.scale.far)
+
     def answer_of_unit(
         self, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None, unit: Unit
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:

@@ -1,11 +1,13 @@
 """Run a method on a data set and its tracks, try its parameters, or score maps made elsewhere."""
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
@@ -61,6 +63,13 @@ def evaluate(
     loaded = load_for(store, method, parameters, options.seed, given_blur)
     if check:
         check(loaded, store)
+    for key, value in loaded.parameters.items():
+        try:
+            json.dumps(value)
+        except TypeError as error:
+            what, where, got = "no result can keep this", f"parameter {key}", f"{value!r:.80}"
+            fix = "give numbers, texts or lists, or the name of a file that the method reads"
+            raise MethodError(what, where=where, got=got, fix=fix) from error
     if loaded.source_sha256 is None:
         options = replace(options, fresh=True)
     warnings = depth_warnings(loaded, store, split)
@@ -169,6 +178,8 @@ def score_predictions(
     ------
     InputError
         For a name that is none.
+    UnknownNameError
+        For a unit that is none.
     StoreError
         Where the store has lost what was built.
     ResultError
@@ -188,7 +199,7 @@ def score_predictions(
             images = store.read(pair)
             depth, sigma = found.read(pair, store.shape_of(pair.scene))
             answer = Prediction(depth, 0.0, sigma=sigma)
-            record = record_of(store, images, answer, protocols_on(store))
+            record = record_of(store, images, answer, protocols_on(store), unit)
             records[pair.id] = record.model_copy(update={"seconds": None})
             kept.keep(pair, depth, sigma)
         wanted = store.manifest.pairs(split)
@@ -199,6 +210,8 @@ def score_predictions(
 
 
 def _method_record(name: str, unit: Unit) -> MethodRecord:
+    if unit not in get_args(Unit):
+        raise unknown_name("unit", str(unit), get_args(Unit))
     unknown: dict[str, Any] = dict.fromkeys(("source_sha256", "trained_on", "paper"))
     try:
         return MethodRecord(name=name, entry=SCORED, parameters={}, uses=[], scored=unit, **unknown)
@@ -211,7 +224,7 @@ def _warnings(found: PredictionFiles) -> list[str]:
     warnings = []
     if found.others:
         warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
-    if found.highest <= 1 and found.about.kind == "levels":
+    if found.highest <= 1 and found.unit == found.about.kind == "levels":
         warnings.append("no depth map rises above level 1; levels go from 0 to 255")
     if found.beyond and found.about.scale is not None:
         ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
@@ -240,7 +253,7 @@ def cross_validate(
     Parameters, answer and errors are those of `dfdbench.tune`.
     """
     loaded = load_for(store, method, parameters, seed)
-    ranges = dict(ranges or loaded.attribute("ranges") or {})
+    ranges = _values_of(ranges or loaded.attribute("ranges") or {})
     if not ranges or not all(ranges.values()):
         what = "nothing to try: the method states no ranges of its own"
         raise InputError(what, where=loaded.name, fix="name some: --range window=7,31,91")
@@ -277,6 +290,18 @@ def cross_validate(
         rows.append({**trial, **pd.DataFrame(found).mean()})
     tried = pd.DataFrame(rows).set_index(list(ranges))
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
+
+
+def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
+    for name, values in ranges.items():
+        # A text has letters, which nobody wants to try.
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            fix = f"give a list: {{{name!r}: [{values!r}]}}"
+            raise InputError("the values to try are no list", where=name, fix=fix)
+    return {
+        name: values.tolist() if isinstance(values, np.ndarray) else list(values)
+        for name, values in ranges.items()
+    }
 
 
 def tried_table(tried: pd.DataFrame, title: str) -> Table:

@@ -366,9 +366,8 @@ def _answer(
         depth, sigma = check_answer(values if spread is None else (values, spread), shape, unit)
     except ValueError as error:
         raise ValueError(str(error).replace("returned", "holds", 1)) from error
-    beyond, scale = 0, about.scale
-    if unit == "metres" and about.kind == "levels" and scale is not None:
-        beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
+    told = unit == "metres" and about.kind == "levels"
+    beyond = int(about.beyond(values).sum()) if told else 0
     return *about.answer_of_unit(depth, sigma, unit), beyond
 
 

@@ -22,7 +22,7 @@ from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, difference,
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
-from dfdbench.metrics.protocol import RELEASED, SURE, Protocol, score
+from dfdbench.metrics.protocol import RELEASED, SURE, Protocol, Unit, score
 from dfdbench.metrics.regions import region_errors, regions_of
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
@@ -36,6 +36,9 @@ from dfdbench.tables.table import counted, listed
 _PRINTED = "printed"
 _TURNED = "depth falls where the truth rises"
 _DIFFERS = "a second call on the same pair"
+#: And where more than so much of its depth lies beyond the set's ends.
+_BEYOND = "over a tenth of the pixels lie beyond the set's ends, and count as the end"
+_MOST_BEYOND = 0.1
 #: Of many pairs, so many are named.
 _NAMED = 10
 
@@ -90,12 +93,15 @@ class PairEvaluator:
             self._warm_up(images)
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
+        about, answered, beyond = self._store.manifest.depth, self._method.answers_in(unit), 0.0
         if prediction.depth is not None:
             # What is beyond the set's ends becomes the end.
-            about, answered = self._store.manifest.depth, self._method.answers_in(unit)
+            if answered == "metres":
+                beyond = float(about.beyond(prediction.depth).mean())
             depth, sigma = about.answer_of_unit(prediction.depth, prediction.sigma, answered)
             prediction = replace(prediction, depth=depth, sigma=sigma)
-        return record_of(self._store, images, prediction, self._protocols), prediction
+        protocols = self._protocols
+        return record_of(self._store, images, prediction, protocols, answered, beyond), prediction
 
     def warm_up(self, pair: Pair) -> None:
         """Let the method load and compile what its first call would, untimed."""
@@ -199,7 +205,12 @@ _environment_here = lru_cache(maxsize=1)(describe_environment)
 
 
 def record_of(
-    store: Dataset, images: Capture, prediction: Prediction, protocols: Iterable[Protocol]
+    store: Dataset,
+    images: Capture,
+    prediction: Prediction,
+    protocols: Iterable[Protocol],
+    unit: Unit,
+    beyond: float = 0.0,
 ) -> PairResult:
     """Return what became of a pair: its prediction scored under every protocol, or its error.
 
@@ -213,6 +224,10 @@ def record_of(
         Depth levels, or why there are none.
     protocols : iterable of Protocol
         Under which to score; `SURE` besides where pixels have a sigma or no answer.
+    unit : {"levels", "metres"}
+        What the answer was in.
+    beyond : float
+        Which part of its pixels lay beyond the set's ends.
     """
     warnings = []
     if prediction.printed:
@@ -241,23 +256,28 @@ def record_of(
             "regions": region_errors(truth, depth, regions, about.span),
             "scores": {name: pair_scores(scored) for name, scored in scores.items()},
             "numbers": prediction.numbers,
-            "warnings": warnings + _oddities(about, images, depth),
+            "warnings": warnings + _oddities(about, images, depth, unit, beyond),
         }
     )
 
 
-def _oddities(about: Depth, images: Capture, depth: NDArray[np.float32]) -> list[str]:
+def _oddities(
+    about: Depth, images: Capture, depth: NDArray[np.float32], unit: Unit, beyond: float
+) -> list[str]:
     """Say what of a depth map looks like a mistake of unit or direction."""
     odd = []
     known = images.valid & ~np.isnan(depth)
     likeness = correlation(images.truth[known], depth[known])
     if likeness < AGAINST:
         odd.append(f"{_TURNED}: correlation {likeness:.2f} over the known pixels")
-    if about.kind == "levels" and in_unit_range(depth):
+    if unit == about.kind == "levels" and in_unit_range(depth):
         odd.append(UNIT_LEVELS)
-    far = np.float32(about.ends[1])
-    if about.kind == "metres" and about.scale and np.nanmedian(depth) >= far:
-        odd.append(MILLIMETRES)
+    if about.scale and "metres" in (unit, about.kind):
+        far = about.of_metres(np.array(about.scale.far)).astype(np.float32)
+        if np.nanmedian(depth) == far:
+            odd.append(MILLIMETRES)
+    if beyond > _MOST_BEYOND:
+        odd.append(f"{_BEYOND}: {beyond:.0%}")
     return odd
 
 
@@ -300,6 +320,8 @@ def warned(
         warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
     if far := _how_many(evaluated, MILLIMETRES):
         warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
+    if beyond := _how_many(evaluated, _BEYOND):
+        warnings.append(f"{_BEYOND} ({counted(beyond, 'pair')})")
     if together := sum(not pair.timed_alone for pair in evaluated):
         pairs_together = counted(together, "pair")
         warnings.append(f"{pairs_together} run several at once: times are not comparable")

@@ -18,6 +18,8 @@ from dfdbench.system.packages import absent, extra_of
 #: How the file of a network ends that is a method by the description beside it.
 ONNX = ".onnx"
 _NOTHING = object()
+# Of an exception's text: a result keeps it for every pair.
+_MOST_TEXT = 500
 
 
 def import_entry(entry: str) -> tuple[Any, ModuleType]:
@@ -161,6 +163,8 @@ def describe(error: BaseException) -> str:
     'ValueError: no'
     """
     text = str(error).strip()
+    if len(text) > _MOST_TEXT:
+        text = f"{text[:_MOST_TEXT]}… ({len(text):,} characters)"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 

@@ -98,7 +98,18 @@ class Method:
         ----------
         *images : ndarray of uint8, shape (y, x, 3), or DataArray
             Two RGB images; or a stack, dimensions (image, y, x, channel), as `Capture.stack`.
+
+        Raises
+        ------
+        MethodError
+            If it takes a stack and got two images, or they differ in shape.
         """
+        if self.takes_stack and len(images) > 1:
+            fix = "call it with a capture's stack, or choose a method of pairs"
+            raise MethodError("the method takes a stack, and no pair", where=self.name, fix=fix)
+        if len(shapes := dict.fromkeys(map(np.shape, images))) > 1:
+            got = " and ".join(map(str, shapes))
+            raise MethodError("the images differ in shape", where=self.name, got=got)
         of_stack = len(images) == 1 and not self.takes_stack and self.attribute("from_stack")
         return (of_stack or self.predict)(*images)
 

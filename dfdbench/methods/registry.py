@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from importlib.resources import files
+from inspect import Parameter, signature
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 Facts = Mapping[str, Callable[[], Any]]
 
 
-def _parameters_of(target: Callable[..., Any]) -> Mapping[str, inspect.Parameter] | None:
+def _parameters_of(target: Callable[..., Any]) -> Mapping[str, Parameter] | None:
     try:
-        return inspect.signature(target).parameters
+        return signature(target).parameters
     except (TypeError, ValueError):  # some that are written in C have none
         return None
 
@@ -43,12 +43,15 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
     known = _parameters_of(target)
     if known is None:
         return
-    names = [name for name in known if name not in ("infocus", "defocus")]
+    names = list(known)
+    if not isinstance(target, type):
+        # Of a function the first are the images.
+        by_place = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+        images = [name for name in names if known[name].kind in by_place]
+        names = [name for name in names if name not in images[: 1 if "stack" in images[:1] else 2]]
     if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in known.values()):
         MethodError.raise_if(
-            _unknown_parameter(name, entry, names)
-            for name in arguments
-            if name not in (*known, "infocus", "defocus")
+            _unknown_parameter(name, entry, names) for name in arguments if name not in names
         )
     MethodError.raise_if(_texts(entry, known, arguments))
     if isinstance(target, type):
@@ -62,7 +65,7 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
 
 
 def _texts(
-    entry: str, known: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any]
+    entry: str, known: Mapping[str, Parameter], arguments: Mapping[str, Any]
 ) -> Iterator[Problem]:
     """Yield where text is given for a number; our own methods check more than that themselves."""
     for name, value in arguments.items():
@@ -228,7 +231,7 @@ def load_method(
         else:
             predict = as_method(target)
             if given:
-                check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+                check_parameters(entry, target, given)
                 predict = functools.partial(predict, **given)
         if not callable(predict):
             kind = type(predict).__name__

@@ -23,4 +23,7 @@ def test_metres_have_levels_and_two_images_of_a_stack_are_a_pair() -> None:
     pair = capture.two_of((0, 2))
     assert pair.is_pair
     assert (pair.infocus.max(), pair.defocus.max()) == (0, 2)
+    again = Capture(Pair("Desk", ()), images.copy(), depth.copy(), facts, METRES)
+    assert [pair, capture].index(again) == 1
+    assert len({pair, capture, again}) == 2
     assert pair.stack["focus_distance"].values[1] == 2.0

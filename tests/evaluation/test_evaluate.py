@@ -140,6 +140,8 @@ def test_it_scores_as_a_run_does_and_says_not_run(tiny_store: Dataset, tmp_path:
     np.testing.assert_array_equal(kept, tiny_store.read(pair).infocus[..., 0])
     with pytest.raises(InputError, match="no name for a method"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "new", "a\nb")
+    with pytest.raises(UnknownNameError, match=r"unknown unit: got meters\nFix: .* metres"):
+        dfdbench.score(tmp_path / "made", tiny_store, unit="meters")  # type: ignore[arg-type]
     path.unlink()
     with pytest.raises(ResultError, match="pairs without a depth map: 1"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "new", "mine")
@@ -167,13 +169,19 @@ def of_stacks(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return store_of(manifest, make_stacks(folder / "mine"), folder / "one.zarr")
 
 
-def test_millimetres_for_metres_are_scored_and_told(of_stacks: Dataset) -> None:
-    def far(stack: Any) -> Any:
-        return np.full(stack.shape[1:3], 9000.0)
+def test_millimetres_for_metres_are_scored_and_told(
+    of_stacks: Dataset, tiny_store: Dataset
+) -> None:
+    def far(*images: Any) -> Any:
+        return np.full(images[0].shape[-3:-1], 9000.0)
 
     far.unit = "metres"  # type: ignore[attr-defined]
-    warnings = evaluate(far, of_stacks).result.warnings
-    assert any("are these metres?" in text for text in warnings)
+    for store in (of_stacks, in_metres(tiny_store)[0]):
+        warnings = evaluate(far, store).result.warnings
+        millimetres, beyond = warnings[-2:]
+        assert "are these metres?" in millimetres
+        assert beyond.startswith("over a tenth of the pixels lie beyond the set's ends")
+        assert not any("multiply" in text for text in warnings)
 
 
 def test_what_knows_pairs_and_stacks_is_warmed_up_on_a_pair(of_stacks: Dataset) -> None:
@@ -261,6 +269,9 @@ def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: s
 def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, off: str) -> None:
     with pytest.raises(InputError, match="1 groups of training captures are too few for 4 folds"):
         dfdbench.tune(off, tiny_store)
+    for values in ("12", 12):
+        with pytest.raises(InputError, match=r"give a list: {'off': \['?12'?\]}"):
+            dfdbench.tune(off, few_demo, {"off": values})  # type: ignore[dict-item]
     with pytest.raises(MethodError, match="strength"):
         dfdbench.tune(off, few_demo, {"strength": [1, 2]})
     with pytest.raises(MethodError, match="no such thing"):

@@ -145,3 +145,11 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
     assert np.geterr()["invalid"] == "warn"
     told = capsys.readouterr()
     assert (told.out, told.err) == ("", "epoch 1\n" * 2)
+
+
+def test_other_images_than_it_takes_are_refused() -> None:
+    image = np.zeros((4, 6, 3), np.uint8)
+    with pytest.raises(MethodError, match="takes a stack"):
+        Method("m", "m:m", lambda stack: stack)(image, image)
+    with pytest.raises(MethodError, match=r"got \(4, 6, 3\) and \(2, 6, 3\)"):
+        Method("m", "m:m", lambda infocus, defocus: infocus)(image, image[:2])

@@ -12,6 +12,10 @@ from dfdbench.methods.registry import load, load_method, registered_methods
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
 
+def of_two(a: Any, b: Any) -> Any:
+    return a[..., 0]
+
+
 def test_parameters_reach_functions_and_classes(module: Path) -> None:
     assert load("mine.py:scaled", factor=2, offset=1)(IMAGE, IMAGE)[0, 0] == 21
     assert load("mine.py:Named", recipe="text", level=3).recipe == RECIPES["text"]  # type: ignore[attr-defined]
@@ -39,6 +43,8 @@ def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path
         ("mine.py:scaled", {"offset": "abc"}, "parameter offset is text"),
         ("mine.py:number", {}, "an int"),
         ("mine.py:predict", {"x": 1}, "no parameters"),
+        ("tests.methods.test_registry:of_two", {"x": 1}, "expected no parameters"),
+        ("tests.methods.test_registry:of_two", {"a": 1}, "expected no parameters"),
         ("mine.py:Named", {}, "--param recipe=VALUE"),
         ("mine.py:Broken", {}, "RuntimeError: no weights"),
     ],
