@@ -169,7 +169,7 @@ class Run:
         UnknownNameError
             If the run has no such pair.
         ResultError
-            If the run kept no depth maps, or the data set is not there.
+            If the run kept no depth maps, a later run took its place, or the data set is not there.
         """
         found = self._first.images(pair)
         if found is None:
@@ -212,12 +212,16 @@ class Run:
         ------
         InputError
             If something is there already.
+        ResultError
+            If a later run took the place of this one.
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
             raise InputError(
                 "something is there already", where=str(folder), fix="name a new folder"
             )
+        for run in self._runs.values():
+            run.require_in_place()
         for label, run in self._runs.items():
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
@@ -259,6 +263,8 @@ class Comparison:
         if len(runs) < 2:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
+            for run in runs:
+                run.require_in_place()
             raise InputError("one run is given twice", where=str(runs[0].path))
         first, *others = self.runs = saved_run.distinguished(runs)
         self.protocol = protocol or record.first_protocol(first.result.dataset.short)
