@@ -207,7 +207,7 @@ def run(
     out: Path | str | None = None,
     keep_predictions: bool = True,
     fresh: bool = False,
-    fitted: Path | str | None = None,
+    fitted: Run | Path | str | None = None,
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | str | None = None,
@@ -241,8 +241,9 @@ def run(
         Keep the depth maps; figures need them.
     fresh : bool
         Evaluate all pairs anew.
-    fitted : Path or str, optional
-        A run's folder: use what its fit learned, on this camera or another, and fit nothing here.
+    fitted : Run, Path or str, optional
+        A run or its folder: use what its fit learned, on this camera or another, and fit nothing
+        here.
     pool : Pool, optional
         Other processes to evaluate pairs in, several at once; times are then not comparable.
     for_board : bool

@@ -81,6 +81,10 @@ class Run:
         place = self._first.path.parent
         return place.parent if self._on_tracks else place
 
+    def __fspath__(self) -> str:
+        self._first.require_in_place()
+        return str(self.folder)
+
     @property
     def failed(self) -> int:
         """On how many pairs the method failed."""
