@@ -59,7 +59,9 @@ class Run:
         return f"{self._first!r}"[:-1] + f"{more}>"
 
     def _repr_html_(self) -> str:
-        return self._first._repr_html_()
+        if self._on_tracks:
+            return as_html(self.tables()[0])
+        return self._first._repr_html_(self.protocol)
 
     @property
     def _on_tracks(self) -> bool:

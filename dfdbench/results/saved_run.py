@@ -108,8 +108,8 @@ class SavedRun:
         fix = f"look in {moved} beside it, where an earlier run is moved, or run the method again"
         return ResultError("the folder holds another run than this", where=str(folder), fix=fix)
 
-    def _repr_html_(self) -> str:
-        protocol = shown_protocol(self.result)
+    def _repr_html_(self, protocol: str | None = None) -> str:
+        protocol = protocol or shown_protocol(self.result)
         rows = []
         for pair in summary.ranked(self.result, protocol)[::-1][:_WORST]:
             if (found := self.images(pair)) is None:
