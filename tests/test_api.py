@@ -30,6 +30,7 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
     for pair in result.pairs:
         assert row[pair.id] == pair.scores["thesis"]["nrmse"]
     assert set(scores["protocol"]) == set(result.protocol_names)
+    assert done.table("thesis-networks").equals(done.table("thesis-networks-2"))
     means = row.mean(), done.to_frame("thesis")["nrmse"].mean()
     assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 2)  # type: ignore[index]
     regions = done.regions

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
-from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
+from dfdbench.metrics.protocol import find_protocol, metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
 from dfdbench.results import differences, record, saved_run, summary, wording
 from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
@@ -63,6 +63,9 @@ class Run:
             return as_html(self.tables()[0])
         return self._first._repr_html_(self.protocol)
 
+    def _asked(self, protocol: str | None) -> str:
+        return find_protocol(protocol).label if protocol else self.protocol
+
     @property
     def _on_tracks(self) -> bool:
         return len(self._runs) > 1
@@ -99,8 +102,8 @@ class Run:
         return scores_of(list(self.results.values()))
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
-        return frame_of(self.result, protocol)
+        """Return the pairs' scores under one protocol, by default the run's own, a row per pair."""
+        return frame_of(self.result, self._asked(protocol))
 
     @property
     def regions(self) -> pd.DataFrame:
@@ -131,7 +134,7 @@ class Run:
         UnknownNameError
             If the run was not scored under that protocol.
         """
-        shown = protocol or self.protocol
+        shown = self._asked(protocol)
         if not self._on_tracks:
             return _as_frame(run_score_table(summary.summarise(self.result, shown)))
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
@@ -209,7 +212,7 @@ class Run:
 
         folder = output_place(path, self._first.path.parent)
         folder.mkdir(parents=True, exist_ok=True)
-        return write_html(list(self._runs.values()), protocol or self.protocol, folder)
+        return write_html(list(self._runs.values()), self._asked(protocol), folder)
 
     def save(self, path: Path | str) -> Path:
         """Copy the run into a folder, which `open_run` opens; return the folder.
