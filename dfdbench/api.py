@@ -624,7 +624,7 @@ def compare(
     """
     label = find_protocol(protocol).label if protocol else None
     opened = [one._first if isinstance(one, Run) else open_saved_run(one, dataset) for one in runs]
-    return Comparison(opened, label, most)
+    return Comparison(opened, label, most, runs)
 
 
 def open_run(path: Path | str, dataset: str | None = None) -> Run:

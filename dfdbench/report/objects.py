@@ -264,11 +264,18 @@ class Comparison:
         By default the data set's first.
     most : int
         How many changed pairs are listed.
+    given : object, optional
+        Kept as long as the comparison: a run's temporary folder goes when the run does.
     """
 
     def __init__(
-        self, runs: Sequence[saved_run.SavedRun], protocol: str | None = None, most: int = 10
+        self,
+        runs: Sequence[saved_run.SavedRun],
+        protocol: str | None = None,
+        most: int = 10,
+        given: object = None,
     ) -> None:
+        self._given = given
         if len(runs) < 2:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
