@@ -615,6 +615,8 @@ def compare(
 
     Raises
     ------
+    InputError
+        If there are not two, or something is neither a run nor a folder.
     ResultError
         If they are on different data or splits.
 
@@ -622,6 +624,10 @@ def compare(
     --------
     >>> compare("results/a", "results/b").table()  # doctest: +SKIP
     """
+    for one in runs:
+        if not isinstance(one, Run | Path | str):
+            fix = "give each run, or its folder, as an argument of its own: compare(*runs)"
+            raise InputError("not a run", where="runs", got=type(one).__name__, fix=fix)
     label = find_protocol(protocol).label if protocol else None
     opened = [one._first if isinstance(one, Run) else open_saved_run(one, dataset) for one in runs]
     return Comparison(opened, label, most, runs)

@@ -43,6 +43,7 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     assert len(predictions) == 7
     name, depth = next(iter(predictions.items()))
     images, again = done.images(name)
+    assert done.images(images.pair)[0].pair == images.pair
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
     assert "NRMSE by region" in done.report(tmp_path / "page").read_text()
@@ -63,6 +64,8 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
     assert set(found.scores["run"]) == {0, 1}
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
+    with pytest.raises(InputError, match=r"not a run .*: got list\n.*compare\(\*runs\)"):
+        dfdbench.compare([done, done])  # type: ignore[arg-type]
 
 
 def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import find_protocol, metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
@@ -170,8 +171,8 @@ class Run:
             if found is not None:
                 yield pair.id, found[1]
 
-    def images(self, pair: str) -> tuple[Capture, NDArray[np.float32]]:
-        """Return a pair's images and the depth predicted for it.
+    def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
+        """Return the images of a pair, which may be named, and the depth predicted for it.
 
         Raises
         ------
@@ -180,6 +181,7 @@ class Run:
         ResultError
             If the run kept no depth maps, a later run took its place, or the data set is not there.
         """
+        pair = pair if isinstance(pair, str) else pair.id
         found = self._first.images(pair)
         if found is None:
             why = self._first.without or "no depth map of this pair was kept"
