@@ -200,6 +200,7 @@ class Run:
             name = self.result.method.name
             figure = tracks_figure({name: means}, metric, self.tables()[0].title)
             return write_forms(figure, self.folder, "tracks", forms)
+        self._first.require_in_place()
         drawn = draw_run(self._first, self.protocol, forms)
         if self._calibration:
             from dfdbench.figures.camera import law_figure

@@ -95,7 +95,7 @@ def test_a_changed_function_is_another_run_which_never_passes_for_the_first(
     first, second = runs
     assert first.result.averages != second.result.averages
     pair = first.result.pairs[0].id
-    uses = (lambda: first.images(pair), lambda: first.save(tmp_path / "new"))
+    uses = (lambda: first.images(pair), first.draw, lambda: first.save(tmp_path / "new"))
     for use in (*uses, lambda: dfdbench.compare(first, second)):
         with pytest.raises(ResultError, match=r"another run than this(.|\n)*run\.previous"):
             use()
