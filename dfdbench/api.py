@@ -208,7 +208,7 @@ def run(
     out: Path | str | None = None,
     keep_predictions: bool = True,
     fresh: bool = False,
-    fitted: Path | str | None = None,
+    fitted: Run | Path | str | None = None,
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | str | None = None,
@@ -242,8 +242,9 @@ def run(
         Keep the depth maps; figures need them.
     fresh : bool
         Evaluate all pairs anew.
-    fitted : Path or str, optional
-        A run's folder: use what its fit learned, on this camera or another, and fit nothing here.
+    fitted : Run, Path or str, optional
+        A run or its folder: use what its fit learned, on this camera or another, and fit nothing
+        here.
     pool : Pool, optional
         Other processes to evaluate pairs in, several at once; times are then not comparable.
     for_board : bool
@@ -624,6 +625,8 @@ def compare(
 
     Raises
     ------
+    InputError
+        If there are not two, or something is neither a run nor a folder.
     ResultError
         If they are on different data or splits.
 
@@ -631,9 +634,13 @@ def compare(
     --------
     >>> compare("results/a", "results/b").table()  # doctest: +SKIP
     """
+    for one in runs:
+        if not isinstance(one, Run | Path | str):
+            fix = "give each run, or its folder, as an argument of its own: compare(*runs)"
+            raise InputError("not a run", where="runs", got=type(one).__name__, fix=fix)
     label = find_protocol(protocol).label if protocol else None
     opened = [one._first if isinstance(one, Run) else open_saved_run(one, dataset) for one in runs]
-    return Comparison(opened, label, most)
+    return Comparison(opened, label, most, runs)
 
 
 def open_run(path: Path | str, dataset: str | None = None) -> Run:

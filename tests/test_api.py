@@ -30,6 +30,7 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
     for pair in result.pairs:
         assert row[pair.id] == pair.scores["thesis"]["nrmse"]
     assert set(scores["protocol"]) == set(result.protocol_names)
+    assert done.table("thesis-networks").equals(done.table("thesis-networks-2"))
     means = row.mean(), done.to_frame("thesis")["nrmse"].mean()
     assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 2)  # type: ignore[index]
     regions = done.regions
@@ -42,6 +43,7 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     assert len(predictions) == 7
     name, depth = next(iter(predictions.items()))
     images, again = done.images(name)
+    assert done.images(images.pair)[0].pair == images.pair
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
     assert "NRMSE by region" in done.report(tmp_path / "page").read_text()
@@ -57,11 +59,13 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
 
 
 def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) -> None:
-    constant = dfdbench.run("constant", tiny_store)
-    found = dfdbench.compare(done, constant, protocol="thesis")
+    found = dfdbench.compare(done, dfdbench.run("constant", tiny_store), protocol="thesis")
+    assert found.figure() is not None  # the second run lasts as long as what compares it
     assert set(found.scores["run"]) == {0, 1}
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
+    with pytest.raises(InputError, match=r"not a run .*: got list\n.*compare\(\*runs\)"):
+        dfdbench.compare([done, done])  # type: ignore[arg-type]
 
 
 def test_a_run_and_scored_maps_warn_of_their_unit(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
-Camera = str | Path | Mapping[str, Any] | Blur
+Camera = str | os.PathLike[str] | Mapping[str, Any] | Blur
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,9 @@ class DepthPredictor:
     method : str or callable, optional
         A registered name, ``module:attribute``, ``file.py:attribute``, or the function or class
         itself; by default the method of the run that `camera` names.
-    camera : Path, str, mapping, BlurRecipe or BlurLaw, optional
-        What is known of the blur: a run's folder, whose fit is used; a lens, a blur recipe or a
-        law, as fields or as a TOML file (`run` writes ``law.toml``).
+    camera : Run, Path, str, mapping, BlurRecipe or BlurLaw, optional
+        What is known of the blur: a run or its folder, whose fit is used; a lens, a blur recipe or
+        a law, as fields or as a TOML file (`run` writes ``law.toml``).
     parameters : mapping
         The method's.
     align : bool
@@ -108,6 +109,8 @@ class DepthPredictor:
         given = dict(parameters or {})
         fitted: Path | None = None
         self._scale: DepthScale | None = None
+        if isinstance(camera, os.PathLike):
+            camera = Path(camera)  # a run is one, too
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
             fitted = Path(camera)
             result = load_result(fitted / RESULT)

@@ -16,7 +16,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.errors import ResultError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.figures import style, sureness
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
@@ -328,7 +328,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     Parameters
     ----------
     pair : Capture
-        From `dfdbench.open`.
+        From `dfdbench.Dataset.captures`.
     prediction : ndarray, shape (y, x), optional
         Depth levels from a method; drawn with its error.
 
@@ -341,6 +341,8 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     ------
     TypeError
         If it is not a pair.
+    InputError
+        If the prediction has another shape than the pair's images.
 
     Examples
     --------
@@ -355,6 +357,10 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
             f"show draws a capture, as dataset.captures()[0], not {type(pair).__name__}"
         )
     count = 3 if prediction is None else len(HEADS)
+    if prediction is not None and np.shape(prediction) != pair.depth.shape:
+        expected, got = f"shape {pair.depth.shape}", f"shape {np.shape(prediction)}"
+        what, fix = "no depth map of this pair", "give what a method answers for its images"
+        raise InputError(what, where=pair.pair.id, expected=expected, got=got, fix=fix)
     rows, columns = pair.depth.shape
     figure = Shown(figsize=(3 * count, 3 * rows / columns + 0.6), layout="constrained")
     figure.suptitle(style.plain_text(pair.pair.id), fontsize=10)

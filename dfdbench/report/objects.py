@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from dfdbench.board import LEADERBOARD
 from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import InputError, ResultError
-from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
+from dfdbench.metrics.protocol import find_protocol, metrics_of, ranked_by, title_of
 from dfdbench.metrics.regions import REGIONS
 from dfdbench.results import differences, record, saved_run, summary, wording
 from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
@@ -59,7 +60,12 @@ class Run:
         return f"{self._first!r}"[:-1] + f"{more}>"
 
     def _repr_html_(self) -> str:
-        return self._first._repr_html_()
+        if self._on_tracks:
+            return as_html(self.tables()[0])
+        return self._first._repr_html_(self.protocol)
+
+    def _asked(self, protocol: str | None) -> str:
+        return find_protocol(protocol).label if protocol else self.protocol
 
     @property
     def _on_tracks(self) -> bool:
@@ -81,6 +87,10 @@ class Run:
         place = self._first.path.parent
         return place.parent if self._on_tracks else place
 
+    def __fspath__(self) -> str:
+        self._first.require_in_place()
+        return str(self.folder)
+
     @property
     def failed(self) -> int:
         """On how many pairs the method failed."""
@@ -93,8 +103,8 @@ class Run:
         return scores_of(list(self.results.values()))
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
-        return frame_of(self.result, protocol)
+        """Return the pairs' scores under one protocol, by default the run's own, a row per pair."""
+        return frame_of(self.result, self._asked(protocol))
 
     @property
     def regions(self) -> pd.DataFrame:
@@ -125,7 +135,7 @@ class Run:
         UnknownNameError
             If the run was not scored under that protocol.
         """
-        shown = protocol or self.protocol
+        shown = self._asked(protocol)
         if not self._on_tracks:
             return _as_frame(run_score_table(summary.summarise(self.result, shown)))
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
@@ -161,16 +171,17 @@ class Run:
             if found is not None:
                 yield pair.id, found[1]
 
-    def images(self, pair: str) -> tuple[Capture, NDArray[np.float32]]:
-        """Return a pair's images and the depth predicted for it.
+    def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
+        """Return the images of a pair, which may be named, and the depth predicted for it.
 
         Raises
         ------
         UnknownNameError
             If the run has no such pair.
         ResultError
-            If the run kept no depth maps, or the data set is not there.
+            If the run kept no depth maps, a later run took its place, or the data set is not there.
         """
+        pair = pair if isinstance(pair, str) else pair.id
         found = self._first.images(pair)
         if found is None:
             why = self._first.without or "no depth map of this pair was kept"
@@ -189,6 +200,7 @@ class Run:
             name = self.result.method.name
             figure = tracks_figure({name: means}, metric, self.tables()[0].title)
             return write_forms(figure, self.folder, "tracks", forms)
+        self._first.require_in_place()
         drawn = draw_run(self._first, self.protocol, forms)
         if self._calibration:
             from dfdbench.figures.camera import law_figure
@@ -203,7 +215,7 @@ class Run:
 
         folder = output_place(path, self._first.path.parent)
         folder.mkdir(parents=True, exist_ok=True)
-        return write_html(list(self._runs.values()), protocol or self.protocol, folder)
+        return write_html(list(self._runs.values()), self._asked(protocol), folder)
 
     def save(self, path: Path | str) -> Path:
         """Copy the run into a folder, which `open_run` opens; return the folder.
@@ -212,12 +224,16 @@ class Run:
         ------
         InputError
             If something is there already.
+        ResultError
+            If a later run took the place of this one.
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
             raise InputError(
                 "something is there already", where=str(folder), fix="name a new folder"
             )
+        for run in self._runs.values():
+            run.require_in_place()
         for label, run in self._runs.items():
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
@@ -251,14 +267,23 @@ class Comparison:
         By default the data set's first.
     most : int
         How many changed pairs are listed.
+    given : object, optional
+        Kept as long as the comparison: a run's temporary folder goes when the run does.
     """
 
     def __init__(
-        self, runs: Sequence[saved_run.SavedRun], protocol: str | None = None, most: int = 10
+        self,
+        runs: Sequence[saved_run.SavedRun],
+        protocol: str | None = None,
+        most: int = 10,
+        given: object = None,
     ) -> None:
+        self._given = given
         if len(runs) < 2:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
+            for run in runs:
+                run.require_in_place()
             raise InputError("one run is given twice", where=str(runs[0].path))
         first, *others = self.runs = saved_run.distinguished(runs)
         self.protocol = protocol or record.first_protocol(first.result.dataset.short)

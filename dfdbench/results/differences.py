@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics import intervals
 from dfdbench.metrics.metric import find_metric, mean_of
-from dfdbench.metrics.protocol import label_of, metrics_of, ranked_by, require_scored
+from dfdbench.metrics.protocol import SURE, label_of, metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import method_label, score_text
 from dfdbench.tables.table import Table
@@ -194,7 +194,9 @@ def change_tables(
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
         fix = "`dfdbench run` goes on"
         if any(pair.lacks_answers(protocol) for pair in (*first.evaluated, *second.evaluated)):
-            fix = "pixels are without an answer: compare by --protocol sure, or answer them all"
+            both = all(SURE in result.protocol_names for result in (first, second))
+            fix = "compare by --protocol sure, or answer them all" if both else "answer them all"
+            fix = f"pixels are without an answer: {fix}"
         raise ResultError("no pair was scored in both runs", fix=fix)
     tables = (
         difference_table(first, second, protocol, names),

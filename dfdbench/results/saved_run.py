@@ -73,7 +73,7 @@ class SavedRun:
         UnknownNameError
             Where the run has no pair of that name.
         ResultError
-            Where what lies beside the result are no depth maps of its pairs.
+            Where what lies beside the result are no depth maps of its pairs, or another run's.
         """
         if isinstance(pair, str):
             records = {record.id: record for record in self.result.pairs}
@@ -82,15 +82,34 @@ class SavedRun:
             pair = records[pair]
         if self.store is None:
             return None
-        prediction = run_folder.read_prediction(
-            self.path.parent, pair.pair, self.store.shape_of(pair.scene)
-        )
-        if prediction is None:
+        of_pair = self.path.parent, pair.pair, self.store.shape_of(pair.scene)
+        prediction = run_folder.read_prediction(*of_pair)
+        if prediction is None or pair.prediction_sha256 is None:
             return None
+        sigma = run_folder.read_prediction(*of_pair, "sigma")
+        if run_folder.answer_digest(prediction, sigma) != pair.prediction_sha256:
+            raise self._replaced()
         return self.store.read(pair.pair), prediction
 
-    def _repr_html_(self) -> str:
-        protocol = shown_protocol(self.result)
+    def require_in_place(self) -> None:
+        """Refuse a run whose folder has become another run's.
+
+        Raises
+        ------
+        ResultError
+            Where the file now says something else.
+        """
+        if load_result(self.path) != self.result:
+            raise self._replaced()
+
+    def _replaced(self) -> ResultError:
+        folder = self.path.parent
+        moved = f"{folder.name}{run_folder.PREVIOUS}"
+        fix = f"look in {moved} beside it, where an earlier run is moved, or run the method again"
+        return ResultError("the folder holds another run than this", where=str(folder), fix=fix)
+
+    def _repr_html_(self, protocol: str | None = None) -> str:
+        protocol = protocol or shown_protocol(self.result)
         rows = []
         for pair in summary.ranked(self.result, protocol)[::-1][:_WORST]:
             if (found := self.images(pair)) is None:

@@ -82,16 +82,25 @@ def test_what_has_no_name_is_run_with_its_facts_and_parameters(tiny_store: Datas
     assert thing.result.method.uses == []
 
 
-def test_a_changed_function_is_another_method(tiny_store: Dataset, tmp_path: Path) -> None:
-    errors = []
+def test_a_changed_function_is_another_run_which_never_passes_for_the_first(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
+    runs = []
     for level in (10.0, 120.0):
 
         def constant(infocus: Any, defocus: Any, level: float = level) -> Any:
             return np.full(infocus.shape[:2], level)
 
-        run = evaluate(constant, tiny_store, out=tmp_path / "run")
-        errors.append(run.result.averages)
-    assert errors[0] != errors[1]
+        runs.append(evaluate(constant, tiny_store, out=tmp_path / "run"))
+    first, second = runs
+    assert first.result.averages != second.result.averages
+    pair = first.result.pairs[0].id
+    uses = (lambda: first.images(pair), first.draw, lambda: first.save(tmp_path / "new"))
+    for use in (*uses, lambda: dfdbench.compare(first, second)):
+        with pytest.raises(ResultError, match=r"another run than this(.|\n)*run\.previous"):
+            use()
+    assert not (tmp_path / "new").exists()
+    assert second.images(pair)[1].max() == 120
 
 
 def test_depth_maps_live_as_long_as_the_run_or_in_out(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import dfdbench
 from dfdbench.blur.formation import magnify
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
@@ -14,7 +15,6 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images, predict
-from dfdbench.evaluation.run import run_method
 from dfdbench.methods.registry import load
 from tests.conftest import write_png
 
@@ -107,10 +107,11 @@ def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_p
 
 def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
     method = load_for(few_demo, "local", {"window": 5})
-    run_method(few_demo, method, "test", tmp_path / "run")
+    run = dfdbench.run("local", few_demo, parameters={"window": 5}, out=tmp_path / "run")
     images = few_demo.read(few_demo.pairs("test")[0])
-    depth = predict(None, (images.infocus, images.defocus), tmp_path / "run", align=False)
-    assert np.array_equal(depth, method.predict(images.infocus, images.defocus))
+    for camera in (run, tmp_path / "run"):
+        depth = predict(None, (images.infocus, images.defocus), camera, align=False)
+        assert np.array_equal(depth, method.predict(images.infocus, images.defocus))
     with pytest.raises(MethodError, match=r"of local, not of graph-cuts"):
         DepthPredictor("graph-cuts", tmp_path / "run")
 

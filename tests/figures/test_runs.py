@@ -6,6 +6,7 @@ import pytest
 
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Scene
+from dfdbench.errors import InputError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
@@ -104,3 +105,5 @@ def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
     for wrong, kind in ((None, "NoneType"), (captures, "Captures")):
         with pytest.raises(TypeError, match=f"draws a capture.*, not {kind}"):
             runs.show(wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"shape \(\d+, \d+\), got shape \(3, 4\)"):
+        runs.show(captures[0], np.zeros((3, 4)))

@@ -5,6 +5,7 @@ from scipy import stats
 
 from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import (
     PairChange,
     PairedDifference,
@@ -143,8 +144,11 @@ def test_nothing_in_common_is_refused_and_a_part_is_said() -> None:
         change_tables(limited(made("a", 0), 0), made("b", 0), "thesis")
     none = {"thesis": dict.fromkeys(METRICS)}
     gaps = edited(made("a", 0), pairs={"answered": 0.5, "scores": none})
-    with pytest.raises(ResultError, match="without an answer: compare by --protocol sure"):
+    with pytest.raises(ResultError, match="without an answer: answer them all"):
         change_tables(gaps, made("b", 0), "thesis")
+    gaps = edited(gaps, protocols=[*gaps.protocols, RELEASED["sure"].as_dict()])
+    with pytest.raises(ResultError, match="without an answer: compare by --protocol sure"):
+        change_tables(gaps, gaps, "thesis")
     part = change_tables(limited(made("a", 0), 3), made("b", 0), "thesis")[0]
     assert "3 of 8 pairs were scored in both runs" in part.notes
     # All three are of one scene: of scenes that lean one way there is nothing to say.

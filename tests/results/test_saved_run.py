@@ -47,9 +47,10 @@ def test_a_run_on_a_path_finds_its_store_again(
 
 
 def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:
-    run = evaluate(lambda infocus, defocus: defocus.mean(axis=2), tiny_store)
+    run = evaluate(lambda infocus, defocus: defocus.mean(axis=2), tiny_store, protocol="thesis")
     text = run._repr_html_()
-    worst = run.to_frame()["nrmse"].nlargest(3).index
+    assert "protocol thesis" in text
+    worst = run.to_frame("thesis")["nrmse"].nlargest(3).index
     places = [text.index(f"{pair}, in-focus") for pair in worst]
     assert places == sorted(places)
     assert text.count("<img") == 3 * 4
