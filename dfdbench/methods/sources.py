@@ -2,9 +2,8 @@
 
 Modules are found by reading `import` statements, from the method's own module on. That finds the
 same ones in every process; `sys.modules` would depend on what else was loaded before. Files are
-heard of through Python's audit hook, while the method is loaded, fitted and called. Of what a
-library written in C opens by itself, or another process, nothing is heard: it counts where a module
-of the method's own spells its name.
+heard of through Python's audit hook, while the method is loaded, fitted and called. What a library
+written in C opens by itself, or another process, is not heard of.
 """
 
 import ast
@@ -16,7 +15,6 @@ import os
 import sys
 import sysconfig
 import tempfile
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
@@ -48,7 +46,6 @@ class Sources:
         self._module: tuple[str, Path] | None = None
         self._own: Path | None = None
         self._base = Path(os.sep)
-        self._begun = time.time()
         #: Files that were opened to be read, and those that were written.
         self.read: set[str] = set()
         self.written: set[str] = set()
@@ -106,9 +103,6 @@ class Sources:
             If a module was edited after this process imported it.
         """
         found: Hashes = {**self._modules}
-        for path in self._named():
-            own_work = path.stat().st_mtime > self._begun
-            found[self._label(path)] = None if own_work else self._hash(path)
         for heard in self.read | self.written:
             if heard not in self._counted:
                 path = _source_of(heard)
@@ -141,17 +135,6 @@ class Sources:
                     if file := self._file_of_module(other):
                         left.append((other, file))
         return {self._label(path): self._hash(path) for path in found}
-
-    def _named(self) -> Iterator[Path]:
-        """Yield the files that the method's own modules name, beside them or where Python runs."""
-        for label in self._modules:
-            module = self._path(label)
-            if label.startswith(_ROOMS) or not self._is_own(module):
-                continue
-            for word in _words_in(module.read_bytes()):
-                for place in (module.parent / word, Path(word)):
-                    if os.path.isfile(place) and self._counts(path := _settled(place)):
-                        yield path
 
     def _file_of_module(self, name: str) -> Path | None:
         if name.startswith(_ROOMS):
@@ -324,17 +307,6 @@ def _imported_in(content: bytes, package: str) -> tuple[str, ...]:
             names += _with_parents(whole)
             names += (f"{whole}.{alias.name}".lstrip(".") for alias in node.names)
     return tuple(names)
-
-
-@functools.cache
-def _words_in(content: bytes) -> frozenset[str]:
-    """Return the strings that a module spells."""
-    try:
-        tree = ast.parse(content)
-    except (SyntaxError, ValueError):
-        return frozenset()
-    spelt = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
-    return frozenset(word for word in spelt if isinstance(word, str) and word)
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:

@@ -89,7 +89,8 @@ class Run:
 
     def __fspath__(self) -> str:
         self._first.require_in_place()
-        return str(self.folder)
+        # Of a run on tracks the one on clean images has a fit.
+        return str(self._first.path.parent)
 
     @property
     def failed(self) -> int:
