@@ -314,7 +314,9 @@ def entry_of(target: Callable[..., Any]) -> str:
     """
     place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
     module = sys.modules.get(place)
-    if not getattr(module, "__file__", None) or getattr(module, name, None) is not target:
+    # What is piped into Python says that its file is "<stdin>".
+    in_file = Path(getattr(module, "__file__", None) or "").is_file()
+    if not in_file or getattr(module, name, None) is not target:
         what = f"the method has no name under which it could be found again: {repr(target)[:80]}"
         fix = "put it at the top of a file and pass 'file.py:name', of an object its class"
         raise MethodError(what, where=name or type(target).__name__, fix=fix)

@@ -1,5 +1,7 @@
+import sys
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.registry import load, load_method, registered_methods
+from dfdbench.methods.registry import entry_of, load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -66,3 +68,12 @@ def test_packages_register_entry_points(module: Path, monkeypatch: pytest.Monkey
     assert registered_methods()["mine"] == "mine:predict"
     assert registered_methods()["local"].startswith("dfdbench.")
     assert load("mine")(IMAGE, IMAGE)[0, 0] == 7
+
+
+def test_what_is_piped_into_python_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    piped = ModuleType("piped")
+    exec("def predict(infocus, defocus): return infocus[..., 0]", piped.__dict__)
+    piped.__file__ = "<stdin>"
+    monkeypatch.setitem(sys.modules, "piped", piped)
+    with pytest.raises(MethodError, match="no name under which it could be found again"):
+        entry_of(piped.predict)
