@@ -8,9 +8,6 @@ from dfdbench.statuses import INTERRUPTED, MISTAKE
 _NO_MEMORY = """\
 error: not enough memory or threads
   fix       allow more (ulimit -v and -u, or the container's limits), or use fewer --workers"""
-_NOT_INSTALLED = """\
-error: this copy of dfdbench is not installed: it lacks {}
-Fix: pip install -e ."""
 
 
 def main() -> None:
@@ -28,11 +25,6 @@ def main() -> None:
         # Here, because a library may run out of memory while it is imported.
         from dfdbench.errors import is_lack_of_memory
 
-        lacking = getattr(error, "name", None) or ""
-        if isinstance(error, ModuleNotFoundError) and lacking.split(".")[0] == "dfdbench":
-            # Installing puts data beside the code, which in a clone lie elsewhere.
-            print(_NOT_INSTALLED.format(lacking), file=sys.stderr)
-            sys.exit(MISTAKE)
         if not is_lack_of_memory(error):
             raise
         print(_NO_MEMORY, file=sys.stderr)

@@ -18,7 +18,7 @@ from importlib.abc import MetaPathFinder
 class CtrlC(MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name == sys.argv[1]:
-            raise eval(sys.argv[2])
+            raise KeyboardInterrupt
 
 sys.meta_path.insert(0, CtrlC())
 from dfdbench.__main__ import main
@@ -37,14 +37,10 @@ except SystemExit:
 """
 
 
-def test_ctrl_c_while_it_loads_and_a_copy_that_is_not_installed_are_told_in_a_line() -> None:
+def test_ctrl_c_while_it_loads_is_told_in_a_line() -> None:
     for module in ("dfdbench.cli.screen", "dfdbench.cli"):
-        ended = python("-c", STOPPED_WHILE_LOADING, module, "KeyboardInterrupt")
+        ended = python("-c", STOPPED_WHILE_LOADING, module)
         assert (ended.returncode, ended.stderr) == (130, "stopped\n")
-    lacking = "ModuleNotFoundError('no', name='dfdbench.manifests')"
-    ended = python("-c", STOPPED_WHILE_LOADING, "dfdbench.cli", lacking)
-    assert ended.returncode == 2
-    assert ended.stderr.startswith("error: this copy of dfdbench is not installed")
 
 
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])

@@ -3,7 +3,6 @@
 import functools
 import json
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -20,7 +19,7 @@ from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unkn
 from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results import record, wording
-from dfdbench.system.files import read_whole
+from dfdbench.system.files import read_whole, shipped
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
@@ -28,8 +27,6 @@ _T = TypeVar("_T")
 _R = TypeVar("_R", bound=Record)
 _Fingerprints = TypeAdapter(dict[str, list[str]])
 RESULTS = "results"
-#: The package of the wheel that holds a copy of a clone's leaderboard.
-_SHIPPED = "dfdbench.rows"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
 _TRACKS = (*TRACKS.values(), *STACKS.values())
@@ -44,9 +41,7 @@ def leaderboard_folder() -> Path:
     >>> (leaderboard_folder() / "methods" / "constant.toml").is_file()
     True
     """
-    # A wheel is unpacked: what is in it lies in a folder.
-    shipped = Path(str(resources.files(_SHIPPED)))
-    return LEADERBOARD if LEADERBOARD.is_dir() else shipped
+    return LEADERBOARD if LEADERBOARD.is_dir() else shipped("rows")
 
 
 class RowRun(Record):

@@ -4,7 +4,6 @@ import os
 import re
 from collections.abc import Mapping
 from functools import cache
-from importlib import resources
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -16,6 +15,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
 from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest, unseen_text
 from dfdbench.system.cache import STORES, cache_folder
+from dfdbench.system.files import shipped
 from dfdbench.system.text import parse_toml
 
 #: What stands between a data set's name and its track's.
@@ -147,8 +147,7 @@ def released_headings() -> tuple[Heading, ...]:
     >>> [heading.short for heading in released_headings()][:3]
     ['demo', 'dfd-indoor', 'dfd-outdoor']
     """
-    folder = resources.files("dfdbench.manifests")
-    files = (entry for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    files = shipped("manifests").glob("*.toml")
     texts = [*(entry.read_text("utf-8") for entry in files), *(unseen_text(f, 0) for f in FAMILIES)]
     headings = (Heading.model_validate(parse_toml(text.partition("\n[")[0])) for text in texts)
     return tuple(sorted(headings, key=lambda heading: (heading.name, heading.version)))
@@ -171,7 +170,7 @@ def released_manifests() -> tuple[Manifest, ...]:
 def _released(stem: str) -> Manifest:
     if (drawn := seeded(stem)) is not None:
         return unseen_manifest(*drawn)
-    file = resources.files("dfdbench.manifests") / f"{stem}.toml"
+    file = shipped("manifests") / f"{stem}.toml"
     return parse_manifest(file.read_bytes(), file.name)
 
 

@@ -4,7 +4,6 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from importlib import resources
 from pathlib import Path, PurePosixPath
 
 from pydantic import ValidationError
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, OF_CAMERA, fill, places_in
 from dfdbench.datasets.manifest import ALL_PAIRS, FOLDER, Manifest, excluded_pairs, grid_of_pairs
 from dfdbench.errors import ManifestError, Problem, unknown_name
-from dfdbench.system.files import read_as
+from dfdbench.system.files import read_as, shipped
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 from dfdbench.tables.table import listed
@@ -334,5 +333,5 @@ def released_sha256(manifest: Manifest) -> str | None:
     True
     """
     # Not from `released_manifests`: every worker opens stores, and parsing all of them takes long.
-    file = resources.files("dfdbench.manifests") / f"{manifest.file_stem}.toml"
+    file = shipped("manifests") / f"{manifest.file_stem}.toml"
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None

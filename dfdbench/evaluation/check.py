@@ -18,7 +18,7 @@ from dfdbench.datasets.captures import PAIR, Capture, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import DfdbenchError
-from dfdbench.methods.calling import UNIT_LEVELS, TorchMethod, call, difference, in_unit_range
+from dfdbench.methods.calling import FEW_LEVELS, TorchMethod, call, difference, in_few_levels
 from dfdbench.methods.fitted import Solver
 from dfdbench.methods.method import Image, Learned, Method, Prediction, restore, teach
 from dfdbench.methods.process_state import seeded
@@ -174,7 +174,7 @@ def _tried(
         if ordinary.about.kind == "levels":
             odd = "depth seems to grow with distance: every set wants brighter for nearer"
             trials.append(Check("brighter for nearer", first.seconds, warning=odd * turned))
-            odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
+            odd = FEW_LEVELS if in_few_levels(first.depth) else ""
             trials.append(Check("levels from 0 to 255", first.seconds, warning=odd))
         else:
             odd = "distances seem to fall where the scene is farther"

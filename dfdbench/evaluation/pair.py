@@ -18,7 +18,7 @@ from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
-from dfdbench.methods.calling import MILLIMETRES, UNIT_LEVELS, call, difference, in_unit_range
+from dfdbench.methods.calling import FEW_LEVELS, MILLIMETRES, call, difference, in_few_levels
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
@@ -270,8 +270,8 @@ def _oddities(
     likeness = correlation(images.truth[known], depth[known])
     if likeness < AGAINST:
         odd.append(f"{_TURNED}: correlation {likeness:.2f} over the known pixels")
-    if unit == about.kind == "levels" and in_unit_range(depth):
-        odd.append(UNIT_LEVELS)
+    if unit == about.kind == "levels" and in_few_levels(depth):
+        odd.append(FEW_LEVELS)
     if about.scale and "metres" in (unit, about.kind):
         far = about.of_metres(np.array(about.scale.far)).astype(np.float32)
         if np.nanmedian(depth) == far:
@@ -316,8 +316,8 @@ def warned(
             f"{_TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
             f"{manifest.depth.direction}{metres}"
         )
-    if evaluated and _how_many(evaluated, UNIT_LEVELS) == len(evaluated):
-        warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
+    if evaluated and _how_many(evaluated, FEW_LEVELS) == len(evaluated):
+        warnings.append(f"{FEW_LEVELS}: is the depth in metres, or has it to be multiplied by 255?")
     if far := _how_many(evaluated, MILLIMETRES):
         warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
     if beyond := _how_many(evaluated, _BEYOND):

@@ -78,8 +78,10 @@ _MOST_NUMBERS = 100
 # A level this far out of 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
 
-#: What is said of depth maps in which 1 seems to stand for the nearest.
-UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
+# Metres, shares of the depth and classes lie below, levels of a whole scene hardly ever.
+_FEW_LEVELS = 10
+#: What is said of depth maps in which something else than levels seems to be.
+FEW_LEVELS = f"all levels between 0 and {_FEW_LEVELS}; levels go from 0 (far) to 255 (near)"
 #: What is said of depth maps in which 1000 seems to stand for a metre.
 MILLIMETRES = "most of it at the set's far end or beyond, where it ends: are these metres?"
 
@@ -281,8 +283,8 @@ def difference(one: DepthMap | None, other: DepthMap | None) -> str:
     return f"differs in {count} of {apart.size} pixels, by up to {apart.max():.3g} levels"
 
 
-def in_unit_range(depth: DepthMap) -> bool:
-    """Return whether a depth map holds levels from 0 to 1 alone, and not just zeros.
+def in_few_levels(depth: DepthMap) -> bool:
+    """Return whether a depth map holds levels from 0 to 10 alone, and not just zeros.
 
     Parameters
     ----------
@@ -291,10 +293,10 @@ def in_unit_range(depth: DepthMap) -> bool:
 
     Examples
     --------
-    >>> in_unit_range(np.float32([[0, 0.5]])), in_unit_range(np.float32([[0, 2]]))
+    >>> in_few_levels(np.float32([[0, 0.5]])), in_few_levels(np.float32([[0, 20]]))
     (True, False)
     """
-    return bool(0 < np.nanmax(depth) <= 1)
+    return bool(0 < np.nanmax(depth) <= _FEW_LEVELS)
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:

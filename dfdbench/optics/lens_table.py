@@ -3,7 +3,6 @@
 import csv
 import math
 from dataclasses import dataclass
-from importlib import resources
 from itertools import combinations, groupby
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError, Problem, SourceError
-from dfdbench.system.files import read_text_as
+from dfdbench.system.files import read_text_as, shipped
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
 #: More than any lens has steps, or any image pixels of blur.
@@ -124,8 +123,7 @@ def read_lens_table(path: Path | None = None) -> LensTable:
     >>> table.steps[0], table.steps[-1], table.radius.shape
     (127, 143, (17, 37))
     """
-    shipped = Path(str(resources.files("dfdbench.manifests"))) / _TABLE
-    text = read_text_as(SourceError, path or shipped, "the lens table")
+    text = read_text_as(SourceError, path or shipped("manifests") / _TABLE, "the lens table")
     return parse_lens_table(text, str(path or _TABLE))
 
 

@@ -161,6 +161,7 @@ def _kind(result: Result) -> str:
     """Return what a method was given, whatever its weights were trained on."""
     given = re.sub(r"trained on .*", "trained weights", given_to(result))
     given = re.sub(r"(mean|median) depth", r"the \1 depth", given)
+    given = given.replace("training pairs", "the training pairs")
     return given.replace("blur fitted", "a fitted blur").replace(", ", " and ")
 
 

@@ -173,7 +173,9 @@ def given_to(result: Result) -> str:
         same = recipe == dataset.recipe["name"]
         parts.append("the blur" if same else "another blur")
     elif method.fitted_on:
-        parts.append(_LEARNED.get(method.name, "blur fitted"))
+        # What a fit of somebody's own measures is not known.
+        ours = "blur fitted" if method.entry.startswith("dfdbench.") else "training pairs"
+        parts.append(_LEARNED.get(method.name, ours))
     elif "recipe" in method.uses:
         parts.append("the blur")
     if "training_mean" in method.uses:

@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,7 +14,7 @@ from scipy import ndimage
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import InputError, Problem, SourceError, reason_of
 from dfdbench.system.array_files import UNREADABLE, load_array
-from dfdbench.system.files import LARGEST_ARRAY, read_text_as, read_whole
+from dfdbench.system.files import LARGEST_ARRAY, read_text_as, read_whole, shipped
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -374,8 +373,8 @@ def read_beams(path: Path | None = None) -> Beams:
     (64, -19, 19)
     """
     where = str(path or _OS1)
-    shipped = Path(str(resources.files("dfdbench.manifests"))) / _OS1
-    text = read_text_as(SourceError, path or shipped, "the beam calibration")
+    file = path or shipped("manifests") / _OS1
+    text = read_text_as(SourceError, file, "the beam calibration")
     reader = csv.DictReader(text.splitlines())
     rows = list(reader)
     if not rows or not {*_LIMITS} <= {*(reader.fieldnames or ())}:

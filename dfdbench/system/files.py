@@ -16,6 +16,21 @@ LARGEST_TEXT = 64 * 2**20
 #: The largest file of numbers that is read at once: an image, the ranges of a laser scanner.
 LARGEST_ARRAY = 2**30
 _UNFINISHED = ".unfinished"
+# What travels with the package lies beside its code; in a clone, in these folders of the root.
+_IN_A_CLONE = {"manifests": "manifests", "rows": "leaderboard"}
+
+
+def shipped(name: str) -> Path:
+    """Return the folder of data files that travels with the package, installed or in a clone.
+
+    Examples
+    --------
+    >>> (shipped("manifests") / "demo-1.toml").is_file()
+    True
+    """
+    code = Path(__file__).parents[1]
+    beside = code / name
+    return beside if beside.is_dir() else code.parent / _IN_A_CLONE[name]
 
 
 def is_address(place: str | Path) -> bool:

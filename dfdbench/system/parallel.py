@@ -123,7 +123,12 @@ class Processes(Pool):
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         context = get_context("spawn")
         pool = futures.ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
-        return _computed(pool, function, items)
+        try:
+            yield from _computed(pool, function, items)
+        except futures.BrokenExecutor as error:
+            what = "a worker ended without a word: out of memory, or its code ended the process"
+            fix = "give fewer workers; what is done is kept, and the same command goes on"
+            raise InputError(what, where="--workers", fix=fix) from error
 
 
 @dataclass(frozen=True)
@@ -159,8 +164,11 @@ class Cluster(Pool):
 
 
 def _begin_worker() -> None:
-    from multiprocessing import parent_process
+    from multiprocessing import parent_process, set_start_method
     from multiprocessing.connection import wait
+
+    # What a method starts in a worker begins as it would without one.
+    set_start_method(None, force=True)
 
     keep_quiet_of_abandoned_tasks()
     # Where the parent is killed, nobody takes what a worker gives: it would write what the next

@@ -60,7 +60,7 @@ def test_chance_writing_and_printing_are_found_out() -> None:
 
 def test_depth_from_0_to_1_is_found_out() -> None:
     found = problems(lambda infocus, _: infocus.mean(2) / 255)
-    assert "all levels between 0 and 1" in found["levels from 0 to 255"]
+    assert "all levels between 0 and 10" in found["levels from 0 to 255"]
     assert "levels from 0 to 255" not in problems(lambda infocus, _: infocus.mean(2))
 
 

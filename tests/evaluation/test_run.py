@@ -240,7 +240,7 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Pa
         return right(infocus, defocus) / 255
 
     (told,) = run_method(tiny_store, method(small), "test", tmp_path / "small").result.warnings
-    assert told.startswith("all levels between 0 and 1; levels go from 0 (far) to 255 (near)")
+    assert told.startswith("all levels between 0 and 10; levels go from 0 (far) to 255 (near)")
 
 
 @pytest.mark.slow
