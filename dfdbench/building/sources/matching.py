@@ -278,7 +278,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     pairs : iterable of (str, ndarray of uint8, ndarray of uint8)
         Each scene's name, its in-focus and its defocus image, shape (y, x, 3).
     """
-    moves: list[tuple[Placement, tuple[int, ...]]] = []
+    moves: dict[str, tuple[Placement, tuple[int, ...]]] = {}
     gains, unlike, problems, tried, seen = [0.0], 0, [], 0, []
     for name, sharp, blurred in pairs:
         tried += 1
@@ -287,7 +287,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             continue
         seen.append(Images.small(sharp, blurred))
         try:
-            moves.append((find_placement(sharp, blurred), sharp.shape))
+            moves[name] = find_placement(sharp, blurred), sharp.shape
             everywhere = np.ones(sharp.shape[:2], bool)
             gains.append(find_gain(sharp.astype(float), blurred.astype(float), everywhere) - 1)
         except InputError:
@@ -295,7 +295,15 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     if unlike:
         problems.append(f"{unlike} of {tried} pairs tried cannot be aligned")
     gain = max(map(abs, gains))
-    align, moved = _proposed(moves)
+    align, moved = _proposed([*moves.values()])
+    far = {name: move.at_corners(shape) for name, (move, shape) in moves.items()}
+    if align == "none" and far and max(far.values()) > _STILL:
+        name = max(far, key=far.__getitem__)
+        count = sum(corner > _STILL for corner in far.values())
+        problems.append(
+            f"whether {count} of {len(far)} pairs moved, as the others did not: {name} by "
+            f"{far[name]:.1f} pixels?"
+        )
     light = replace(find_change(seen), similarity=ViewChange.similarity)
     # What nothing is to be done about is not said.
     found = moved if align != "none" else []
@@ -313,7 +321,8 @@ def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, li
     def most(**without: float) -> float:
         return max(replace(move, **without).at_corners(shape) for move, shape in moves)
 
-    if not moves:
+    # Strong blur over few pixels passes for a movement: one pair alone does not tell of the set.
+    if not moves or np.median([move.at_corners(shape) for move, shape in moves]) <= _STILL:
         return "none", []
     shift, turn = most(degrees=0, magnification=1), most(right=0, down=0, magnification=1)
     rigid, magnified = most(magnification=1), most(right=0, down=0, degrees=0)

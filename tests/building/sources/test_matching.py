@@ -96,6 +96,16 @@ def test_what_is_proposed_is_what_was_measured() -> None:
     assert found.found[-1] == "photographs differ in brightness by up to 11.1 %"
 
 
+def test_one_pair_that_seems_moved_is_asked_about_and_moves_no_other() -> None:
+    pairs = [(f"scene {seed}", photograph(seed, SHAPE)) for seed in range(3)]
+    still = [(name, sharp, cv2.GaussianBlur(sharp, (0, 0), 1.2)) for name, sharp in pairs]
+    sharp = photograph(3, SHAPE)
+    odd = np.rint(moved(cv2.GaussianBlur(sharp, (0, 0), 1.2), scale=1.006)).astype(np.uint8)
+    found = matching_of([*still, ("desk", sharp, odd)])
+    assert (found.align, found.found) == ("none", ())
+    assert found.open == ("whether 1 of 4 pairs moved, as the others did not: desk by 1.1 pixels?",)
+
+
 def test_a_fall_off_that_several_pairs_share_becomes_a_flat_field() -> None:
     pairs = []
     for seed in range(3):
