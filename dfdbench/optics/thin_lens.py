@@ -59,7 +59,8 @@ class ThinLens:
         ]
         if not problems and self.focus_distance <= self.focal_length:
             what = f"no real image: the focus is within the focal length of {self.focal_length:g} m"
-            problems = [Problem(what, where="focus_distance", got=f"{self.focus_distance:g} m")]
+            got, fix = f"{self.focus_distance:g} m", "give both in metres: 0.05 for 50 mm"
+            problems = [Problem(what, where="focus_distance", got=got, fix=fix)]
         InputError.raise_if(problems)
 
     def blur_radius_far(self, distance: ArrayLike) -> Floats:
