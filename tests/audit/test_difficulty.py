@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
-from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import (
     STEPS,
@@ -92,25 +91,6 @@ def test_only_known_pixels_count() -> None:
     assert step is not None
     assert step <= 2
     assert math.isnan(smallest_step(image, depth, ~(depth > 0), RECIPE).share_above(1))
-
-
-@pytest.mark.slow
-def test_the_errors_of_local_follow_it(demo_store: Dataset) -> None:
-    # Both views of one test scene under every light: the shares rank the errors, and pixels
-    # whose blur shows only larger steps err more.
-    predict, steps, errors, shares, means = Local(RECIPE), [], [], [], []
-    for pair in demo_store.pairs("Market")[:9]:
-        images = demo_store.read(pair)
-        found = smallest_step(images.infocus, images.levels, images.valid, RECIPE)
-        error = np.abs(predict(images.infocus, images.defocus) - images.depth)[images.valid]
-        steps.append(found.step[images.valid])
-        errors.append(error)
-        shares.append(found.share_above(8))
-        means.append(error.mean())
-    assert spearmanr(shares, means).statistic > 0.8
-    step, error = np.concatenate(steps), np.concatenate(errors)
-    by_step = [error[step == value].mean() for value in (4, 32, 128, UNSEEN)]
-    assert by_step == sorted(by_step)
 
 
 def of(*steps: int, known: bool = True) -> Difficulty:
@@ -311,19 +291,3 @@ def test_local_comes_near_its_bound_away_from_rims(demo_store: Dataset) -> None:
     assert sums[0, 0] > 0.55 * sums[:, 0].sum()
     assert np.mean(pixels) > 0.85
     assert 1 < math.sqrt(sums[2, 0] / sums[2, 1]) < 1.34
-
-
-def test_rounding_tells_more_than_normal_noise_of_its_size() -> None:
-    # Why a method that knows of rounding may lie below the bound: of the levels that every stored
-    # pixel allows the middle one is nearer than any estimate under normal noise.
-    infocus, window = noisy_grey(40), 7
-    random = np.random.default_rng(0)
-    truth = LEVEL + random.uniform(-0.5, 0.5, 300)
-    stored = np.rint(looks(infocus, truth, window))
-    levels = np.linspace(LEVEL - 1, LEVEL + 1, 2001)
-    shown = looks(infocus, levels, window)
-    middle = np.array(
-        [levels[(np.abs(shown - values) <= 0.5).all(axis=1)].mean() for values in stored]
-    )
-    wanted = least(looked_at(infocus, 1e6, noise=1 / math.sqrt(12)), window)
-    assert math.sqrt(np.square(middle - truth).mean()) < 0.7 * wanted

@@ -109,9 +109,8 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         problems(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("trained_on", "dataset", "split", "scenes"),
-    [
+def test_scenes_that_weights_were_trained_on_are_named() -> None:
+    for trained_on, dataset, split, scenes in (
         ("demo-1, split train", "demo-1", "all", "Attic, Barn, Cabin, Depot, Forge, Garage"),
         ("demo-1, all but Attic", "demo-1", "test", "Kitchen, Library, Market"),
         ("middlebury-third-1, split train", "middlebury-default-1", "Aloe", "Aloe"),
@@ -121,11 +120,7 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         ("photographs of my own", "demo-1", "all", None),
         ("mine-1, split train", "demo-1", "all", None),
         (None, "demo-1", "all", None),
-    ],
-)
-def test_scenes_that_weights_were_trained_on_are_named(
-    trained_on: str | None, dataset: str, split: str, scenes: str | None
-) -> None:
-    found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
-    what = f"the weights were trained on scenes of the test, {scenes}"
-    assert found == ([what] if scenes else [])
+    ):
+        found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
+        what = f"the weights were trained on scenes of the test, {scenes}"
+        assert found == ([what] if scenes else [])

@@ -220,19 +220,17 @@ def test_what_cannot_be_run_again_is_refused(row: Row) -> None:
         verify(tampered(row, fingerprint="8" * 64), HERE)
 
 
-@pytest.mark.parametrize(
-    "claim",
-    [
+def test_what_a_method_was_given_is_as_the_row_says(row: Row) -> None:
+    claims: list[dict[str, Any]] = [
         {"uses": []},
         {"trained_on": "demo-1, split train"},
         {"weights_sha256": "0" * 64},
         {"fitted_on": "tiny-1, split train"},
-    ],
-)
-def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, Any]) -> None:
-    found = verify(edited(row, method=claim), HERE, count=1)
-    assert not found.passed
-    assert f"{next(iter(claim))} is " in str(found.pairs[0])
+    ]
+    for claim in claims:
+        found = verify(edited(row, method=claim), HERE, count=1)
+        assert not found.passed
+        assert f"{next(iter(claim))} is " in str(found.pairs[0])
 
 
 def test_code_is_imported_if_trusted(

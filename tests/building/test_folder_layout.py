@@ -2,7 +2,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
@@ -21,9 +20,8 @@ def patterns(paths: list[str]) -> list[str]:
     return [group.pattern for group in layout.groups]
 
 
-@pytest.mark.parametrize(
-    "kinds",
-    [
+def test_scenes_are_told_by_what_their_files_share() -> None:
+    for kinds in (
         ["{scene}/blurred.png", "{scene}/depth.tiff", "{scene}/sharp.JPG"],
         ["depth/{scene}.png", "f2/{scene}.jpg", "f8/{scene}.jpg"],
         ["a/{scene}/depth/map.png", "a/{scene}/near.png", "a/{scene}/sharp.png"],
@@ -31,13 +29,10 @@ def patterns(paths: list[str]) -> list[str]:
         ["depth_{scene}.png", "f2_{scene}.png", "f8_{scene}.png"],
         # An image in two formats is two kinds.
         ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"],
-    ],
-)
-def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
-    assert patterns([kind.replace("{scene}", scene) for kind in kinds for scene in NAMES]) == kinds
-
-
-def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
+    ):
+        paths = [kind.replace("{scene}", scene) for kind in kinds for scene in NAMES]
+        assert patterns(paths) == kinds
+    # Kinds may differ in nothing but their endings.
     paths = [f"depth/{scene}.png" for scene in NAMES]
     paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
     paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]

@@ -22,19 +22,16 @@ from tests.conftest import rewrite_array
 VALUES = np.arange(6, dtype="<i4").reshape(2, 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "dimensions", "values"),
-    [
+def test_what_it_holds_does_enter() -> None:
+    seen = {fingerprint.array_digest("a", ("y", "x"), VALUES)}
+    for name, dimensions, values in (
         ("a", ("y", "x"), VALUES + (VALUES == 5)),
         ("b", ("y", "x"), VALUES),
         ("a", ("x", "y"), VALUES),
         ("a", ("y", "x"), VALUES.astype("<i8")),
-    ],
-)
-def test_what_it_holds_does_enter(name: str, dimensions: tuple[str, str], values: Any) -> None:
-    assert fingerprint.array_digest(name, dimensions, values) != fingerprint.array_digest(
-        "a", ("y", "x"), VALUES
-    )
+    ):
+        seen.add(fingerprint.array_digest(name, dimensions, values))
+    assert len(seen) == 5
 
 
 def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], object]) -> Path:

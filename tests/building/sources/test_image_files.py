@@ -106,29 +106,21 @@ def test_depth_is_read_as_it_stands() -> None:
         image_files.read_depth_file(encoded(RGB), "d.png")
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_an_image_of_another_kind_or_size_and_an_empty_depth_map_are_refused() -> None:
+    for content, said in (
         (b"", "an empty file"),
         (b"<html>404</html>" * 9, "not a PNG file"),
         (encoded(RGB.astype(np.uint16)), "uint16, 3 channels"),
         (encoded(np.ones((5, 7, 4), np.uint8)), "uint8, 4 channels"),
         (encoded(np.zeros((5, 7, 3), np.uint8)), "black all over"),
         (encoded(RGB[:, :-1]), "size differs"),
-    ],
-)
-def test_an_image_of_another_kind_or_size_is_refused(content: bytes, said: str) -> None:
-    with pytest.raises(SourceError, match=said) as caught:
-        image_files.decode_image(content, "Art/view1.png", (5, 7))
-    assert "Art/view1.png" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("image", "said"), [(RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")]
-)
-def test_a_depth_map_in_colour_or_empty_is_refused(image: NDArray[np.uint8], said: str) -> None:
-    with pytest.raises(SourceError, match=said):
-        image_files.decode_levels(encoded(image), "Art/disp1.png", 0)
+    ):
+        with pytest.raises(SourceError, match=said) as caught:
+            image_files.decode_image(content, "Art/view1.png", (5, 7))
+        assert "Art/view1.png" in str(caught.value)
+    for image, said in ((RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")):
+        with pytest.raises(SourceError, match=said):
+            image_files.decode_levels(encoded(image), "Art/disp1.png", 0)
 
 
 @settings(max_examples=200)
