@@ -409,9 +409,8 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def make_captures(folder: Path) -> None:
     manifest = find_manifest("realworld")
     assert manifest.capture is not None
-    write_captures(
-        folder, ("k01", "k03"), manifest.capture, CaptureSettings(STEPS, (40,)), workers=2
-    )
+    taken = CaptureSettings(STEPS, (40,))
+    write_captures(folder, ("k01", "k03"), manifest.capture, taken, workers=2)
     scenes = {name: raw_scene(folder, name) for name in ("k01", "k03")}
     rig = next(iter(scenes.values())).rig
     sightings = {

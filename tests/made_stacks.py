@@ -101,6 +101,5 @@ def antinous(folder: Path) -> tuple[DataArray, Array]:
     images = [cv2.imread(str(folder / f"focus_{number:02}.png")) for number in range(len(focus))]
     truth = np.load(folder / "disparity.npy")
     ends = (float(truth.max()), float(truth.min()))
-    return stack_of(
-        [image[..., ::-1] for image in images if image is not None], focus, ends=ends
-    ), truth
+    colours = [image[..., ::-1] for image in images if image is not None]
+    return stack_of(colours, focus, ends=ends), truth

@@ -19,6 +19,7 @@ import dfdbench.figures
 from dfdbench.board.board import Board, leaderboard
 from dfdbench.cli import VERBS
 from dfdbench.methods.registry import find_entry
+from dfdbench.metrics.metric import IN_METRES
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import PairResult, Result
 from tests.board.made_boards import add, make_tracks, scored, submit
@@ -221,9 +222,7 @@ def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(
     for words in (module.TRACKS_NOTE, module.SCORED_NOTE):
         assert words not in text
     result = make_demo_result(lambda pair: 0.1, "far")
-    metres = dict.fromkeys(
-        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
-    )
+    metres = dict.fromkeys(IN_METRES, 0.25)
     pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
     protocols = [RELEASED["metric"].as_dict()]
     submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)

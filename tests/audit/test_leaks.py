@@ -32,9 +32,8 @@ def test_one_image_in_another_guise_is_found_and_another_image_is_not(seed: int)
 
 def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
     realworld = find_manifest("realworld")
-    assert not likeness.manifest_leaks(
-        realworld, realworld.scenes_of("train"), realworld, realworld.scenes_of("test")
-    )
+    train, test = realworld.scenes_of("train"), realworld.scenes_of("test")
+    assert not likeness.manifest_leaks(realworld, train, realworld, test)
     found = likeness.manifest_leaks(realworld, ("k00", "k05"), realworld, ("k01", "k05"))
     assert [(leak.kind, leak.train, leak.test) for leak in found] == [
         ("scene", "k05", "k05"),

@@ -114,9 +114,8 @@ def test_a_straight_edge_has_the_closed_form(near: int, far: int, black_is_near:
     columns = np.arange(60)
     is_near = np.broadcast_to(columns < 30, (60, 60))
     image = np.where(is_near, *colours)
-    layered = composite_layers(
-        image, np.where(is_near, near, far), without_tails(wide_kernels(near, far))
-    )
+    kernels = without_tails(wide_kernels(near, far))
+    layered = composite_layers(image, np.where(is_near, near, far), kernels)
     sigma = RECIPE.sigma_min + RECIPE.sigma_step * (255 - near)
     seen = np.array([0.5 * erfc((x - 29.5) / (sigma * 2**0.5)) for x in columns])
     exact = seen * colours[0] + (1 - seen) * colours[1]

@@ -141,9 +141,8 @@ def symmetric(count: int) -> Floats:
 
 @pytest.mark.parametrize("kind", ["any", "disk"])
 def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
-    kernels = (
-        symmetric(5) if kind == "any" else point_spread_functions(np.linspace(0.3, 2, 5), 9, DISK)
-    )
+    disks = point_spread_functions(np.linspace(0.3, 2, 5), 9, DISK)
+    kernels = symmetric(5) if kind == "any" else disks
     ours = blur_by_level(IMAGE, LEVELS, kernels)
     assert np.allclose(ours, whole_images(IMAGE, LEVELS, kernels), rtol=1e-12)
     grey = blur_by_level(IMAGE[..., 1], LEVELS, kernels)

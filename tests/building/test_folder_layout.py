@@ -112,15 +112,7 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     ]
 
 
-def test_depth_in_some_stacks_is_counted(tmp_path: Path) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for scene in SCENES[1:]:
-        (folder / scene / "depth.npy").unlink()
-    (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
-    assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
-
-
-def test_a_stack_without_the_depth_that_most_have_is_named(tmp_path: Path) -> None:
+def test_stacks_without_the_depth_that_most_have_are_named_or_counted(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     first, *others, third = SCENES
     (folder / first / "depth.npy").unlink()
@@ -129,6 +121,10 @@ def test_a_stack_without_the_depth_that_most_have_is_named(tmp_path: Path) -> No
     assert f"left out 1 scene without depth: {first}" in written.open
     (folder / third / "focus.csv").write_text("image,focus_distance\n1")
     assert f"no tables with a row per image: {third}/focus.csv" in new_manifest(folder).open
+    for scene in others:
+        (folder / scene / "depth.npy").unlink()
+    (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
+    assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
 
 
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:

@@ -38,9 +38,8 @@ def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
     zarr.open_group(tmp_path / "other.zarr", mode="w")
     with pytest.raises(StoreError, match="not a data set built by dfdbench"):
         Dataset(tmp_path / "other.zarr")
-    zarr.open_group(tmp_path / "other.zarr", mode="a").attrs.update(
-        {"format": "dfdbench store", "format_version": 99}
-    )
+    attributes = zarr.open_group(tmp_path / "other.zarr", mode="a").attrs
+    attributes.update({"format": "dfdbench store", "format_version": 99})
     with pytest.raises(StoreError, match="version 99, not 1"):
         open_dataset(str(tmp_path / "other.zarr"))
     (tmp_path / "file.zarr").write_text("x")

@@ -109,12 +109,9 @@ def test_every_problem_is_in_one_message() -> None:
     wrong = TINY_TOML.replace("pairs = 7", "pairs = 6")
     found = problems_of(wrong.replace('test_scenes = ["Three"]', 'test_scenes = ["Four"]'))
     assert all(part in found for part in ("splits[1].pairs", "Four", "folds"))
-
-
-def test_columns_that_are_known_must_be_the_ones_that_patterns_name() -> None:
+    # Columns that are known must be the ones that patterns name.
     text = STACK_TOML.replace("{image}", "{motor}")
     parse_manifest(text.encode(), "mine-1.toml")
-    named = text.replace("[rig]", 'columns = ["run", "focus_distance"]\n\n[rig]')
-    text = problems_of(named)
-    assert "nothing is known by the name {motor}" in text
-    assert "the pattern names one file" in text
+    found = problems_of(text.replace("[rig]", 'columns = ["run", "focus_distance"]\n\n[rig]'))
+    assert "nothing is known by the name {motor}" in found
+    assert "the pattern names one file" in found

@@ -187,9 +187,8 @@ def changed_npy(random: Random, content: bytes) -> bytes:
     """Change what a ``.npy`` file says of its array, or its bytes."""
     if random.random() < 0.3:
         return changed_bytes(random, content)
-    shape = random.choice(
-        ("()", "(0,)", "(3,)", "(4, 0)", "(-1, 4)", "(99999999, 99999999)", "[4]")
-    )
+    shapes = ("()", "(0,)", "(3,)", "(4, 0)", "(-1, 4)", "(99999999, 99999999)", "[4]")
+    shape = random.choice(shapes)
     kind = random.choice(("<i4", "<f8", ">i2", "|O", "<U9", "|b1", "<c16", "|V4", "<M8[s]", "<i8"))
     head = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}"
     head += " " * (63 - (10 + len(head)) % 64) + "\n"

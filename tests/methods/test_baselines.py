@@ -29,9 +29,8 @@ def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() 
     prior = PositionalPrior()
     with pytest.raises(MethodError, match="no training captures yet"):
         prior(image, image)
-    prior.restore(
-        prior.fit([made_pair(image, image, near, known), made_pair(image, image, far, ~known)])
-    )
+    pairs = [made_pair(image, image, near, known), made_pair(image, image, far, ~known)]
+    prior.restore(prior.fit(pairs))
     found = prior(np.zeros((24, 100, 3), np.uint8), np.zeros((24, 100, 3), np.uint8))
     assert (found.shape, found[:, [0, -1]].tolist()) == ((24, 100), [[200, 40]] * 24)
     prior.restore(prior.fit([made_pair(image, image, near, known)]))

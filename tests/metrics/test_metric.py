@@ -1,5 +1,6 @@
 """A metric is defined once, and whatever shows scores shows it."""
 
+import html
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,13 +44,19 @@ from dfdbench.results.summary import summarise
 from tests.board.made_boards import entry_of
 from tests.evaluation.made_predictions import in_metres
 
-HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 
-
-@pytest.fixture
-def with_a_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_from_before_a_metric_is_shown_without_it(
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_constant(tiny_store, tmp_path / "run")
     levels = Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
     monkeypatch.setitem(metric.METRICS, levels.name, levels)
+    result = load_result(tmp_path / "run")
+    summary = summarise(result, "valid")
+    assert summary.groups[-1].undefined == 0
+    table = all_tables(summary, None)[0]
+    place = table.columns.index("MAE_LEVELS ↓")
+    assert {row[place] for row in table.rows} == {"–"}
 
 
 def labels_of(figure: Figure | None) -> str:
@@ -75,49 +82,16 @@ def run_constant(store: Dataset, folder: Path) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("with_a_fourth")
-def test_one_metric_more_is_in_every_table_and_page(tiny_store: Dataset, tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    result = run_constant(tiny_store, folder)
-    first = result.pairs[0].scores["valid"]
-    assert first["mae_levels"] == pytest.approx(255 * (first["nmae"] or math.nan))
-    assert load_result(folder) == result
-
-    scenes = [
-        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
-        for scene in tiny_store.manifest.scenes
-    ]
-    summary = summarise(result, "valid")
-    scores, extremes, _, spread = all_tables(summary, None)
-    (board,) = [b for b in boards([entry_of(result, folder / RESULT)]) if b.protocol == "valid"]
-    standings = standings_table(board, tmp_path)
-    by_scene = scene_tables(summary, scenes)
-    assert len(by_scene) == 2
-    for table in (scores, extremes, spread, *by_scene, standings):
-        assert table.columns.count(HEADING) == 1
-        assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
-    assert sorted({n for part in standings.parts for n in part}) == [*range(len(standings.columns))]
-    assert standings.records[0]["mae_levels"] == (result.averages or {})["valid"]["mae_levels"]
-    assert HEADING in {row[1] for row in lighting_table(board).rows}
-    assert HEADING in {row[0] for row in change_tables(result, result, "valid")[0].rows}
-    assert "mae_levels" in {row["metric"] for row in scores.records}
-    assert extremes.records[0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
-
-    figures = figures_of(tiny_store, folder, "valid", scenes)
-    assert all(TITLE in labels_of(figure) for figure in figures)
-    run = open_saved_run(folder, str(tiny_store.path))
-    page = write_html([run], "valid", tmp_path / "page").read_text("utf-8")
-    assert f">{HEADING}</th>" in page
-    assert f"<span>{TITLE} <b>" in page
-
-
-@pytest.mark.slow
 def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path: Path) -> None:
     store, _ = in_metres(tiny_store)
     folder = tmp_path / "run"
     result = run_constant(store, folder)
     assert load_result(folder) == result
     assert list(result.pairs[0].scores) == [*PROTOCOLS, "metric", "aligned"]
+    scenes = [
+        scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
+        for scene in tiny_store.manifest.scenes
+    ]
     headings = [each.heading for each in IN_METRES.values()]
     for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
         summary = summarise(result, protocol)
@@ -125,38 +99,34 @@ def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path:
         found = boards([entry_of(result, folder / RESULT)])
         (board,) = [each for each in found if each.protocol == protocol]
         scores, extremes, _, spread = all_tables(summary, None)
-        for table in (scores, extremes, spread, standings_table(board, tmp_path)):
+        standings = standings_table(board, tmp_path)
+        by_scene = scene_tables(summary, scenes)
+        assert len(by_scene) == 2
+        for table in (scores, extremes, spread, *by_scene, standings):
             shown = [text for text in table.columns if text.endswith(("↑", "↓"))]
             assert shown == wanted, table.title
             assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
+        shown_in_parts = {number for part in standings.parts for number in part}
+        assert shown_in_parts == set(range(len(standings.columns)))
+        assert standings.records[0]["abs_rel"] == (result.averages or {})[protocol]["abs_rel"]
         assert [row[1] for row in lighting_table(board).rows] == wanted
         changed = change_tables(result, result, protocol)[0]
         assert [row[0] for row in changed.rows if row[0]] == wanted
-        assert extremes.records[0].keys() >= set(metrics_of(protocol))
-        for figure in figures_of(store, folder, protocol, []):
+        assert "abs_rel" in {row["metric"] for row in scores.records}
+        for name in metrics_of(protocol):
+            assert extremes.records[0][name] == summary.ranked[0].score(protocol, name)
+        for figure in figures_of(store, folder, protocol, scenes):
             assert "δ < 1.15" in labels_of(figure)
             assert "NRMSE" not in labels_of(figure)
         run = open_saved_run(folder, str(tiny_store.path))
         page = write_html([run], protocol, tmp_path / protocol).read_text("utf-8")
+        assert all(f">{html.escape(heading)}</th>" in page for heading in wanted)
         assert "<span>δ &lt; 1.25 <b>" in page
     assert [board.protocol for board in found][:1] == ["valid"], "the trio stays the headline"
     again = run_constant(tiny_store.__class__(tiny_store.path), tmp_path / "levels")
     assert list(again.pairs[0].scores) == list(PROTOCOLS)
     names = [protocol["name"] for protocol in again.protocols]
     assert names == ["thesis", "thesis-networks", "valid"]
-
-
-def test_a_result_from_before_a_metric_is_shown_without_it(
-    tiny_store: Dataset, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    run_constant(tiny_store, tmp_path / "run")
-    request.getfixturevalue("with_a_fourth")
-    result = load_result(tmp_path / "run")
-    summary = summarise(result, "valid")
-    assert summary.groups[-1].undefined == 0
-    table = all_tables(summary, None)[0]
-    place = table.columns.index(HEADING)
-    assert {row[place] for row in table.rows} == {"–"}
 
 
 def test_each_function_keeps_to_its_bounds() -> None:
@@ -206,26 +176,16 @@ def test_alignment_by_hand() -> None:
     truth = 1 / np.array([[1.0, 2.0, 3.0]])
     test = 1 / np.array([[1.0, 1.0, 4.0]])
     np.testing.assert_allclose(1 / aligned(truth, test, 100.0), [[1.5, 1.5, 3.0]])
-
-
-def test_inverse_depth_at_zero_or_below_counts_as_the_farthest() -> None:
-    # A scale of 1 and a shift of -1 from the two known pixels: the third comes to -0.5, the
-    # fourth to 0.05, beyond 10 m.
+    # What is flat becomes the mean of the inverse truth; what goes the wrong way is turned.
+    for level in (0.3, 1 / 3, 7.0):
+        np.testing.assert_allclose(aligned(truth, np.full((1, 3), level), 10.0), 1 / 2)
+    np.testing.assert_allclose(aligned(truth, 1 / (5 - 1 / truth), 10.0), truth)
+    # A scale of 1 and a shift of -1 from the two known pixels: the third comes to -0.5, below
+    # zero and so the farthest, the fourth to 0.05, beyond 10 m.
     truth = 1 / np.array([[1.0, 2.0, 1.0, 1.0]])
     test = 1 / np.array([[2.0, 3.0, 0.5, 1.05]])
     mask = np.array([[True, True, False, False]])
     np.testing.assert_allclose(aligned(truth, test, 10.0, mask), [[1.0, 0.5, 10.0, 10.0]])
-
-
-def test_a_flat_estimate_becomes_the_mean_of_the_inverse_truth() -> None:
-    truth = 1 / np.array([[1.0, 2.0, 6.0]])
-    for level in (0.3, 1 / 3, 7.0):
-        np.testing.assert_allclose(aligned(truth, np.full((1, 3), level), 10.0), 1 / 3)
-
-
-def test_a_map_that_goes_the_wrong_way_is_turned() -> None:
-    truth = 1 / np.array([[1.0, 2.0, 4.0]])
-    np.testing.assert_allclose(aligned(truth, 1 / (5 - 1 / truth), 10.0), truth)
 
 
 @given(truth=metres, mask=masks)
@@ -258,9 +218,8 @@ def test_what_is_left_out_does_not_count(
     other = np.where(mask, test, 1.0)
     for measure in (abs_rel, rmse_metres, share_within):
         assert measure(truth, test, mask=mask) == measure(truth, other, mask=mask)
-    np.testing.assert_array_equal(
-        aligned(truth, test, 64.0, mask)[mask], aligned(truth, other, 64.0, mask)[mask]
-    )
+    first, second = (aligned(truth, each, 64.0, mask)[mask] for each in (test, other))
+    np.testing.assert_array_equal(first, second)
 
 
 @given(truth=metres, test=metres)
@@ -297,10 +256,10 @@ def test_no_pixel_is_undefined() -> None:
     assert aligned([[1.0, 2.0]], [[3.0, 4.0]], 9.0, nothing).tolist() == [[3.0, 4.0]]
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
-def test_what_is_no_distance_is_refused(bad: float) -> None:
-    for measure in (abs_rel, rmse_metres, share_within):
-        with pytest.raises(InputError, match=r"no distance|not finite"):
-            measure([[1.0, 2.0]], [[bad, 2.0]])
-    with pytest.raises(InputError, match="farthest"):
-        aligned([[1.0, 2.0]], [[1.0, 2.0]], bad)
+def test_what_is_no_distance_is_refused() -> None:
+    for bad in (0.0, -1.0, math.nan, math.inf):
+        for measure in (abs_rel, rmse_metres, share_within):
+            with pytest.raises(InputError, match=r"no distance|not finite"):
+                measure([[1.0, 2.0]], [[bad, 2.0]])
+        with pytest.raises(InputError, match="farthest"):
+            aligned([[1.0, 2.0]], [[1.0, 2.0]], bad)

@@ -49,8 +49,6 @@ def test_refusals_say_why(tiny_store: Dataset, dark_store: Dataset, tmp_path: Pa
         (mean, "valid", "nope", "nope"),
     ):
         with pytest.raises(DfdbenchError, match=said):
-            dfdbench.run_transfer(
-                method, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
-            )
+            dfdbench.run_transfer(method, stores, split, protocol=protocol, out=tmp_path / "runs")
         # Nothing was run for it.
         assert not (tmp_path / "runs").exists()

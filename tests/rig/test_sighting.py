@@ -38,9 +38,8 @@ def rays(pose: Pose = TRUE) -> sights.Rays:
 
 def sighting(*alternatives: NDArray[np.float64], sides: int = 4) -> sights.Sighting:
     """What was seen; the first side may have more lines, clearer than its own."""
-    return sights.Sighting(
-        rays(), [[*alternatives, SIDES[0]], *([line] for line in SIDES[1:sides])]
-    )
+    lines = [[*alternatives, SIDES[0]], *([line] for line in SIDES[1:sides])]
+    return sights.Sighting(rays(), lines)
 
 
 def off(pose: Pose) -> float:

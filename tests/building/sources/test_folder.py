@@ -60,9 +60,8 @@ def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> 
 
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
-    with pytest.raises(
-        SourceError, match=r"no file matches files.infocus, .*, as desk/infocus.png"
-    ) as caught:
+    told = r"no file matches files.infocus, .*, as desk/infocus.png"
+    with pytest.raises(SourceError, match=told) as caught:
         open_source(manifest_of(text), folder)
     (problem,) = caught.value.problems
     assert "desk/blurred.png" in problem.got
