@@ -383,15 +383,13 @@ def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
         compared += 1
     assert compared == 4
     energy = aloe(exposure)
-    solved = {
-        f"`split`, quality `{quality}`": split(energy, quality) for quality in get_args(Quality)
-    }
+    qualities = get_args(Quality)
+    solved = {f"`split`, quality `{quality}`": split(energy, quality) for quality in qualities}
     solved["`expansion`"] = expansion(energy)
     # The least energies known: of the author's program, and of a long run of several solvers.
     known = {1: 1_139_913, 2: 1_239_127}[exposure]
     for name, most in zip(solved, (1.006, 1.001, 1.0002, 1.0006), strict=True):
         assert known * 0.9995 < solved[name].energy < known * most, name
     _, rows = table(Quoted(page, "| solver | exposure 1", "", ""))
-    assert {row[0]: row[exposure] for row in rows} == {
-        name: f"{solution.energy:,}" for name, solution in solved.items()
-    }
+    reached = {name: f"{solution.energy:,}" for name, solution in solved.items()}
+    assert {row[0]: row[exposure] for row in rows} == reached

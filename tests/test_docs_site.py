@@ -273,24 +273,14 @@ QUESTIONS = {
 
 
 @pytest.mark.slow
-def test_the_site_asks_no_other_server_and_answers_what_newcomers_ask(site: Path) -> None:
-    for page in site.rglob("*.html"):
-        html = page.read_text("utf-8")
-        fetched = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]+)"', html)
-        assert not fetched, page
-    found = json.loads((site / "search/search_index.json").read_text("utf-8"))["docs"]
-    answers = {entry["location"]: entry["text"] for entry in found}
-    for anchor, words in QUESTIONS.values():
-        assert words in re.sub(r"<[^>]+>", "", answers[f"questions/#{anchor}"])
-
-
-@pytest.mark.slow
-def test_every_page_is_described_small_and_listed_for_language_models(site: Path) -> None:
+def test_every_page_is_described_small_and_asks_no_other_server(site: Path) -> None:
     listed = (site / "llms.txt").read_text("utf-8")
     assert listed.startswith("# dfdbench\n")
     for page in site.rglob("*.html"):
         place = page.relative_to(site)
         html = page.read_text("utf-8")
+        fetched = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]+)"', html)
+        assert not fetched, place
         (description,) = re.findall(r'<meta name="description" content="([^"]+)"', html)
         assert 20 < len(description) <= 200, place
         assert len(html) < 300_000 or place.parts[0] == "board", place
@@ -298,6 +288,9 @@ def test_every_page_is_described_small_and_listed_for_language_models(site: Path
         (line,) = re.findall(rf"\]\({name}\): (.+)", listed)
         assert line
     found = json.loads((site / "search/search_index.json").read_text("utf-8"))["docs"]
+    answers = {entry["location"]: entry["text"] for entry in found}
+    for anchor, words in QUESTIONS.values():
+        assert words in re.sub(r"<[^>]+>", "", answers[f"questions/#{anchor}"])
     about = [entry["location"] for entry in found if "license" in entry["text"]]
     assert {"licence/", "datasets/", "datasets/demo/"} <= set(about)
 

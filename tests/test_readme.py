@@ -52,9 +52,8 @@ def test_the_ten_lines_beat_a_constant_on_every_test_scene() -> None:
     exec(blocks("README.md", "python")[0], names)
     runs = [dfdbench.run(method, "demo", "test") for method in (names["predict"], "constant")]
     for protocol in ("valid", "thesis"):
-        own, constant = (
-            run.to_frame(protocol).groupby("scene")[["nrmse", "nmae"]].mean() for run in runs
-        )
+        frames = (run.to_frame(protocol).groupby("scene") for run in runs)
+        own, constant = (frame[["nrmse", "nmae"]].mean() for frame in frames)
         assert len(own) == 3
         assert (own < constant).all(axis=None), protocol
 

@@ -7,7 +7,6 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
@@ -19,13 +18,11 @@ from tests.made_source import MadeSource
 local = Local()
 
 
-def test_what_is_exported_builds_the_same_store_again(
-    tiny_manifest: Manifest, tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_what_is_exported_builds_the_same_store_again(tiny_store: Dataset, tmp_path: Path) -> None:
     assert export_png(tiny_store, tmp_path / "png") == 11
     assert (tmp_path / "png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
     assert not (tmp_path / "png/Three/Illum1/Exp1/view5.png").exists()
-    again = store_of(tiny_manifest, tmp_path / "png", tmp_path / "again.zarr")
+    again = store_of(tiny_store.manifest, tmp_path / "png", tmp_path / "again.zarr")
     assert again.fingerprint == tiny_store.fingerprint
 
 

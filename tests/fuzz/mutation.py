@@ -170,9 +170,8 @@ def _toml_value(value: Any, depth: int = 0) -> str:
         case None:
             return '""'
         case dict():
-            parts = (
-                f"{json.dumps(str(k))} = {_toml_value(v, depth + 1)}" for k, v in value.items()
-            )
+            held = value.items()
+            parts = (f"{json.dumps(str(k))} = {_toml_value(v, depth + 1)}" for k, v in held)
             return "{" + ", ".join(parts) + "}"
         case list():
             return "[" + ", ".join(_toml_value(part, depth + 1) for part in value) + "]"

@@ -54,19 +54,18 @@ def _scores(place: Path) -> object:
     return [(pair.prediction_sha256, pair.scores) for pair in load_result(place).pairs]
 
 
+WORK: dict[str, Callable[[Path], object]] = {
+    "build tiny-1.toml --source site --workers 1 --store PLACE": _fingerprint,
+    "run --method constant --dataset tiny.zarr --no-predictions --out PLACE": _scores,
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "outcome"),
-    [
-        ("build tiny-1.toml --source site --workers 1 --store PLACE", _fingerprint),
-        ("run --method constant --dataset tiny.zarr --no-predictions --out PLACE", _scores),
-    ],
-    ids=["build", "run"],
-)
+@pytest.mark.parametrize("command", WORK)
 def test_a_disk_full_at_any_write_is_told_and_gone_on_with(
-    command: str, outcome: Callable[[Path], object], disk: Path, folder: Path
+    command: str, disk: Path, folder: Path
 ) -> None:
-    place = disk / "made.zarr"
+    place, outcome = disk / "made.zarr", WORK[command]
     words = command.replace("PLACE", str(place)).split()
     assert call(folder, words)[0] == 0
     expected, needed = outcome(place), shutil.disk_usage(disk).used

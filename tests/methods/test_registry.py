@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods.registry import entry_of, load, load_method, registered_methods
 
@@ -24,10 +24,8 @@ def test_parameters_reach_functions_and_classes(module: Path) -> None:
 
 
 def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path) -> None:
-    def offer() -> BlurRecipe:
-        return RECIPES["published"]
-
-    offers: dict[str, Any] = {"recipe": offer, "training_mean": lambda: 1 / 0}
+    offers: dict[str, Any] = {"recipe": lambda: RECIPES["published"]}
+    offers["training_mean"] = lambda: 1 / 0
     method = load_method("mine.py:Named", {}, offers)
     assert method.uses == ("recipe",)
     assert method.predict.recipe == RECIPES["published"]  # type: ignore[attr-defined]

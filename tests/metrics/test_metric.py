@@ -23,16 +23,6 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
 from dfdbench.figures.runs import group_figures, panel_figure, score_figure
 from dfdbench.metrics import metric
-from dfdbench.metrics.metric import (
-    IN_METRES,
-    METRICS,
-    Metric,
-    abs_rel,
-    aligned,
-    boundary_f1,
-    rmse_metres,
-    share_within,
-)
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
@@ -49,7 +39,7 @@ def test_a_result_from_before_a_metric_is_shown_without_it(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_constant(tiny_store, tmp_path / "run")
-    levels = Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
+    levels = metric.Metric("mae_levels", False, nmae, 0, 255, data_range=1.0, younger=True)
     monkeypatch.setitem(metric.METRICS, levels.name, levels)
     result = load_result(tmp_path / "run")
     summary = summarise(result, "valid")
@@ -92,7 +82,7 @@ def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path:
         scene.model_copy(update={"geometry": f"flat-{scene.name}", "texture": 0})
         for scene in tiny_store.manifest.scenes
     ]
-    headings = [each.heading for each in IN_METRES.values()]
+    headings = [each.heading for each in metric.IN_METRES.values()]
     for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
         summary = summarise(result, protocol)
         assert len(summary.ranked) == len(result.pairs)
@@ -131,7 +121,7 @@ def test_in_metres_all_tables_and_pages_show_them(tiny_store: Dataset, tmp_path:
 
 def test_each_function_keeps_to_its_bounds() -> None:
     depth = np.arange(400, dtype=np.uint8).reshape(20, 20)
-    for each in METRICS.values():
+    for each in metric.METRICS.values():
         for test in (depth, 255 - depth, np.full_like(depth, 255)):
             score = each.function(depth, test, data_range=each.data_range, mask=None)
             assert each.lowest <= score <= each.highest
@@ -147,27 +137,29 @@ def test_values_by_hand() -> None:
     truth = np.array([[1.0, 2.0], [4.0, 8.0]])
     test = np.array([[1.5, 2.0], [3.0, 16.0]])
     # 0.5 / 1, 0, 1 / 4, 8 / 8.
-    assert abs_rel(truth, test) == pytest.approx(1.75 / 4)
-    assert rmse_metres(truth, test) == pytest.approx(math.sqrt((0.25 + 0 + 1 + 64) / 4))
+    assert metric.abs_rel(truth, test) == pytest.approx(1.75 / 4)
+    assert metric.rmse_metres(truth, test) == pytest.approx(math.sqrt((0.25 + 0 + 1 + 64) / 4))
     # Ratios 1.5, 1, 4 / 3 and 2, against 1.25, 1.5625 and 1.953125.
-    assert share_within(truth, test) == 0.25
-    assert share_within(truth, test, factor=1.25**2) == 0.75
-    assert share_within(truth, test, factor=1.25**3) == 0.75
+    assert metric.share_within(truth, test) == 0.25
+    assert metric.share_within(truth, test, factor=1.25**2) == 0.75
+    assert metric.share_within(truth, test, factor=1.25**3) == 0.75
     mask = np.array([[True, False], [True, False]])
-    assert abs_rel(truth, test, mask=mask) == pytest.approx(0.375)
-    assert rmse_metres(truth, test, mask=mask) == pytest.approx(math.sqrt(0.625))
-    assert share_within(truth, test, mask=mask, factor=1.4) == 0.5
+    assert metric.abs_rel(truth, test, mask=mask) == pytest.approx(0.375)
+    assert metric.rmse_metres(truth, test, mask=mask) == pytest.approx(math.sqrt(0.625))
+    assert metric.share_within(truth, test, mask=mask, factor=1.4) == 0.5
 
 
 def test_boundaries_by_hand() -> None:
     # One of two edges found, at every threshold.
-    assert boundary_f1([[1.0, 2.0, 2.0, 4.0]], [[1.0, 2.0, 2.0, 2.0]]) == pytest.approx(2 / 3)
+    assert metric.boundary_f1([[1.0, 2.0, 2.0, 4.0]], [[1.0, 2.0, 2.0, 2.0]]) == pytest.approx(
+        2 / 3
+    )
     # A step of 1.1 is an edge at the three lowest thresholds; each weighs what it is.
     low = (1.05 + 1.07222 + 1.09444) / (10 * 1.15)
-    assert boundary_f1([[1.0, 2.0]], [[1.0, 1.1]]) == pytest.approx(low, abs=1e-5)
+    assert metric.boundary_f1([[1.0, 2.0]], [[1.0, 1.1]]) == pytest.approx(low, abs=1e-5)
     # A step of a threshold is no edge at it.
-    assert boundary_f1([[1.0, 2.0]], [[1.0, 1.05]]) == 0
-    assert math.isnan(boundary_f1([[1.0, 1.05]], [[1.0, 2.0]]))
+    assert metric.boundary_f1([[1.0, 2.0]], [[1.0, 1.05]]) == 0
+    assert math.isnan(metric.boundary_f1([[1.0, 1.05]], [[1.0, 2.0]]))
 
 
 def test_alignment_by_hand() -> None:
@@ -175,39 +167,43 @@ def test_alignment_by_hand() -> None:
     # scale is (-1 * -1 + 0 * -1 + 1 * 2) / (1 + 1 + 4) = 1 / 2.
     truth = 1 / np.array([[1.0, 2.0, 3.0]])
     test = 1 / np.array([[1.0, 1.0, 4.0]])
-    np.testing.assert_allclose(1 / aligned(truth, test, 100.0), [[1.5, 1.5, 3.0]])
+    np.testing.assert_allclose(1 / metric.aligned(truth, test, 100.0), [[1.5, 1.5, 3.0]])
     # What is flat becomes the mean of the inverse truth; what goes the wrong way is turned.
     for level in (0.3, 1 / 3, 7.0):
-        np.testing.assert_allclose(aligned(truth, np.full((1, 3), level), 10.0), 1 / 2)
-    np.testing.assert_allclose(aligned(truth, 1 / (5 - 1 / truth), 10.0), truth)
+        np.testing.assert_allclose(metric.aligned(truth, np.full((1, 3), level), 10.0), 1 / 2)
+    np.testing.assert_allclose(metric.aligned(truth, 1 / (5 - 1 / truth), 10.0), truth)
     # A scale of 1 and a shift of -1 from the two known pixels: the third comes to -0.5, below
     # zero and so the farthest, the fourth to 0.05, beyond 10 m.
     truth = 1 / np.array([[1.0, 2.0, 1.0, 1.0]])
     test = 1 / np.array([[2.0, 3.0, 0.5, 1.05]])
     mask = np.array([[True, True, False, False]])
-    np.testing.assert_allclose(aligned(truth, test, 10.0, mask), [[1.0, 0.5, 10.0, 10.0]])
+    np.testing.assert_allclose(metric.aligned(truth, test, 10.0, mask), [[1.0, 0.5, 10.0, 10.0]])
 
 
 @given(truth=metres, mask=masks)
 def test_the_truth_itself_is_perfect(truth: Floats, mask: NDArray[np.bool_]) -> None:
     assume(mask.any())
-    assert abs_rel(truth, truth, mask=mask) == rmse_metres(truth, truth, mask=mask) == 0
-    assert share_within(truth, truth, mask=mask) == 1
+    assert (
+        metric.abs_rel(truth, truth, mask=mask) == metric.rmse_metres(truth, truth, mask=mask) == 0
+    )
+    assert metric.share_within(truth, truth, mask=mask) == 1
 
 
 @given(truth=metres, test=metres)
 def test_delta_is_the_same_both_ways_and_grows_with_its_bound(truth: Floats, test: Floats) -> None:
-    shares = [share_within(truth, test, factor=1.25**power) for power in (1, 2, 3)]
+    shares = [metric.share_within(truth, test, factor=1.25**power) for power in (1, 2, 3)]
     assert shares == sorted(shares)
-    assert shares == [share_within(test, truth, factor=1.25**power) for power in (1, 2, 3)]
+    assert shares == [metric.share_within(test, truth, factor=1.25**power) for power in (1, 2, 3)]
 
 
 @given(truth=metres, test=metres, factor=st.sampled_from([0.25, 2.0, 8.0]))
 def test_relative_errors_know_no_unit_but_rmse(truth: Floats, test: Floats, factor: float) -> None:
-    assert abs_rel(truth * factor, test * factor) == pytest.approx(abs_rel(truth, test))
-    assert share_within(truth * factor, test * factor) == share_within(truth, test)
-    larger = rmse_metres(truth * factor, test * factor)
-    assert larger == pytest.approx(factor * rmse_metres(truth, test))
+    assert metric.abs_rel(truth * factor, test * factor) == pytest.approx(
+        metric.abs_rel(truth, test)
+    )
+    assert metric.share_within(truth * factor, test * factor) == metric.share_within(truth, test)
+    larger = metric.rmse_metres(truth * factor, test * factor)
+    assert larger == pytest.approx(factor * metric.rmse_metres(truth, test))
 
 
 @given(truth=metres, test=metres, mask=masks)
@@ -216,9 +212,9 @@ def test_what_is_left_out_does_not_count(
 ) -> None:
     assume(mask.any())
     other = np.where(mask, test, 1.0)
-    for measure in (abs_rel, rmse_metres, share_within):
+    for measure in (metric.abs_rel, metric.rmse_metres, metric.share_within):
         assert measure(truth, test, mask=mask) == measure(truth, other, mask=mask)
-    first, second = (aligned(truth, each, 64.0, mask)[mask] for each in (test, other))
+    first, second = (metric.aligned(truth, each, 64.0, mask)[mask] for each in (test, other))
     np.testing.assert_array_equal(first, second)
 
 
@@ -226,7 +222,7 @@ def test_what_is_left_out_does_not_count(
 def test_no_other_scale_and_shift_fits_better(truth: Floats, test: Floats) -> None:
     # Where no pixel is held at the farthest, which is made all but unreachable here.
     assume(np.ptp(1 / test) > 1e-3)
-    found = 1 / aligned(truth, test, 1e30)
+    found = 1 / metric.aligned(truth, test, 1e30)
     assume(found.min() > 1e-12)
     left = float(np.sum((found - 1 / truth) ** 2))
     rows = np.stack([1 / test.ravel(), np.ones(test.size)], axis=1)
@@ -238,12 +234,12 @@ def test_no_other_scale_and_shift_fits_better(truth: Floats, test: Floats) -> No
 def test_alignment_undoes_scale_and_shift(truth: Floats, scale: float, shift: float) -> None:
     assume(np.ptp(1 / truth) > 1e-3)
     moved = 1 / (scale / truth + shift)
-    np.testing.assert_allclose(aligned(truth, moved, 64.0), truth, rtol=1e-5)
+    np.testing.assert_allclose(metric.aligned(truth, moved, 64.0), truth, rtol=1e-5)
 
 
 @given(truth=metres, test=metres)
 def test_aligned_distances_are_distances(truth: Floats, test: Floats) -> None:
-    found = aligned(truth, test, 64.0)
+    found = metric.aligned(truth, test, 64.0)
     assert np.isfinite(found).all()
     assert (found > 0).all()
     assert found.max() <= 64 * (1 + 1e-12)
@@ -251,15 +247,15 @@ def test_aligned_distances_are_distances(truth: Floats, test: Floats) -> None:
 
 def test_no_pixel_is_undefined() -> None:
     nothing = np.zeros((1, 2), bool)
-    for measure in (abs_rel, rmse_metres, share_within):
+    for measure in (metric.abs_rel, metric.rmse_metres, metric.share_within):
         assert math.isnan(measure([[1.0, 2.0]], [[1.0, 2.0]], mask=nothing))
-    assert aligned([[1.0, 2.0]], [[3.0, 4.0]], 9.0, nothing).tolist() == [[3.0, 4.0]]
+    assert metric.aligned([[1.0, 2.0]], [[3.0, 4.0]], 9.0, nothing).tolist() == [[3.0, 4.0]]
 
 
 def test_what_is_no_distance_is_refused() -> None:
     for bad in (0.0, -1.0, math.nan, math.inf):
-        for measure in (abs_rel, rmse_metres, share_within):
+        for measure in (metric.abs_rel, metric.rmse_metres, metric.share_within):
             with pytest.raises(InputError, match=r"no distance|not finite"):
                 measure([[1.0, 2.0]], [[bad, 2.0]])
         with pytest.raises(InputError, match="farthest"):
-            aligned([[1.0, 2.0]], [[1.0, 2.0]], bad)
+            metric.aligned([[1.0, 2.0]], [[1.0, 2.0]], bad)
