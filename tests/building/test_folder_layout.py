@@ -105,11 +105,8 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
             (folder / scene / name).unlink()
     written, store = built(folder)
     assert not store.manifest.has_truth
-    assert [text.partition(":")[0] for text in written.open[:3]] == [
-        "whether an image is in focus all over",
-        "depth",
-        "focus distances",
-    ]
+    asked = [text.partition(":")[0] for text in written.open[:3]]
+    assert asked == ["whether an image is in focus all over", "depth", "focus distances"]
 
 
 def test_stacks_without_the_depth_that_most_have_are_named_or_counted(tmp_path: Path) -> None:

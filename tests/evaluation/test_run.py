@@ -213,10 +213,8 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
-    depths = {
-        images.infocus.tobytes(): images.levels.astype(np.float32)
-        for images in map(tiny_store.read, tiny_store.pairs("test"))
-    }
+    read = [tiny_store.read(pair) for pair in tiny_store.pairs("test")]
+    depths = {images.infocus.tobytes(): images.levels.astype(np.float32) for images in read}
 
     def warnings(gain: float, offset: float) -> list[str]:
         def predict(infocus: Any, defocus: Any) -> Any:

@@ -92,11 +92,8 @@ def test_files_are_those_that_it_opens_and_what_changed_is_named(own: Path) -> N
     (own / "absent.txt").write_text("no longer")
     (own / "written.txt").write_text("by hand")
     (own / "mine_later.py").unlink()
-    assert changes(before, load_method(name, {}, {}).used_again(before)) == [
-        "absent.txt is new",
-        "coef.json has changed",
-        "mine_later.py is gone",
-    ]
+    told = changes(before, load_method(name, {}, {}).used_again(before))
+    assert told == ["absent.txt is new", "coef.json has changed", "mine_later.py is gone"]
 
 
 def test_labels_do_not_depend_on_where_the_folder_lies(own: Path) -> None:

@@ -26,11 +26,8 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert (published.schedule, published.decay_prelu) == ("dlib", True)
     # 28 patches in eight orientations: 28 * 126,304 are the 3,536,511 of Fig. 5.8 but for one.
     assert (published.crops_per_step, published.expansion) == (28, "eight")
-    assert published.architecture("dfd-net") == {
-        "filters": list(FILTERS["original"]),
-        "sampling_size": 2,
-        "first_activation": "prelu",
-    }
+    usual = {"filters": list(FILTERS["original"]), "sampling_size": 2, "first_activation": "prelu"}
+    assert published.architecture("dfd-net") == usual
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
     narrow = {"narrow": 8, "normalized": True, "normalization": "fixed"}
     found = read_configuration("published", narrow).architecture("u-net")

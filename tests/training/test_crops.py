@@ -34,10 +34,8 @@ def test_images_are_those_of_the_store(tiny_store: Dataset, images: crops.Traini
     assert np.array_equal(images.pixels[2][3:].permute(1, 2, 0).numpy(), pair.defocus)
     assert np.array_equal(images.levels[2].numpy(), pair.levels)
     assert images.levels[0] is images.levels[1]  # exposures of a view share a depth map
-    pixels = [
-        np.concatenate([each.infocus, each.defocus], axis=2).reshape(-1, 6)
-        for each in map(tiny_store.read, pairs)
-    ]
+    read = [tiny_store.read(each) for each in pairs]
+    pixels = [np.concatenate([each.infocus, each.defocus], 2).reshape(-1, 6) for each in read]
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
     # Unknown pixels may be left out.
     found = crops.TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[2].numpy()
@@ -54,10 +52,8 @@ def test_a_patch_comes_in_eight_orientations_depth_alike(images: crops.TrainingI
     assert len(turned) == 8
     # Each depth patch belongs to the pixels it comes with: both lie at one place of one image.
     for patch, level in zip(pixels, levels, strict=True):
-        assert any(
-            found_at(whole.float(), patch, depth, level)
-            for whole, depth in zip(images.pixels, images.levels, strict=True)
-        )
+        wholes = zip(images.pixels, images.levels, strict=True)
+        assert any(found_at(whole.float(), patch, depth, level) for whole, depth in wholes)
 
 
 def found_at(

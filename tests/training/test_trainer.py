@@ -142,10 +142,8 @@ def test_training_goes_on_from_weights_and_says_so(tiny_store: Dataset, tmp_path
         train(wider, tmp_path / "wider")
     # With fixed normalization the means stay.
     fine = replace(task(tiny_store, normalization="fixed"), start=first.weights)
-    before, after = (
-        load_weights(outcome.weights, "dfd-net")[0].state_dict()
-        for outcome in (first, train(fine, tmp_path / "fine"))
-    )
+    outcomes = first, train(fine, tmp_path / "fine")
+    before, after = (load_weights(o.weights, "dfd-net")[0].state_dict() for o in outcomes)
     same = {name for name in before if torch.equal(before[name], after[name])}
     assert {name for name in before if "running" in name} <= same < before.keys()
 
