@@ -53,14 +53,10 @@ class Worker:
         if self._process is None:
             self._tried = 0
             with self._last_words.open("w") as words:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", "tests.fuzz.worker", self._place],
-                    cwd=Path(__file__).parents[2],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=words,
-                    text=True,
-                )
+                command = [sys.executable, "-m", "tests.fuzz.worker", self._place]
+                pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+                pipes |= {"stderr": words, "cwd": Path(__file__).parents[2]}
+                self._process = subprocess.Popen(command, text=True, **pipes)
         process = self._process
         assert process.stdin
         assert process.stdout
