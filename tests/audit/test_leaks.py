@@ -47,8 +47,8 @@ def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
     found = likeness.manifest_leaks(whole, ("Art", "Aloe"), default, ("Art", "Books"))
     assert [(leak.kind, leak.test) for leak in found] == [("scene", "Art")]
     # Scenes of one name that come from elsewhere are others.
-    other = {"url": "https://example.org"}
-    elsewhere = [source.model_copy(update=other) for source in whole.sources]
+    moved = {"url": "https://example.org"}
+    elsewhere = [source.model_copy(update=moved) for source in whole.sources]
     other = whole.model_copy(update={"sources": elsewhere})
     assert not likeness.manifest_leaks(other, ("Art",), default, ("Art",))
 

@@ -256,8 +256,8 @@ def test_colour_moves_red_and_blue_apart_in_both_images_and_blurs_them_more() ->
             moved = side * 0.0016 * (np.array(places) - [100, 150])
             np.testing.assert_allclose(found - places, moved, atol=0.03)
     _, defocus = formed("colour-3")
-    moved = BlurRecipe(0.32 + 16 * 0.01125, 0.01125)
-    _, farther = formation.form_pair(IMAGE, DEPTH, moved, find_degradation("noise-0"), "a")
+    wider = BlurRecipe(0.32 + 16 * 0.01125, 0.01125)
+    _, farther = formation.form_pair(IMAGE, DEPTH, wider, find_degradation("noise-0"), "a")
     assert np.array_equal(defocus[..., 1], CLEAN[..., 1])
     assert np.abs(off(defocus[..., 0], farther[..., 0])).mean() < 0.6
 

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -183,10 +184,11 @@ def test_threads_at_work_at_once_change_nothing() -> None:
     image = RANDOM.integers(0, 256, (60, 80, 3)).astype(np.uint8)
     depth = RANDOM.integers(0, 256, (60, 80)).astype(np.uint8)
     kernels = point_spread_functions(np.linspace(0.3, 2, 5), 9, 3)
-    for blur in (
+    blurs: list[Callable[[int], Any]] = [
         lambda _: synthesize(image, depth, RECIPES["published"]),
         lambda _: blur_by_level(IMAGE, LEVELS, kernels),
-    ):
+    ]
+    for blur in blurs:
         alone = blur(0)
         with ThreadPoolExecutor(8) as pool:
             assert all(np.array_equal(one, alone) for one in list(pool.map(blur, range(16))))

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,10 @@ def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], objec
     return Path(store.path.path)
 
 
+def of_attributes(edit: Callable[[Any], object]) -> Callable[[Any], object]:
+    return lambda content: edit(content["attributes"])
+
+
 def _double_the_blur(attributes: dict[str, Any]) -> None:
     attributes["recipe"]["parameters"]["sigma_step"] *= 2
 
@@ -64,7 +69,7 @@ def test_a_store_whose_attributes_were_edited_is_refused(tiny_store: Dataset) ->
         lambda attributes: attributes.pop("attributes_sha256"),
     ]
     for edit in edits:
-        path = damaged(tiny_store, "", lambda content, edit=edit: edit(content["attributes"]))
+        path = damaged(tiny_store, "", of_attributes(edit))
         with pytest.raises(StoreError, match="were edited after"):
             Dataset(path)
         (path / "zarr.json").write_text(whole)
@@ -91,7 +96,7 @@ def test_arrays_not_as_built_are_told(tiny_store: Dataset) -> None:
     for place, change in changes:
         file = Path(tiny_store.path.path) / place / "zarr.json"
         whole = file.read_text()
-        path = damaged(tiny_store, place, lambda content, change=change: content.update(change))
+        path = damaged(tiny_store, place, methodcaller("update", change))
         with pytest.raises(StoreError, match="cannot be read"):
             Dataset(path).read(tiny_store.pairs("Two")[0])
         file.write_text(whole)
@@ -108,10 +113,8 @@ def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) ->
 def test_another_scene_record_is_told_by_name(tiny_store: Dataset) -> None:
     whole = (Path(tiny_store.path.path) / "One/zarr.json").read_text()
     for name, value in (("array_digests", "\u202e"), ("source_sha256", None), ("found", [])):
-        changed = {name: value}
-        path = damaged(
-            tiny_store, "One", lambda content, to=changed: content["attributes"].update(to)
-        )
+        changed: dict[str, object] = {name: value}
+        path = damaged(tiny_store, "One", of_attributes(methodcaller("update", changed)))
         with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
             fingerprint.scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")
         (path / "One/zarr.json").write_text(whole)

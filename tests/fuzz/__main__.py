@@ -53,7 +53,7 @@ class Worker:
         if self._process is None:
             self._tried = 0
             with self._last_words.open("w") as words:
-                command = [sys.executable, "-m", "tests.fuzz.worker", self._place]
+                command: list[str | Path] = [sys.executable, "-m", "tests.fuzz.worker", self._place]
                 pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
                 pipes |= {"stderr": words, "cwd": Path(__file__).parents[2]}
                 self._process = subprocess.Popen(command, text=True, **pipes)
