@@ -126,9 +126,8 @@ test_scenes = ["Three"]
 )
 
 # The same scenes in the site's default lighting alone, as the set middlebury-default.
-TINY_DEFAULT_TOML = "\n\n".join(
-    block for block in TINY_TOML.split("\n\n") if "[[exclusions]]" not in block
-)
+_BLOCKS = TINY_TOML.split("\n\n")
+TINY_DEFAULT_TOML = "\n\n".join(block for block in _BLOCKS if "[[exclusions]]" not in block)
 for _old, _new in {
     "pair_count = 11\ndefault_lighting = { illumination = 1, exposure = 1 }": "pair_count = 6",
     "view = [1, 5]\nillumination = [1]\nexposure = [0, 1]": "view = [1, 5]",
@@ -409,9 +408,8 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def make_captures(folder: Path) -> None:
     manifest = find_manifest("realworld")
     assert manifest.capture is not None
-    write_captures(
-        folder, ("k01", "k03"), manifest.capture, CaptureSettings(STEPS, (40,)), workers=2
-    )
+    taken = CaptureSettings(STEPS, (40,))
+    write_captures(folder, ("k01", "k03"), manifest.capture, taken, workers=2)
     scenes = {name: raw_scene(folder, name) for name in ("k01", "k03")}
     rig = next(iter(scenes.values())).rig
     sightings = {

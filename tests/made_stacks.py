@@ -30,17 +30,10 @@ def stack_of(
     roles = ["infocus"] * count + ["defocus"] * len(focus)
     values = np.stack([*([] if infocus is None else [infocus]), *images])
     unknown = ("image", np.full(len(values), np.nan))
-    return DataArray(
-        values,
-        dims=("image", "y", "x", "channel"),
-        coords={
-            "role": ("image", roles),
-            "focus_depth": ("image", [np.nan] * count + list(focus)),
-            "focus_distance": unknown,
-            "f_number": unknown,
-        },
-        attrs={"unit": unit, "near": ends[0], "far": ends[1]},
-    )
+    coordinates: dict[str, Any] = {"role": ("image", roles), "focus_distance": unknown}
+    coordinates |= {"focus_depth": ("image", [np.nan] * count + list(focus)), "f_number": unknown}
+    attributes = {"unit": unit, "near": ends[0], "far": ends[1]}
+    return DataArray(values, coordinates, ("image", "y", "x", "channel"), attrs=attributes)
 
 
 def blurred_to(sharp: Array, places: Array, focus: float, slope: float) -> Array:
@@ -101,6 +94,5 @@ def antinous(folder: Path) -> tuple[DataArray, Array]:
     images = [cv2.imread(str(folder / f"focus_{number:02}.png")) for number in range(len(focus))]
     truth = np.load(folder / "disparity.npy")
     ends = (float(truth.max()), float(truth.min()))
-    return stack_of(
-        [image[..., ::-1] for image in images if image is not None], focus, ends=ends
-    ), truth
+    colours = [image[..., ::-1] for image in images if image is not None]
+    return stack_of(colours, focus, ends=ends), truth

@@ -36,9 +36,8 @@ def taken(seed: int, aperture: float, focus: float) -> NDArray[np.uint8]:
 
 def make_zedd(folder: Path, scenes: int = 2, split: str = "val") -> Path:
     """Write the first scenes of a split below a folder, and return it; depth of ``val`` alone."""
-    lines = [
-        f"run_{run}\t{motor}\t{metres}" for run, (motor, metres) in enumerate(MOTORS.items(), 1)
-    ]
+    runs = enumerate(MOTORS.items(), 1)
+    lines = [f"run_{run}\t{motor}\t{metres}" for run, (motor, metres) in runs]
     folder.mkdir(parents=True)
     (folder / "metadata.txt").write_text("\n".join(["# run, motor, focus (m)", *lines]) + "\n")
     for number in range(1, scenes + 1):

@@ -79,14 +79,9 @@ def test_the_adapter_for_a_published_stack_network_runs(
     method = importlib.import_module("adapter").StackNetwork("theirs.pt")
     images = np.zeros((3, 33, 50, 3), np.uint8)
     images[1:, :, 25:] = [[[[9]]], [[[5]]]]
-    stack = xarray.DataArray(
-        images,
-        dims=("image", "y", "x", "channel"),
-        coords={
-            "role": ("image", ["infocus", "defocus", "defocus"]),
-            "focus_distance": ("image", [np.nan, 2.0, 1.0]),
-        },
-    )
+    roles, distances = ["infocus", "defocus", "defocus"], [np.nan, 2.0, 1.0]
+    coordinates = {"role": ("image", roles), "focus_distance": ("image", distances)}
+    stack = xarray.DataArray(images, coordinates, ("image", "y", "x", "channel"))
     depth, _ = check_answer(method(stack), (33, 50), "metres")
     assert (depth[:, 25:] == 2.0).all()
     assert torch.is_grad_enabled()

@@ -104,7 +104,6 @@ def test_tests_mirror_the_rooms() -> None:
 
 #: Tests of what several modules do together, each in the room where it begins.
 BEYOND_A_MODULE = {
-    ("blur", "test_rim_by_rays.py"),
     ("building", "test_tracks.py"),
     ("cli", "test_command_line.py"),
     ("cli", "test_outputs.py"),

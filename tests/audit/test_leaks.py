@@ -32,9 +32,8 @@ def test_one_image_in_another_guise_is_found_and_another_image_is_not(seed: int)
 
 def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
     realworld = find_manifest("realworld")
-    assert not likeness.manifest_leaks(
-        realworld, realworld.scenes_of("train"), realworld, realworld.scenes_of("test")
-    )
+    train, test = realworld.scenes_of("train"), realworld.scenes_of("test")
+    assert not likeness.manifest_leaks(realworld, train, realworld, test)
     found = likeness.manifest_leaks(realworld, ("k00", "k05"), realworld, ("k01", "k05"))
     assert [(leak.kind, leak.train, leak.test) for leak in found] == [
         ("scene", "k05", "k05"),
@@ -48,9 +47,8 @@ def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
     found = likeness.manifest_leaks(whole, ("Art", "Aloe"), default, ("Art", "Books"))
     assert [(leak.kind, leak.test) for leak in found] == [("scene", "Art")]
     # Scenes of one name that come from elsewhere are others.
-    elsewhere = [
-        source.model_copy(update={"url": "https://example.org"}) for source in whole.sources
-    ]
+    moved = {"url": "https://example.org"}
+    elsewhere = [source.model_copy(update=moved) for source in whole.sources]
     other = whole.model_copy(update={"sources": elsewhere})
     assert not likeness.manifest_leaks(other, ("Art",), default, ("Art",))
 

@@ -57,24 +57,16 @@ def record(tiny_set: Path) -> CoverageRecord:
     return compare_depths(*sides_of(Dataset(tiny_set / "tiny.zarr")))
 
 
-@pytest.mark.parametrize(
-    ("join", "training", "told"),
-    [
+def test_the_conclusion_follows_from_errors_training_and_leaks(record: CoverageRecord) -> None:
+    for join, training, told in (
         (join_of(22.0), Training.known, "fall by 50.0 %: the errors gather where training lacks"),
         (join_of(22.0), Training.none, "fall by 50.0 %; the method names no training"),
         (join_of(22.0), Training.unknown, "is not known: its trained_on names no scenes"),
         (join_of(1.0), Training.known, "fall by 0 %: most of the error has another cause"),
         (join_of(9.0, share=0), Training.known, "what is wrong is not coverage"),
         (join_of(9.0, share=0), Training.unknown, "what the method was trained on is not known"),
-    ],
-)
-def test_the_conclusion_follows_from_errors_and_training(
-    record: CoverageRecord, join: run_errors.ErrorJoin, training: Training, told: str
-) -> None:
-    assert told in run_errors.conclusion(join, record, training)
-
-
-def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
+    ):
+        assert told in run_errors.conclusion(join, record, training)
     leak = Leak(kind="scene", train="a", test="a", detail="all")
     leaky = record.model_copy(update={"leaks": [leak, leak]})
     told = run_errors.conclusion(join_of(22.0), leaky, Training.known)

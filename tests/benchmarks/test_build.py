@@ -1,13 +1,10 @@
 """All 27 scenes at default lighting: seconds per pair for reading, blur and writing.
 
 The shared Middlebury images are used where they are found; scenes that are not there, and all
-of them where none is, are random images of the same size. The peer is the thesis's way to blur,
-256 whole images filtered with OpenCV.
+of them where none is, are random images of the same size.
 """
 
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +14,11 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.building.build import build_store, scene_dataset
+from dfdbench.building.build import scene_dataset
 from dfdbench.building.sources import Source, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_writer import StoreWriter
-from dfdbench.system.parallel import Threads
-from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
 from tests.process import python
 
@@ -69,13 +64,6 @@ def time_steps(manifest: Manifest, source: Source, store: Path) -> tuple[dict[st
     return seconds, pairs
 
 
-def timed(work: Callable[[], Any]) -> float:
-    """Seconds that some work takes."""
-    started = time.perf_counter()
-    work()
-    return float(time.perf_counter() - started)
-
-
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.benchmark(group="build 27 scenes at default lighting, step by step")
 def test_seconds_a_pair(
@@ -86,29 +74,10 @@ def test_seconds_a_pair(
     synthesize(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.uint8), RECIPE)
     store = tmp_path / "steps.zarr"
     seconds, pairs = benchmark.pedantic(time_steps, (manifest, source, store), rounds=1)
-    images = source.read("Art")
-    both = images.infocus[0], manifest.depth.levels_of(images.depth[0])
-    reference = timed(lambda: stack(*both, RECIPE))
-    blur = {
-        workers: timed(
-            partial(Threads(workers).map, lambda _: synthesize(*both, RECIPE), range(12))
-        )
-        for workers in (1, 2)
-    }
-    wall: dict[int, float] = {}
-    for workers in (1, 2):
-        place, pool = tmp_path / f"{workers}.zarr", Threads(workers)
-        wall[workers] = timed(partial(build_store, manifest, source, place, pool=pool))
     with capsys.disabled():
         print(f"\n{pairs} pairs of {len(manifest.scene_names)} scenes, one thread, ms a pair:")
         for step, taken in seconds.items():
             print(f"  {step:<28}{1000 * taken / pairs:8.1f}")
-        print(f"  {'256 images filtered whole':<28}{1000 * reference:8.1f}")
-        print(f"  blur against that           {reference / (seconds['blur'] / pairs):8.1f} times")
-        for workers, taken in wall.items():
-            print(f"  build, {workers} workers            {1000 * taken / pairs:8.1f}")
-        print(f"  build, two against one      {wall[1] / wall[2]:8.2f} times")
-        print(f"  blur, two against one       {blur[1] / blur[2]:8.2f} times")
     assert pairs >= 54
 
 

@@ -21,6 +21,7 @@ from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
 from tests.benchmarks.ledger import Ledger, cpu, timed
 from tests.benchmarks.test_blur import separable, stack
+from tests.conftest import read_rgb
 from tests.process import python
 
 
@@ -28,12 +29,9 @@ from tests.process import python
 def scene(request: pytest.FixtureRequest, shared_data: Path) -> Any:
     """Give view 1 of a scene at default lighting, its depth and its blur; ThirdSize."""
     folder = shared_data / "middlebury/ThirdSize" / request.param
-    image = cv2.imread(str(folder / "view1.png"))
-    depth = cv2.imread(str(folder / "disp1.png"), cv2.IMREAD_GRAYSCALE)
-    if image is None or depth is None:
+    if not (folder / "view1.png").is_file():
         pytest.skip(f"no {request.param} here")
-    infocus = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
-    levels = depth.astype(np.uint8)
+    infocus, levels = read_rgb(folder / "view1.png"), read_rgb(folder / "disp1.png")[..., 0].copy()
     return infocus, synthesize(infocus, levels, RECIPES["published"]), levels
 
 

@@ -23,34 +23,8 @@ RECIPE = RECIPES["published"]
 KERNELS = {p: point_spread_functions(RECIPE.sigmas, 27, p)[::-1] for p in (2.0, 3.0, DISK)}
 
 
-def pixel_by_pixel(image: Floats, depth: NDArray[Any], kernels: Floats) -> Floats:
-    """The formula word for word, gathered: what reaches a pixel, by depth, cut into surfaces."""
-    reach = kernels.shape[1] // 2
-    around = ((reach, reach), (reach, reach))
-    wide, levels = np.pad(image, (*around, (0, 0)), mode="edge"), np.pad(depth, around, mode="edge")
-    y, x = np.mgrid[: 2 * reach + 1, : 2 * reach + 1]
-    out = np.empty_like(image)
-    for place in np.ndindex(depth.shape):
-        window = tuple(slice(at, at + 2 * reach + 1) for at in place)
-        weights, near = kernels[levels[window], y, x], levels[window].ravel()
-        alpha = np.bincount(near, weights.ravel(), len(kernels))
-        light = np.stack(
-            [np.bincount(near, (weights * wide[window][..., c]).ravel(), 256) for c in range(3)]
-        )
-        reached = np.flatnonzero(alpha)
-        colour = np.zeros(3)
-        surfaces = np.split(reached, np.flatnonzero(np.diff(reached) > GAP) + 1)
-        for number, surface in enumerate(surfaces):
-            whole = alpha[surface].sum()
-            behind = kernels[surface[-1]][levels[window] < surface[0]].sum() if number else 0
-            share = whole / (whole + behind)
-            colour = (1 - share) * colour + share * light[:, surface].sum(axis=1) / whole
-        out[place] = colour
-    return out
-
-
 def pixel_after_pixel(image: Floats, depth: NDArray[Any], kernels: Floats) -> Floats:
-    """The same in the order of the sums: light spread pixel after pixel, layers laid in turn."""
+    """The formula in the order of the sums: light spread by pixels, cut into surfaces by depth."""
     reach = kernels.shape[1] // 2
     around = ((reach, reach), (reach, reach))
     wide, levels = np.pad(image, (*around, (0, 0)), mode="edge"), np.pad(depth, around, mode="edge")
@@ -93,7 +67,7 @@ def made_scene(seed: int) -> tuple[Floats, NDArray[np.uint8]]:
 def test_it_is_the_formula(exponent: float, focus: str) -> None:
     image, depth = made_scene(int(exponent))
     kernels = without_tails(KERNELS[exponent][:: 1 if focus == "near" else -1])
-    exact = pixel_by_pixel(image, depth, kernels)
+    exact = pixel_after_pixel(image, depth, kernels)
     assert np.abs(composite_layers(image, depth, kernels) - exact).max() < 1e-9
 
 
@@ -116,7 +90,7 @@ def test_it_is_the_formula_to_the_last_bit(shape: tuple[int, int]) -> None:
 def test_the_tails_left_out_are_less_than_a_grey_level(exponent: float) -> None:
     image, depth = made_scene(7)
     ours = composite_layers(image, depth, without_tails(KERNELS[exponent]))
-    errors = np.abs(ours - pixel_by_pixel(image, depth, KERNELS[exponent])).max(axis=2)
+    errors = np.abs(ours - pixel_after_pixel(image, depth, KERNELS[exponent])).max(axis=2)
     # A lone far pixel, seen through a hole of its own size, is the exception.
     assert np.quantile(errors, 0.999) < 1
     assert errors.max() < 2
@@ -140,9 +114,8 @@ def test_a_straight_edge_has_the_closed_form(near: int, far: int, black_is_near:
     columns = np.arange(60)
     is_near = np.broadcast_to(columns < 30, (60, 60))
     image = np.where(is_near, *colours)
-    layered = composite_layers(
-        image, np.where(is_near, near, far), without_tails(wide_kernels(near, far))
-    )
+    kernels = without_tails(wide_kernels(near, far))
+    layered = composite_layers(image, np.where(is_near, near, far), kernels)
     sigma = RECIPE.sigma_min + RECIPE.sigma_step * (255 - near)
     seen = np.array([0.5 * erfc((x - 29.5) / (sigma * 2**0.5)) for x in columns])
     exact = seen * colours[0] + (1 - seen) * colours[1]

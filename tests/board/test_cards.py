@@ -40,9 +40,8 @@ def test_a_row_needs_the_card_of_its_name(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.1)
     card = tmp_path / "methods/mine.toml"
     add_card(tmp_path, "mine", "theirs:predict")
-    with pytest.raises(
-        ResultError, match="the row is of mine, and the card of its name of another"
-    ):
+    told = "the row is of mine, and the card of its name of another"
+    with pytest.raises(ResultError, match=told):
         leaderboard(tmp_path)
     card.unlink()
     with pytest.raises(ResultError) as caught:

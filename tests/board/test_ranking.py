@@ -54,10 +54,8 @@ def test_each_protocol_ranks_by_its_own_scores(tmp_path: Path) -> None:
 
     for name, thesis, valid in (("a", 0.1, 0.4), ("b", 0.2, 0.2)):
         made, other = under("thesis", name, thesis), under("valid", name, valid)
-        pairs = [
-            edited(pair, scores=pair.scores | also.scores)
-            for pair, also in zip(made.pairs, other.pairs, strict=True)
-        ]
+        both = zip(made.pairs, other.pairs, strict=True)
+        pairs = [edited(pair, scores=pair.scores | also.scores) for pair, also in both]
         submit(edited(made, pairs=pairs, protocols=made.protocols + other.protocols), tmp_path)
     found = {board.protocol: board for board in leaderboard(tmp_path).boards}
     assert ranks(found["thesis"]) == [(1, "a"), (2, "b")]
@@ -71,12 +69,8 @@ def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
     # A set of one's own whose crop was changed has the same images and other scores.
     changed = edited(one, dataset={"manifest_sha256": "7" * 64}, protocols=one.protocols[:1])
     found = boards([entry_of(run, tmp_path) for run in (one, others, changed)])
-    assert [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found] == [
-        ("valid", "2", 1),
-        ("valid", "5", 1),
-        ("thesis", "2", 1),
-        ("thesis", "2", 1),
-    ]
+    of = [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found]
+    assert of == [("valid", "2", 1), ("valid", "5", 1), ("thesis", "2", 1), ("thesis", "2", 1)]
 
 
 def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:

@@ -27,9 +27,8 @@ def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
     clean = make_demo_result(lambda pair: 1 / 7, protocols=("thesis", "valid"))
     clean = edited(clean, pairs={"numbers": {"energy": 1.5}})
     elsewhere = edited(clean.environment, cpu="another")
-    stopped = edited(
-        limited(runs["noise-1"], 5), other_environments=[elsewhere], pairs={"machine": 1}
-    )
+    part = limited(runs["noise-1"], 5)
+    stopped = edited(part, other_environments=[elsewhere], pairs={"machine": 1})
     results = [clean, stopped, runs["camera-2"]]
     assert list(read_row(saved(tmp_path, results)).results) == results
 
@@ -57,9 +56,10 @@ RUN = ("runs", 0)
 SCORE = (*RUN, "scores", "valid", "nrmse", 3)
 
 
-@pytest.mark.parametrize(
-    ("tamper", "told"),
-    [
+def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path, [make_demo_result(lambda pair: 0.1)])
+    whole = path.read_text("utf-8")
+    for tamper, told in (
         (drop_pair, "not those of demo-1, split test: Kitchen/view1/illumination1/exposure0"),
         (change("dataset", to="demmo-1"), "unknown data set"),
         (change("suites", to=["tracks-9"]), "no such suite"),
@@ -76,18 +76,13 @@ SCORE = (*RUN, "scores", "valid", "nrmse", 3)
         (change(*RUN, "environment", to={"gpus": 3}), "environment.gpus: Extra inputs"),
         (change(*RUN, "method", to={"name": 5}), "method.name: Input should be a valid string"),
         (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
-    ],
-)
-def test_a_file_that_contradicts_itself_is_refused(
-    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
-) -> None:
-    path = saved(tmp_path, [make_demo_result(lambda pair: 0.1)])
-    content = json.loads(path.read_text("utf-8"))
-    tamper(content)
-    path.write_text(json.dumps(content))
-    with pytest.raises(ResultError, match=told) as caught:
-        read_row(path)
-    assert str(path) in str(caught.value)
+    ):
+        content = json.loads(whole)
+        tamper(content)
+        path.write_text(json.dumps(content))
+        with pytest.raises(ResultError, match=told) as caught:
+            read_row(path)
+        assert str(path) in str(caught.value)
 
 
 def problems(folder: Path, **changes: Any) -> str:
@@ -109,9 +104,8 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         problems(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("trained_on", "dataset", "split", "scenes"),
-    [
+def test_scenes_that_weights_were_trained_on_are_named() -> None:
+    for trained_on, dataset, split, scenes in (
         ("demo-1, split train", "demo-1", "all", "Attic, Barn, Cabin, Depot, Forge, Garage"),
         ("demo-1, all but Attic", "demo-1", "test", "Kitchen, Library, Market"),
         ("middlebury-third-1, split train", "middlebury-default-1", "Aloe", "Aloe"),
@@ -121,11 +115,7 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         ("photographs of my own", "demo-1", "all", None),
         ("mine-1, split train", "demo-1", "all", None),
         (None, "demo-1", "all", None),
-    ],
-)
-def test_scenes_that_weights_were_trained_on_are_named(
-    trained_on: str | None, dataset: str, split: str, scenes: str | None
-) -> None:
-    found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
-    what = f"the weights were trained on scenes of the test, {scenes}"
-    assert found == ([what] if scenes else [])
+    ):
+        found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
+        what = f"the weights were trained on scenes of the test, {scenes}"
+        assert found == ([what] if scenes else [])

@@ -51,19 +51,16 @@ def test_runs_on_tracks_join_the_row_and_leave_its_other_runs(tmp_path: Path) ->
     assert read_row(path).results == (*before[:2], anew)
 
 
-@pytest.mark.parametrize(
-    "other",
-    [{"source_sha256": "6" * 64}, {"entry": "theirs:predict"}, {"weights_sha256": "7" * 64}],
-)
-def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> None:
-    mine = edited(make_demo_result(lambda pair: 0.1), method={"source_sha256": "5" * 64})
-    path = submit(mine, tmp_path)
+def test_no_method_displaces_another(tmp_path: Path) -> None:
+    method = {"source_sha256": "5" * 64}
+    path = submit(edited(make_demo_result(lambda pair: 0.1), method=method), tmp_path)
     before = path.read_bytes()
-    method = {"source_sha256": "5" * 64, **other}
-    theirs = edited(make_demo_result(lambda pair: 0.2), method=method)
-    with pytest.raises(ResultError, match=f"another method is there.*{next(iter(other))}"):
-        submit(theirs, tmp_path)
-    assert path.read_bytes() == before
+    other = {"source_sha256": "6" * 64, "entry": "theirs:predict", "weights_sha256": "7" * 64}
+    for name, value in other.items():
+        theirs = edited(make_demo_result(lambda pair: 0.2), method={**method, name: value})
+        with pytest.raises(ResultError, match=f"another method is there.*{name}"):
+            submit(theirs, tmp_path)
+        assert path.read_bytes() == before
 
 
 def test_a_row_is_named_by_its_methods_card(tmp_path: Path) -> None:
@@ -101,20 +98,17 @@ def test_a_partial_run_does_not_replace_a_complete_one(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_runs_of_several_methods_are_refused(tmp_path: Path) -> None:
+def test_runs_of_several_methods_or_on_other_data_are_refused(tmp_path: Path) -> None:
     runs = make_tracks(labels=["gain-1"])
     runs["gain-1"] = edited(runs["gain-1"], method={"parameters": {"window": 9}})
-    with pytest.raises(ResultError, match=r"not of one method.*gain-1: parameters"):
-        submit(list(runs.values()), tmp_path)
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
     (tmp_path / "fingerprints.json").write_text(json.dumps({"demo-1": ["8" * 64]}))
-    with pytest.raises(ResultError, match="run on other data than demo-1"):
-        submit(make_demo_result(lambda pair: 0.1), tmp_path)
-    with pytest.raises(ResultError, match="unknown data set"):
-        submit(make_result({("One", 1, 1, 0): 0.1}), tmp_path)
+    for given, told in (
+        (list(runs.values()), r"not of one method.*gain-1: parameters"),
+        (make_demo_result(lambda pair: 0.1), "run on other data than demo-1"),
+        (make_result({("One", 1, 1, 0): 0.1}), "unknown data set"),
+    ):
+        with pytest.raises(ResultError, match=told):
+            submit(given, tmp_path)
     assert not (tmp_path / "results").exists()
 
 
@@ -185,14 +179,11 @@ def test_nobody_knows_the_draw_beforehand(row: Row) -> None:
     assert len({tuple(pair.name for pair in found.pairs) for found in draws}) > 1
 
 
-def test_made_up_scores_are_found_out(row: Row) -> None:
+def test_made_up_scores_and_those_left_out_are_found_out(row: Row) -> None:
     for also, told in (({}, "same"), ({"prediction_sha256": ["0" * 64] * 7}, "another")):
         found = verify(tampered(row, 0.5, **also), HERE, count=2)
         assert not found.passed
         assert f"{told} depth map, scores at most" in str(found.pairs[0])
-
-
-def test_a_score_that_was_left_out_is_found_out(row: Row) -> None:
     (run,) = row.runs
     scores = {**run.scores, "valid": {**run.scores["valid"], "ssim": [None] * 7}}
     found = verify(edited(row, runs=[edited(run, scores=scores)]), HERE, count=2)
@@ -204,35 +195,29 @@ def test_a_depth_map_that_differs_within_the_tolerance_passes(row: Row) -> None:
     assert found.passed
     assert not any(pair.same_map for pair in found.pairs)
     assert not verify(tampered(row, 0.999), HERE, tolerance=0).passed
-
-
-@pytest.mark.parametrize("tolerance", [float("inf"), float("nan"), -0.1, 9999.0])
-def test_a_tolerance_outside_0_to_1_is_refused(row: Row, tolerance: float) -> None:
-    with pytest.raises(InputError, match="a number from 0 to 1"):
-        verify(row, HERE, tolerance=tolerance)
+    for tolerance in (float("inf"), float("nan"), -0.1, 9999.0):
+        with pytest.raises(InputError, match="a number from 0 to 1"):
+            verify(row, HERE, tolerance=tolerance)
 
 
 def test_what_cannot_be_run_again_is_refused(row: Row) -> None:
-    nothing = tampered(row, status=["failed"] * 7)
     with pytest.raises(ResultError, match="nothing to verify"):
-        verify(nothing, HERE)
+        verify(tampered(row, status=["failed"] * 7), HERE)
     with pytest.raises(ResultError, match="not what the row was run on"):
         verify(tampered(row, fingerprint="8" * 64), HERE)
 
 
-@pytest.mark.parametrize(
-    "claim",
-    [
+def test_what_a_method_was_given_is_as_the_row_says(row: Row) -> None:
+    claims: list[dict[str, Any]] = [
         {"uses": []},
         {"trained_on": "demo-1, split train"},
         {"weights_sha256": "0" * 64},
         {"fitted_on": "tiny-1, split train"},
-    ],
-)
-def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, Any]) -> None:
-    found = verify(edited(row, method=claim), HERE, count=1)
-    assert not found.passed
-    assert f"{next(iter(claim))} is " in str(found.pairs[0])
+    ]
+    for claim in claims:
+        found = verify(edited(row, method=claim), HERE, count=1)
+        assert not found.passed
+        assert f"{next(iter(claim))} is " in str(found.pairs[0])
 
 
 def test_code_is_imported_if_trusted(
@@ -292,6 +277,5 @@ def test_all_that_is_not_built_is_named(
     monkeypatch.setattr("dfdbench.board.submission.open_dataset", absent)
     with pytest.raises(ResultError) as caught:
         verify(row_of(results, ["tracks-1"]), HERE, count=99)
-    assert [problem.fix for problem in caught.value.problems] == [
-        f"dfdbench build {name}" for name in stores
-    ]
+    fixes = [problem.fix for problem in caught.value.problems]
+    assert fixes == [f"dfdbench build {name}" for name in stores]

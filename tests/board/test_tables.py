@@ -67,19 +67,16 @@ def test_why_a_row_has_no_rank_is_said() -> None:
     assert table.records[0]["nrmse"] is None
     assert any(note.startswith("part: not ranked: 7 of 54 pairs evaluated") for note in table.notes)
     flat = make_result({("a", 1, 1, 0): None})
-    assert (
-        "mine: NRMSE is defined for no pair" in tables.standings_table(board_of(flat), HERE).notes
-    )
+    notes = tables.standings_table(board_of(flat), HERE).notes
+    assert "mine: NRMSE is defined for no pair" in notes
     given = make_tracks(labels=["gain-1"], uses=["recipe"])["gain-1"]
-    assert any(
-        "given a blur" in note for note in tables.standings_table(board_of(given), HERE).notes
-    )
+    notes = tables.standings_table(board_of(given), HERE).notes
+    assert any("given a blur" in note for note in notes)
 
 
 def test_lightings_are_means_of_their_pairs() -> None:
-    table = tables.lighting_table(
-        board_of(make_demo_result(lambda pair: 0.1 * pair.at["exposure"]))
-    )
+    result = make_demo_result(lambda pair: 0.1 * pair.at["exposure"])
+    table = tables.lighting_table(board_of(result))
     assert table.rows[0] == ("mine", "NRMSE ↓", "0.0000", "0.1000", "0.2000", "0.1000")
     assert [row[0] for row in table.rows] == ["mine", "", ""]
     assert table.records[1]["overall"] == pytest.approx(0.05)

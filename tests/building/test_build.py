@@ -23,17 +23,12 @@ from tests.made_source import MadeSource
 KNOWN = known_fingerprints(Path(__file__).parents[2] / "leaderboard")
 
 
+ELSEWHERE = [pytest.param(where, marks=ON_SERVERS) for where in ("cluster", "cluster to s3")]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "where",
-    [
-        "processes",
-        pytest.param("cluster", marks=ON_SERVERS),
-        pytest.param("cluster to s3", marks=ON_SERVERS),
-    ],
-)
+@pytest.mark.parametrize("where", ["processes", *ELSEWHERE])
 def test_the_fingerprint_does_not_depend_on_where_it_is_built(
-    tiny_manifest: Manifest,
     tiny_folder: Path,
     tiny_store: Dataset,
     tmp_path: Path,
@@ -47,23 +42,22 @@ def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     if where != "processes":
         pool = Cluster(request.getfixturevalue("cluster"))
     seen: list[tuple[int, ...]] = []
-    source = open_source(tiny_manifest, tiny_folder)
-    report = build_store(tiny_manifest, source, place, None, pool, lambda *step: seen.append(step))
+    manifest = tiny_store.manifest
+    source = open_source(manifest, tiny_folder)
+    report = build_store(manifest, source, place, None, pool, lambda *step: seen.append(step))
     assert report.fingerprint == tiny_store.fingerprint
     assert seen == [(1, 3), (2, 3), (3, 3)]
-    assert build_store(tiny_manifest, source, place, None, pool).scenes_kept == tiny_store.scenes
+    assert build_store(manifest, source, place, None, pool).scenes_kept == tiny_store.scenes
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:
     assert KNOWN["demo-1"] == [demo_store.fingerprint]
 
 
-def test_a_changed_image_is_seen(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
-) -> None:
-    site = tiny_folder / "Two/Illum1"
+def test_a_changed_image_is_seen(tiny_folder: Path, tiny_store: Dataset) -> None:
+    site, manifest = tiny_folder / "Two/Illum1", tiny_store.manifest
     (site / "Exp0/view1.png").write_bytes((site / "Exp1/view1.png").read_bytes())
-    report = build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tiny_store.path)
+    report = build_store(manifest, open_source(manifest, tiny_folder), tiny_store.path)
     assert report.scenes_built == ("Two",)
     assert report.fingerprint != tiny_store.fingerprint
 

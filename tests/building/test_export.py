@@ -7,25 +7,22 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Local
-from tests.conftest import aloe_pair, read_rgb, store_of, write_png
+from tests.conftest import read_rgb, store_of, write_png
 from tests.made_source import MadeSource
 
 local = Local()
 
 
-def test_what_is_exported_builds_the_same_store_again(
-    tiny_manifest: Manifest, tiny_store: Dataset, tmp_path: Path
-) -> None:
+def test_what_is_exported_builds_the_same_store_again(tiny_store: Dataset, tmp_path: Path) -> None:
     assert export_png(tiny_store, tmp_path / "png") == 11
     assert (tmp_path / "png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
     assert not (tmp_path / "png/Three/Illum1/Exp1/view5.png").exists()
-    again = store_of(tiny_manifest, tmp_path / "png", tmp_path / "again.zarr")
+    again = store_of(tiny_store.manifest, tmp_path / "png", tmp_path / "again.zarr")
     assert again.fingerprint == tiny_store.fingerprint
 
 
@@ -58,9 +55,8 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
     assert export_png(store, tmp_path / "png") == len(exposures)
     written = {path.name for path in (tmp_path / "png/k03").iterdir()}
     blurred = "defocus" if captured else "lin_0.32_2.88"
-    assert written == {"depth.png"} | {
-        f"exposure_ms{value}{ending}.png" for value in exposures for ending in ("", f"_{blurred}")
-    }
+    names = {f"exposure_ms{value}{end}.png" for value in exposures for end in ("", f"_{blurred}")}
+    assert written == {"depth.png"} | names
     image = read_rgb(tmp_path / f"png/k03/exposure_ms20_{blurred}.png")
     assert np.array_equal(image, store.read(store.pairs("k03")[1]).defocus)
 
@@ -81,15 +77,3 @@ def test_images_alone_are_enough_for_the_scores_of_a_run(
     export_png(tiny_store, tmp_path / "whole", "One")
     with pytest.raises(StoreError, match="which methods must not see"):
         export_png(tiny_store, tmp_path / "whole", "One", images_only=True)
-
-
-@pytest.mark.slow
-def test_the_published_images_come_out_again(shared_data: Path, tmp_path: Path) -> None:
-    middlebury = find_manifest("middlebury")
-    store = store_of(middlebury, shared_data / "middlebury", tmp_path / "m.zarr")
-    export_png(store, tmp_path / "png", "Aloe")
-    for exposure in (1, 2):
-        folder = tmp_path / f"png/Aloe/Illum1/Exp{exposure}"
-        infocus, defocus = aloe_pair(shared_data, exposure)
-        assert np.array_equal(read_rgb(folder / "view1.png"), infocus)
-        assert np.array_equal(read_rgb(folder / "view1_lin_0.32_2.88.png"), defocus)

@@ -109,16 +109,13 @@ def test_a_file_comes_whole_in_the_end(site: Site, tmp_path: Path, faults: list[
     assert (tmp_path / "file").read_bytes() == CONTENT
 
 
-@pytest.mark.parametrize("status", ["404", "403"])
-def test_what_is_not_there_is_not_asked_for_twice(site: Site, tmp_path: Path, status: str) -> None:
-    site.faults["/file"] = [status]
-    assert fetched(f"{site.address}/file", tmp_path).kind == "missing"
-    assert len(site.requests) == 1
-
-
-@pytest.mark.parametrize("address", ["ftp://127.0.0.1/file", "http://[1/file"])
-def test_what_is_no_address_is_told(tmp_path: Path, address: str) -> None:
-    assert "not an address" in str(fetched(address, tmp_path).problems[0])
+def test_what_is_not_there_is_not_asked_for_twice(site: Site, tmp_path: Path) -> None:
+    for asked, status in enumerate(("404", "403"), 1):
+        site.faults["/file"] = [status]
+        assert fetched(f"{site.address}/file", tmp_path).kind == "missing"
+        assert len(site.requests) == asked
+    for address in ("ftp://127.0.0.1/file", "http://[1/file"):
+        assert "not an address" in str(fetched(address, tmp_path).problems[0])
 
 
 def test_a_certificate_nobody_vouches_for_is_refused_and_a_bundle_mends_it(
@@ -192,8 +189,7 @@ def test_every_bad_line_is_named(tmp_path: Path) -> None:
 
 def test_the_manifest_counts_more_than_a_lock_file(tiny_manifest: Manifest, tmp_path: Path) -> None:
     manifest = tiny_manifest.model_copy(update={"checksums": {"a": "1" * 64}})
-    fetching.write_checksums(
-        tmp_path / fetching.lock_name(manifest), {"a": "2" * 64, "b": "3" * 64}
-    )
+    lock = tmp_path / fetching.lock_name(manifest)
+    fetching.write_checksums(lock, {"a": "2" * 64, "b": "3" * 64})
     assert fetching.known_checksums(manifest, tmp_path) == {"a": "1" * 64, "b": "3" * 64}
     assert fetching.known_checksums(manifest, tmp_path / "empty") == {"a": "1" * 64}

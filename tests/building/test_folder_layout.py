@@ -2,7 +2,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
@@ -21,9 +20,8 @@ def patterns(paths: list[str]) -> list[str]:
     return [group.pattern for group in layout.groups]
 
 
-@pytest.mark.parametrize(
-    "kinds",
-    [
+def test_scenes_are_told_by_what_their_files_share() -> None:
+    for kinds in (
         ["{scene}/blurred.png", "{scene}/depth.tiff", "{scene}/sharp.JPG"],
         ["depth/{scene}.png", "f2/{scene}.jpg", "f8/{scene}.jpg"],
         ["a/{scene}/depth/map.png", "a/{scene}/near.png", "a/{scene}/sharp.png"],
@@ -31,13 +29,10 @@ def patterns(paths: list[str]) -> list[str]:
         ["depth_{scene}.png", "f2_{scene}.png", "f8_{scene}.png"],
         # An image in two formats is two kinds.
         ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"],
-    ],
-)
-def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
-    assert patterns([kind.replace("{scene}", scene) for kind in kinds for scene in NAMES]) == kinds
-
-
-def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
+    ):
+        paths = [kind.replace("{scene}", scene) for kind in kinds for scene in NAMES]
+        assert patterns(paths) == kinds
+    # Kinds may differ in nothing but their endings.
     paths = [f"depth/{scene}.png" for scene in NAMES]
     paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
     paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]
@@ -110,22 +105,11 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
             (folder / scene / name).unlink()
     written, store = built(folder)
     assert not store.manifest.has_truth
-    assert [text.partition(":")[0] for text in written.open[:3]] == [
-        "whether an image is in focus all over",
-        "depth",
-        "focus distances",
-    ]
+    asked = [text.partition(":")[0] for text in written.open[:3]]
+    assert asked == ["whether an image is in focus all over", "depth", "focus distances"]
 
 
-def test_depth_in_some_stacks_is_counted(tmp_path: Path) -> None:
-    folder = make_stacks(tmp_path / "mine")
-    for scene in SCENES[1:]:
-        (folder / scene / "depth.npy").unlink()
-    (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
-    assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
-
-
-def test_a_stack_without_the_depth_that_most_have_is_named(tmp_path: Path) -> None:
+def test_stacks_without_the_depth_that_most_have_are_named_or_counted(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     first, *others, third = SCENES
     (folder / first / "depth.npy").unlink()
@@ -134,6 +118,10 @@ def test_a_stack_without_the_depth_that_most_have_is_named(tmp_path: Path) -> No
     assert f"left out 1 scene without depth: {first}" in written.open
     (folder / third / "focus.csv").write_text("image,focus_distance\n1")
     assert f"no tables with a row per image: {third}/focus.csv" in new_manifest(folder).open
+    for scene in others:
+        (folder / scene / "depth.npy").unlink()
+    (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
+    assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
 
 
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:

@@ -37,9 +37,8 @@ def make_idfd(folder: Path) -> Path:
             ending = ".png" if kind == "depth" else (".JPG", ".jpg")[number % 2]
             path = folder / "iDFD/Data/Processed/inpainting" / place / f"{name}{ending}"
             path.parent.mkdir(parents=True, exist_ok=True)
-            image = np.asarray(
-                cv2.imread(str(made / SCENES[number % 4] / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
-            )
+            source = str(made / SCENES[number % 4] / f"{kind}.png")
+            image = np.asarray(cv2.imread(source, cv2.IMREAD_UNCHANGED))
             cv2.imwrite(str(path), image)
     return folder / "iDFD"
 

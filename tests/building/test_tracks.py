@@ -173,6 +173,9 @@ def test_methods_get_a_stack_or_two_of_its_images(stacks: Dataset) -> None:
     done = run(of_pair, stacks, limit=1, parameters={"images": "2,5"})
     assert np.array_equal(seen[-1], images[[2, 5]])
     assert done.result.method.parameters == {"images": [2, 5]}
+    for wrong, told in (("2", "two numbers from 0"), ("0,9", "image 9 is not there")):
+        with pytest.raises(Exception, match=told):
+            run(of_pair, stacks, parameters={"images": wrong})
 
 
 def test_a_method_of_both_gets_the_whole_stack_and_a_fit_too(stacks: Dataset) -> None:
@@ -191,13 +194,3 @@ def test_a_method_of_both_gets_the_whole_stack_and_a_fit_too(stacks: Dataset) ->
 
     _, depth = run(Both, stacks, limit=1).images(stacks.pairs("test")[0].id)
     assert (depth == 6).all()
-
-
-def test_two_images_that_are_none_are_refused_before_the_run(stacks: Dataset) -> None:
-    def of_pair(infocus: Any, defocus: Any) -> Any:
-        return infocus[..., 0].astype(float)
-
-    with pytest.raises(Exception, match="two numbers from 0"):
-        run(of_pair, stacks, parameters={"images": "2"})
-    with pytest.raises(Exception, match="image 9 is not there"):
-        run(of_pair, stacks, parameters={"images": "0,9"})

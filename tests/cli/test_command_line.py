@@ -50,6 +50,9 @@ def test_every_verb_prints_json() -> None:
     assert without == groups
 
 
+PREDICT = "predict a.png b.png --method mymodule:predict --no-align"
+
+
 def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_path: Path) -> None:
     make_folder(tmp_path / "mine")
     for name in ("a", "b"):
@@ -65,12 +68,7 @@ def test_with_json_standard_output_holds_one_document(dfdbench: Command, tmp_pat
         ("info s.zarr", 0, "store", ...),
         ("verify s.zarr", 0, "sound", True),
         ("export s.zarr --png png", 0, "pairs", 4),
-        (
-            "predict a.png b.png --method mymodule:predict --no-align --out d.npy",
-            0,
-            "depth",
-            "d.npy",
-        ),
+        (f"{PREDICT} --out d.npy", 0, "depth", "d.npy"),
         ("check-method mymodule:nan", 1, "failed", 10),
         ("run --method mymodule:nan --dataset s.zarr --out nan --no-figures", 1, "failed", 1),
         ("run --method constant --dataset s.zarr --out run --no-figures", 0, "folder", "run"),

@@ -114,17 +114,13 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
 
 
 @pytest.mark.usefixtures("small_demo_built")
-def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
-    make_folder("mymodule:nan")
+def test_no_card_and_weights_trained_on_the_test_are_refused_before_the_run(
+    dfdbench: Command,
+) -> None:
+    make_folder("learned.py:predict")
     run = "run --dataset demo --method mymodule:predict --submit"
     refused = dfdbench.refused("mymodule:predict has no card (leaderboard/methods)", run)
     assert "Fix: write one, NAME.toml: title, authors" in refused.err
-    assert not Path("results").exists()
-
-
-@pytest.mark.usefixtures("small_demo_built")
-def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
-    make_folder("learned.py:predict")
     Path("learned.py").write_text(
         "def predict(infocus, defocus):\n    raise RuntimeError('called')\n"
         f"predict.trained_on = 'demo-1, split train'\npredict.weights_sha256 = '{'5' * 64}'\n"

@@ -34,9 +34,8 @@ def test_a_sigma_is_scored_kept_and_drawn(dfdbench: Command, tiny_store: Dataset
         pair, shape = record.pair, tiny_store.shape_of(record.scene)
         images = tiny_store.read(pair)
         stated = 5 + np.abs(images.infocus[..., 0].astype(float) - images.defocus[..., 0])
-        depth, sigma = (
-            read_prediction(Path("run"), pair, shape, what) for what in ("depth", "sigma")
-        )
+        depth = read_prediction(Path("run"), pair, shape, "depth")
+        sigma = read_prediction(Path("run"), pair, shape, "sigma")
         assert depth is not None
         assert sigma is not None
         assert np.array_equal(sigma, stated.astype(np.float32))

@@ -70,22 +70,16 @@ def test_it_has_a_place_of_its_own_but_the_files_of_the_clean_set(tmp_path: Path
     assert (tracked.file_stem, lock_name(tracked)) == (clean.file_stem, lock_name(clean))
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
+def test_near_misses_and_tracks_of_captured_sets_are_told() -> None:
+    for name, said in (
         ("midlebury", "midlebury(?s:.*)did you mean middlebury"),
         ("demo@camera-9", "did you mean camera-3"),
         ("demo@", "unknown track: nothing follows the @"),
         ("dmo@camera-2", "did you mean demo"),
         ("demo@camera-2@noise-1", r"(?s)one track at a time.*demo@camera-2 or demo@noise-1"),
         ("demo@../camera-2", "unknown data set"),
-    ],
-)
-def test_near_misses_are_named(name: str, said: str) -> None:
-    with pytest.raises(UnknownNameError, match=said):
-        catalog.find_manifest(name)
-
-
-def test_a_captured_set_refuses_and_says_so() -> None:
+    ):
+        with pytest.raises(UnknownNameError, match=said):
+            catalog.find_manifest(name)
     with pytest.raises(InputError, match=r"(?s)captured.*realworld@noise-0"):
         catalog.find_manifest("realworld@noise-0")

@@ -120,13 +120,11 @@ def test_a_build_that_lacks_pairs_of_the_store_is_refused(
     build(place("less.zarr"))
 
 
-@pytest.mark.parametrize("content", [None, "", '{"zarr_format": 3, "node_type": "group"}'])
-def test_a_build_stopped_before_it_said_what_it_is_goes_on(
-    content: str | None, build: Build, tmp_path: Path
-) -> None:
-    partial = tmp_path / "s.zarr.partial"
-    partial.mkdir()
-    if content is not None:
-        (partial / "zarr.json").write_text(content)
-    assert build(tmp_path / "s.zarr").scenes_built
-    assert not partial.exists()
+def test_a_build_stopped_before_it_said_what_it_is_goes_on(build: Build, tmp_path: Path) -> None:
+    for number, content in enumerate((None, "", '{"zarr_format": 3, "node_type": "group"}')):
+        partial = tmp_path / f"{number}.zarr.partial"
+        partial.mkdir()
+        if content is not None:
+            (partial / "zarr.json").write_text(content)
+        assert build(tmp_path / f"{number}.zarr").scenes_built
+        assert not partial.exists()

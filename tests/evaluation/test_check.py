@@ -19,10 +19,8 @@ def problems(predict: Any) -> dict[str, str]:
 
 
 def test_a_method_for_even_sizes_only_is_found_out() -> None:
-    def halving(infocus: Any, defocus: Any) -> Any:
-        return np.kron(infocus[::2, ::2, 0], np.ones((2, 2)))
-
-    assert "returned shape (242, 318)" in problems(halving)["odd sizes, 241 × 317"]
+    found = problems(lambda infocus, _: np.kron(infocus[::2, ::2, 0], np.ones((2, 2))))
+    assert "returned shape (242, 318)" in found["odd sizes, 241 × 317"]
 
 
 def test_division_by_a_flat_image_is_found_out() -> None:
@@ -143,12 +141,9 @@ class Fitted:
         return np.full(infocus.shape[:2], self.level)
 
 
-def test_a_fit_is_tried_and_what_it_learned_is_used() -> None:
+def test_a_fit_is_tried_what_is_wrong_with_it_found_out_and_what_it_learned_used() -> None:
     assert problems(Fitted(learned={"level": 90.0})) == {}
     assert "levels from 300 to 300" in problems(Fitted(learned={"level": 300.0}))["a black pair"]
-
-
-def test_what_is_wrong_with_a_fit_is_found_out() -> None:
     assert "changes the pairs" in problems(Fitted(True, {"level": 1}))["fit, on two made pairs"]
     assert "not with --workers" in problems(Fitted())["fit, on two made pairs"]
     found = problems(Fitted(learned={"level": "near"}))

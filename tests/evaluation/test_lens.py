@@ -2,7 +2,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -93,20 +92,6 @@ def test_a_constructor_gets_the_facts_that_are_known(tiny_store: Dataset) -> Non
     assert (rig.focal_length, rig.pixel_pitch) == (0.05, None)
     assert (rig.near, rig.far) == (0.5, 3.0), "the levels' ends where the rig does not say"
     assert rig == rig_of(tiny_store.manifest)
-
-
-@pytest.mark.parametrize("method", ["local", "graph-cuts"])
-def test_a_method_finds_both_sides_of_the_focus(tiny_store: Dataset, method: str) -> None:
-    tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
-    loaded = load_for(tiny_store, method, {"recipe": "rig"})
-    law = lens_law(LENS)
-    sharp = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
-    # Blur alone cannot tell the sides apart: each level's twin beyond the focus is as right.
-    for level in (40, 200):
-        soft = cv2.filter2D(sharp, -1, law.kernels()[level], borderType=cv2.BORDER_REPLICATE)
-        found = loaded.predict(sharp, np.asarray(soft, np.uint8))
-        widths = np.array(law.sigmas)[np.rint(found).astype(int)]
-        assert np.median(widths) == pytest.approx(law.sigmas[level], rel=0.05)
 
 
 def test_a_run_says_that_a_lens_was_told(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -67,9 +67,8 @@ def test_maps_of_another_call_are_moved_aside(tmp_path: Path) -> None:
     assert other.set_aside == tmp_path / "out.previous"
     assert sorted(path.name for path in (tmp_path / "out").rglob("*.*")) == ["mine.txt"]
     assert maps(1).set_aside is None
-    assert KeptMaps(tmp_path / "out.previous", method, identity_of(method, 0)).place_of(
-        "deep/a", [image]
-    )
+    before = KeptMaps(tmp_path / "out.previous", method, identity_of(method, 0))
+    assert before.place_of("deep/a", [image])
     maps(1).add("a", [image], np.ones((2, 3), np.float32), None)
     assert maps(2).set_aside == tmp_path / "out.previous-2"
     # A record that was tampered with moves nothing of elsewhere.

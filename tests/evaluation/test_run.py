@@ -76,6 +76,11 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path
     second = run_method(tiny_store, method(again), "test", tmp_path / "out")
     assert again.calls == 2
     assert second.result.complete
+    # Depth maps that were removed are made again.
+    shutil.rmtree(tmp_path / "out" / PREDICTIONS)
+    third = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    assert (third.reused, third.result.complete) == (0, True)
+    assert (tmp_path / "out" / PREDICTIONS).is_dir()
 
 
 MIXED = """
@@ -90,36 +95,31 @@ def predict(infocus, defocus):
 """
 
 
-@pytest.mark.parametrize(("limit", "edited"), [(3, "mixed_helper.py"), (None, "coef.json")])
 def test_a_run_takes_nothing_over_from_another_method(
-    tiny_store: Dataset,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    limit: int | None,
-    edited: str,
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "mixed.py").write_text(MIXED)
-    (tmp_path / "mixed_helper.py").write_text("")
-    (tmp_path / "coef.json").write_text("10")
-
     def run(**options: Any) -> RunDone:
         # As another process would.
         monkeypatch.delitem(sys.modules, "mixed_helper", raising=False)
         loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
-        return run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(**options))
+        return run_method(tiny_store, loaded, "test", out, RunOptions(**options))
 
-    first = run(limit=limit)
-    old = (tmp_path / "out" / RESULT).read_text()
-    again = run(limit=limit)
-    assert (again.reused, again.because) == (first.result.dataset.evaluated, ())
-    (tmp_path / edited).write_text("20")
-    other = run()
-    assert (other.reused, other.because) == (0, (f"{edited} has changed",))
-    assert other.set_aside == tmp_path / "out.previous"
-    assert run().reused == 7
-    fresh = run(fresh=True)
-    assert (fresh.reused, fresh.set_aside) == (0, tmp_path / "out.previous-2")
-    assert (tmp_path / "out.previous" / RESULT).read_text() == old
+    for limit, edited in ((3, "mixed_helper.py"), (None, "coef.json")):
+        for name, text in {"mixed.py": MIXED, "mixed_helper.py": "", "coef.json": "10"}.items():
+            (tmp_path / name).write_text(text)
+        out = tmp_path / f"limit {limit}"
+        first = run(limit=limit)
+        old = (out / RESULT).read_text()
+        again = run(limit=limit)
+        assert (again.reused, again.because) == (first.result.dataset.evaluated, ())
+        (tmp_path / edited).write_text("20")
+        other = run()
+        assert (other.reused, other.because) == (0, (f"{edited} has changed",))
+        assert other.set_aside == Path(f"{out}.previous")
+        assert run().reused == 7
+        fresh = run(fresh=True)
+        assert (fresh.reused, fresh.set_aside) == (0, Path(f"{out}.previous-2"))
+        assert (Path(f"{out}.previous") / RESULT).read_text() == old
 
 
 def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
@@ -172,14 +172,6 @@ def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Pat
     assert result.pairs[0].id in str(result.warnings)
 
 
-def test_depth_maps_that_were_removed_are_made_again(tiny_store: Dataset, tmp_path: Path) -> None:
-    run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-    shutil.rmtree(tmp_path / "out" / PREDICTIONS)
-    again = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
-    assert (again.reused, again.result.complete) == (0, True)
-    assert (tmp_path / "out" / PREDICTIONS).is_dir()
-
-
 def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
     store = store_of(tiny_manifest, tiny_folder, tmp_path / "s.zarr")
@@ -221,25 +213,19 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
 
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
-    depths = {
-        images.infocus.tobytes(): images.levels.astype(np.float32)
-        for images in map(tiny_store.read, tiny_store.pairs("test"))
-    }
+    read = [tiny_store.read(pair) for pair in tiny_store.pairs("test")]
+    depths = {images.infocus.tobytes(): images.levels.astype(np.float32) for images in read}
 
-    def right(infocus: Any, defocus: Any) -> Any:
-        return depths[infocus.tobytes()]
+    def warnings(gain: float, offset: float) -> list[str]:
+        def predict(infocus: Any, defocus: Any) -> Any:
+            return gain * depths[infocus.tobytes()] + offset
 
-    def turned(infocus: Any, defocus: Any) -> Any:
-        return 255 - right(infocus, defocus)
+        return run_method(tiny_store, method(predict), "test", tmp_path / f"{gain}").result.warnings
 
-    assert not run_method(tiny_store, method(right), "test", tmp_path / "right").result.warnings
-    (told,) = run_method(tiny_store, method(turned), "test", tmp_path / "turned").result.warnings
+    assert not warnings(1, 0)
+    (told,) = warnings(-1, 255)
     assert told.startswith("depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brigh")
-
-    def small(infocus: Any, defocus: Any) -> Any:
-        return right(infocus, defocus) / 255
-
-    (told,) = run_method(tiny_store, method(small), "test", tmp_path / "small").result.warnings
+    (told,) = warnings(1 / 255, 0)
     assert told.startswith("all levels between 0 and 10; levels go from 0 (far) to 255 (near)")
 
 

@@ -13,7 +13,7 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.figures import runs
 from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun
-from tests.made_results import make_result
+from tests.made_results import edited, make_result
 
 GEOMETRIES = "flat-far", "oblique-near-left"
 
@@ -36,11 +36,9 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
     # One's images have 24 x 30 pixels, Two's 24 x 31, Three's 24 x 32.
     places = [(scene, 1, 1, exposure) for scene in ("One", "Two", "Three") for exposure in (0, 1)]
     result = make_result(dict.fromkeys(places, 0.1))
-    pairs = [
-        pair.model_copy(update={"seconds": float(number), "timed_alone": number < 5})
-        for number, pair in enumerate(result.pairs)
-    ]
-    figure = runs.pixel_time_figure(tiny_store, result.model_copy(update={"pairs": pairs}))
+    numbered = enumerate(result.pairs)
+    pairs = [edited(pair, seconds=float(n), timed_alone=n < 5) for n, pair in numbered]
+    figure = runs.pixel_time_figure(tiny_store, edited(result, pairs=pairs))
     assert figure is not None
     every, means, line = figure.axes[0].get_lines()
     assert np.asarray(every.get_ydata()).tolist() == [0, 1, 2, 3, 4]
@@ -48,21 +46,17 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
     assert np.asarray(means.get_ydata()).tolist() == [0.5, 2.5, 4]
     rate = 10 / (2 * 720 + 2 * 744 + 768)
     assert np.allclose(np.asarray(line.get_ydata()), [720 * rate, 744 * rate, 768 * rate])
-    alone = result.model_copy(update={"pairs": pairs[:2]})
-    assert runs.pixel_time_figure(tiny_store, alone) is None
+    assert runs.pixel_time_figure(tiny_store, edited(result, pairs=pairs[:2])) is None
 
 
 def test_dark_pairs_are_drawn_brighter_and_say_so(small_demo: Dataset, tmp_path: Path) -> None:
     # Exposure 0 is a sixteenth of exposure 2's light.
     method = load_for(small_demo, "constant", {})
     run = run_method(small_demo, method, "test", tmp_path, RunOptions(limit=3))
-    dark, bright = (
-        next(pair for pair in run.result.pairs if pair.coordinates["exposure"] == exposure)
-        for exposure in (0, 2)
-    )
+    pairs = {pair.coordinates["exposure"]: pair for pair in run.result.pairs[:3]}
     saved = SavedRun(tmp_path / RESULT, run.result, small_demo, "")
-    for pair, told in ((dark, "times brighter"), (bright, "")):
-        figure = runs.panel_figure(saved, (pair,), "thesis", "best")
+    for exposure, told in ((0, "times brighter"), (2, "")):
+        figure = runs.panel_figure(saved, (pairs[exposure],), "thesis", "best")
         assert figure is not None
         assert told in figure.axes[0].get_xlabel()
         shown = figure.axes[0].get_images()[0].get_array()

@@ -53,14 +53,10 @@ class Worker:
         if self._process is None:
             self._tried = 0
             with self._last_words.open("w") as words:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", "tests.fuzz.worker", self._place],
-                    cwd=Path(__file__).parents[2],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=words,
-                    text=True,
-                )
+                command: list[str | Path] = [sys.executable, "-m", "tests.fuzz.worker", self._place]
+                pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+                pipes |= {"stderr": words, "cwd": Path(__file__).parents[2]}
+                self._process = subprocess.Popen(command, text=True, **pipes)
         process = self._process
         assert process.stdin
         assert process.stdout
@@ -118,7 +114,7 @@ def _try_all(worker: Worker, asked: argparse.Namespace) -> int:
     names = tuple(asked.only or NAMES)
     counts: collections.Counter[str] = collections.Counter()
     spent = dict.fromkeys(names, 0.0)
-    known: dict[str, int] = {}
+    known: collections.Counter[str] = collections.Counter()
     # The sound inputs make the sound files and compile what is compiled: their time is not counted.
     numbers = collections.Counter(names)
     for name in names:
@@ -127,7 +123,7 @@ def _try_all(worker: Worker, asked: argparse.Namespace) -> int:
             if fault:
                 print(f"sound input {number} of class {name} fails: {fault}", flush=True)
                 known[f"sound input of {name}"] = 1
-    for name in _turns(names, asked, counts, spent):
+    for name in _turns(asked, spent):
         request = {"name": name, "seed": asked.seed, "number": numbers[name]}
         numbers[name] += 1
         begun = time.monotonic()
@@ -136,27 +132,27 @@ def _try_all(worker: Worker, asked: argparse.Namespace) -> int:
         counts[name] += 1
         if fault:
             signature = signature_of(fault)
-            known[signature] = known.get(signature, 0) + 1
+            known[signature] += 1
             if known[signature] == 1:
                 print(f"\n{name}, number {request['number']}: {fault}", flush=True)
                 print(f"kept as {_keep(worker, request, signature, asked.keep)}", flush=True)
-    _tell(names, counts, spent, known)
+    print(f"\n{'class':<30}   inputs   seconds")
+    for name in names:
+        print(f"{name:<30}  {counts[name]:>7,}  {spent[name]:>8.1f}")
+    for signature, times in known.items():
+        print(f"{times:>5} x {signature}")
+    print(f"{len(known)} defects" if known else "no defect")
     return len(known)
 
 
-def _turns(
-    names: tuple[str, ...],
-    asked: argparse.Namespace,
-    counts: collections.Counter[str],
-    spent: dict[str, float],
-) -> Iterator[str]:
+def _turns(asked: argparse.Namespace, spent: dict[str, float]) -> Iterator[str]:
     if asked.inputs:
-        for name in names:
+        for name in spent:
             yield from itertools.repeat(name, asked.inputs)
         return
     end = time.monotonic() + asked.seconds
     while time.monotonic() < end:
-        yield min(names, key=lambda each: spent[each])
+        yield min(spent, key=lambda each: spent[each])
 
 
 def _keep(worker: Worker, request: dict[str, Any], signature: str, folder: Path) -> Path:
@@ -166,20 +162,6 @@ def _keep(worker: Worker, request: dict[str, Any], signature: str, folder: Path)
     path = folder / f"{stem}-{hashlib.sha256(signature.encode()).hexdigest()[:8]}.json"
     path.write_text(given.as_json(), "utf-8")
     return path
-
-
-def _tell(
-    names: tuple[str, ...],
-    counts: collections.Counter[str],
-    spent: dict[str, float],
-    known: dict[str, int],
-) -> None:
-    print(f"\n{'class':<30}   inputs   seconds")
-    for name in names:
-        print(f"{name:<30}  {counts[name]:>7,}  {spent[name]:>8.1f}")
-    for signature, times in known.items():
-        print(f"{times:>5} x {signature}")
-    print(f"{len(known)} defects" if known else "no defect")
 
 
 if __name__ == "__main__":

@@ -170,9 +170,8 @@ def _toml_value(value: Any, depth: int = 0) -> str:
         case None:
             return '""'
         case dict():
-            parts = (
-                f"{json.dumps(str(k))} = {_toml_value(v, depth + 1)}" for k, v in value.items()
-            )
+            held = value.items()
+            parts = (f"{json.dumps(str(k))} = {_toml_value(v, depth + 1)}" for k, v in held)
             return "{" + ", ".join(parts) + "}"
         case list():
             return "[" + ", ".join(_toml_value(part, depth + 1) for part in value) + "]"
@@ -187,9 +186,8 @@ def changed_npy(random: Random, content: bytes) -> bytes:
     """Change what a ``.npy`` file says of its array, or its bytes."""
     if random.random() < 0.3:
         return changed_bytes(random, content)
-    shape = random.choice(
-        ("()", "(0,)", "(3,)", "(4, 0)", "(-1, 4)", "(99999999, 99999999)", "[4]")
-    )
+    shapes = ("()", "(0,)", "(3,)", "(4, 0)", "(-1, 4)", "(99999999, 99999999)", "[4]")
+    shape = random.choice(shapes)
     kind = random.choice(("<i4", "<f8", ">i2", "|O", "<U9", "|b1", "<c16", "|V4", "<M8[s]", "<i8"))
     head = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}"
     head += " " * (63 - (10 + len(head)) % 64) + "\n"

@@ -3,6 +3,7 @@
 The disk is a small tmpfs, which only root may make: elsewhere these tests are skipped.
 """
 
+import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,44 +20,24 @@ SIZES = 12
 _PAGE = 4096
 
 
-class Disk:
-    """A file system of a size of one's own."""
-
-    def __init__(self, place: Path) -> None:
-        self.place = place
-        place.mkdir()
-
-    def mount(self, size: int) -> None:
-        """Make it, empty."""
-        options = f"size={max(size, _PAGE)}"
-        _told(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(self.place)])
-
-    def grow(self) -> None:
-        """Make room, as somebody does who was told that there is none."""
-        _told(["mount", "-o", "remount,size=64m", str(self.place)])
-
-    def unmount(self) -> None:
-        """Remove it with all on it."""
-        _told(["umount", str(self.place)])
-
-    def used(self) -> int:
-        """Return how many bytes of it are taken."""
-        return int(_told(["df", "-B1", "--output=used", str(self.place)]).split()[-1])
+def _told(*command: str) -> None:
+    subprocess.run(command, capture_output=True, check=True)
 
 
-def _told(command: list[str]) -> bytes:
-    return subprocess.run(command, capture_output=True, check=True).stdout
+def _mount(place: Path, size: int) -> None:
+    _told("mount", "-t", "tmpfs", "-o", f"size={max(size, _PAGE)}", "tmpfs", str(place))
 
 
 @pytest.fixture
-def disk(tmp_path: Path) -> Iterator[Disk]:
-    disk = Disk(tmp_path / "disk")
+def disk(tmp_path: Path) -> Iterator[Path]:
+    place = tmp_path / "disk"
+    place.mkdir()
     try:
-        disk.mount(2**26)
+        _mount(place, 2**26)
     except (OSError, subprocess.CalledProcessError) as error:
         pytest.skip(f"no file system of one's own can be mounted here: {error}")
-    yield disk
-    disk.unmount()
+    yield place
+    _told("umount", str(place))
 
 
 @pytest.fixture
@@ -73,33 +54,33 @@ def _scores(place: Path) -> object:
     return [(pair.prediction_sha256, pair.scores) for pair in load_result(place).pairs]
 
 
+WORK: dict[str, Callable[[Path], object]] = {
+    "build tiny-1.toml --source site --workers 1 --store PLACE": _fingerprint,
+    "run --method constant --dataset tiny.zarr --no-predictions --out PLACE": _scores,
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "outcome"),
-    [
-        ("build tiny-1.toml --source site --workers 1 --store PLACE", _fingerprint),
-        ("run --method constant --dataset tiny.zarr --no-predictions --out PLACE", _scores),
-    ],
-    ids=["build", "run"],
-)
+@pytest.mark.parametrize("command", WORK)
 def test_a_disk_full_at_any_write_is_told_and_gone_on_with(
-    command: str, outcome: Callable[[Path], object], disk: Disk, folder: Path
+    command: str, disk: Path, folder: Path
 ) -> None:
-    place = disk.place / "made.zarr"
+    place, outcome = disk / "made.zarr", WORK[command]
     words = command.replace("PLACE", str(place)).split()
     assert call(folder, words)[0] == 0
-    expected, needed = outcome(place), disk.used()
+    expected, needed = outcome(place), shutil.disk_usage(disk).used
     refused = 0
     for part in range(SIZES):
-        disk.unmount()
-        disk.mount(needed * part // SIZES)
+        _told("umount", str(disk))
+        _mount(disk, needed * part // SIZES)
         status, text = call(folder, words)
         if status:
             refused += 1
             assert status == 2, text
             assert "No space left on device" in text
             assert "Traceback" not in text
-        disk.grow()
+        # Room is made, as by somebody who was told that there is none.
+        _told("mount", "-o", "remount,size=64m", str(disk))
         status, text = call(folder, words)
         assert status == 0, text
         assert outcome(place) == expected

@@ -11,9 +11,8 @@ from dfdbench.methods.registry import load_method
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("answer", "told"),
-    [
+def test_a_bad_answer_is_said_not_scored() -> None:
+    bad: list[tuple[Any, str]] = [
         (np.zeros((4, 6, 3)), "returned shape (4, 6, 3)"),
         (5, "returned shape ()"),
         (None, "returned None; expected depth levels: is a `return` missing?"),
@@ -33,12 +32,11 @@ IMAGE = np.zeros((4, 6, 3), np.uint8)
         ((np.zeros((4, 6)), "much"), "sigma of <U4 values; expected real numbers"),
         ((np.zeros((6, 4)), np.ones((4, 6))), "returned shape (6, 4)"),
         ((np.zeros((4, 6)), np.zeros((4, 6)), 1), "a tuple of 3; expected depth, or a tuple"),
-    ],
-)
-def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
-    prediction = call(lambda *_: answer, IMAGE, IMAGE)
-    assert prediction.depth is None
-    assert told in prediction.error
+    ]
+    for answer, told in bad:
+        prediction = call(lambda *_, answer=answer: answer, IMAGE, IMAGE)
+        assert prediction.depth is None
+        assert told in prediction.error
 
 
 def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
@@ -96,21 +94,23 @@ def test_what_a_method_says_is_kept_apart_and_can_be_written_to_a_file(
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(
-    ("raised", "told"),
-    [
-        (RuntimeError("boom"), "raised RuntimeError: boom (test_calling.py:LINE in predict)"),
+def test_whatever_is_raised_costs_the_pair_alone_but_ctrl_c_stops_the_run() -> None:
+    def raising(error: BaseException) -> Any:
+        def predict(infocus: Any, defocus: Any) -> Any:
+            raise error
+
+        return predict
+
+    line = raising.__code__.co_firstlineno + 2
+    for error, told in (
+        (RuntimeError("boom"), f"raised RuntimeError: boom (test_calling.py:{line} in predict)"),
         (SystemExit(0), "raised SystemExit: 0 ("),
         (BaseException("out of band"), "raised BaseException: out of band"),
         (GeneratorExit(), "raised GeneratorExit"),
-    ],
-)
-def test_whatever_is_raised_costs_the_pair_alone(raised: BaseException, told: str) -> None:
-    def predict(infocus: Any, defocus: Any) -> Any:
-        raise raised
-
-    line = str(predict.__code__.co_firstlineno + 1)
-    assert call(predict, IMAGE, IMAGE).error.startswith(told.replace("LINE", line))
+    ):
+        assert call(raising(error), IMAGE, IMAGE).error.startswith(told)
+    with pytest.raises(KeyboardInterrupt):
+        call(raising(KeyboardInterrupt()), IMAGE, IMAGE)
 
 
 NETWORK = """
@@ -173,11 +173,3 @@ def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
     found = call(predict, IMAGE, IMAGE)
     assert (found.error, found.printed) == ("", "before\n")
     print("standard output is open")
-
-
-def test_ctrl_c_in_a_method_stops_the_run() -> None:
-    def predict(infocus: Any, defocus: Any) -> Any:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        call(predict, IMAGE, IMAGE)

@@ -69,17 +69,15 @@ def test_small_costs_are_exact_in_all_but_few_cells(rng: np.random.Generator) ->
     assert np.all(unary[~below] >= 1018)
 
 
-@pytest.mark.parametrize(
-    "sigmas", [np.array([0.3, 0.9]), np.linspace(0.05, 0.6, 40), np.geomspace(0.2, 40, 30)]
-)
-def test_any_range_of_sigmas(rng: np.random.Generator, sigmas: NDArray[np.float64]) -> None:
-    # A wide Gaussian is cut off at 13 pixels, not wider.
+def test_any_range_of_sigmas(rng: np.random.Generator) -> None:
     infocus = rng.integers(90, 140, (20, 24, 1)).astype(np.uint8)
     defocus = rng.integers(100, 130, (20, 24, 1)).astype(np.uint8)
-    unary, _ = data_cost(infocus, defocus, sigmas, weight=1, limit=65535)
-    exact = reference(infocus, defocus, sigmas, 1)
-    relative = exact - exact.min(-1, keepdims=True)
-    assert np.abs(unary - relative).max() <= 1
+    # A wide Gaussian is cut off at 13 pixels, not wider.
+    for sigmas in (np.array([0.3, 0.9]), np.linspace(0.05, 0.6, 40), np.geomspace(0.2, 40, 30)):
+        unary, _ = data_cost(infocus, defocus, sigmas, weight=1, limit=65535)
+        exact = reference(infocus, defocus, sigmas, 1)
+        relative = exact - exact.min(-1, keepdims=True)
+        assert np.abs(unary - relative).max() <= 1
 
 
 @pytest.fixture

@@ -29,26 +29,23 @@ def ready(name: str) -> Predict:
     return method.predict
 
 
-@pytest.mark.parametrize(
-    ("name", "errors"),
-    [
+def test_a_plane_is_found() -> None:
+    for name, errors in (
         ("guided", (1.5, 1.5, 1.5)),
         ("sgm", (1, 1, 1)),
         ("rational-filters", (8, 8, 8)),
         ("favaro-soatto", (5, 5, 5)),
         # The larger the blur, the less it is a matter of the Laplacian alone.
         ("s-transform", (16, 2, 6)),
-    ],
-)
-def test_a_plane_is_found(name: str, errors: tuple[float, ...]) -> None:
-    for level, error in zip((20, 120, 240), errors, strict=True):
-        pair = plane(level, seed=50)
-        assert np.abs(inside(ready(name)(pair.infocus, pair.defocus)) - level).mean() < error
+    ):
+        for level, error in zip((20, 120, 240), errors, strict=True):
+            pair = plane(level, seed=50)
+            found = inside(ready(name)(pair.infocus, pair.defocus))
+            assert np.abs(found - level).mean() < error, (name, level)
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
+def test_wrong_parameters_are_all_named() -> None:
+    wrong_ones: list[tuple[str, dict[str, Any]]] = [
         ("constant", {"training_mean": 300}),
         ("local", {"prior": "yes", "window": 2.5}),
         ("guided", {"prior": "yes", "window": 6, "flatness": -1, "limit": 0}),
@@ -57,12 +54,11 @@ def test_a_plane_is_found(name: str, errors: tuple[float, ...]) -> None:
         ("s-transform", {"smoothing": 0, "window": 4, "sure": "very"}),
         ("rational-filters", {"prior": "yes", "window": -3}),
         ("favaro-soatto", {"sharp_patch": 4, "blurred_patch": 0, "groups": 1, "window": 2}),
-    ],
-)
-def test_wrong_parameters_are_all_named(name: str, wrong: dict[str, Any]) -> None:
-    with pytest.raises(MethodError) as caught:
-        load(name, **wrong)
-    assert [problem.where for problem in caught.value.problems] == list(wrong)
+    ]
+    for name, wrong in wrong_ones:
+        with pytest.raises(MethodError) as caught:
+            load(name, **wrong)
+        assert [problem.where for problem in caught.value.problems] == list(wrong)
 
 
 @pytest.mark.parametrize("name", READY)

@@ -17,9 +17,10 @@ def test_a_file_and_a_module_give_the_same_method(module: Path) -> None:
         assert method.source_sha256 is not None
 
 
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
+def test_what_cannot_be_imported_says_why(module: Path) -> None:
+    module.with_name("broken.py").write_text("def predict(:\n")
+    module.with_name("needs.py").write_text("import nosuchpackage\n")
+    for name, told in (
         ("nosuch:thing", "no module named nosuch"),
         ("nosuch.py:thing", "no such file"),
         ("mine.py:predikt", "did you mean predict"),
@@ -31,15 +32,11 @@ def test_a_file_and_a_module_give_the_same_method(module: Path) -> None:
         ("mine", "did you mean mine:predict?"),
         ("mine.py", "did you mean mine.py:predict?"),
         ("broken.predict", "file.py:function, module:function or model.onnx"),
-    ],
-)
-def test_what_cannot_be_imported_says_why(module: Path, name: str, told: str) -> None:
-    module.with_name("broken.py").write_text("def predict(:\n")
-    module.with_name("needs.py").write_text("import nosuchpackage\n")
-    with pytest.raises(MethodError if ":" in name else UnknownNameError) as caught:
-        load_method(name, {}, {})
-    assert told in str(caught.value)
-    assert "importlib" not in str(caught.value)
+    ):
+        with pytest.raises(MethodError if ":" in name else UnknownNameError) as caught:
+            load_method(name, {}, {})
+        assert told in str(caught.value)
+        assert "importlib" not in str(caught.value)
 
 
 def test_a_long_text_of_an_exception_is_cut() -> None:

@@ -63,9 +63,8 @@ def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
         nats = np.square(residual / noise).sum(axis=2) / (2 * spread[level])
         costs[..., level] = 4 * (nats + 1.5 * math.log(spread[level]))
         bound = np.sqrt(3 * spread[level]) * noise
-        misfits[..., level] = np.sqrt(
-            np.square(np.maximum(np.abs(residual) - bound, 0)).sum(axis=2)
-        )
+        beyond = np.maximum(np.abs(residual) - bound, 0)
+        misfits[..., level] = np.sqrt(np.square(beyond).sum(axis=2))
     blurred = blurred_by(law, infocus, defocus)
     unary, offset = law_cost.law_cost(blurred, 4, 60000)
     least = costs.min(axis=2, keepdims=True)

@@ -97,9 +97,8 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         teach(method(Learning(StoreError("damaged"))), [PAIR])
 
 
-@pytest.mark.parametrize(
-    ("returned", "told"),
-    [
+def test_a_fit_that_raises_or_returns_nonsense_says_why() -> None:
+    for returned, told in (
         ([1.0], "a mapping of names"),
         ({"law": object()}, "'law'"),
         ({"name": "disk"}, "'name'"),
@@ -109,11 +108,9 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         ({"ragged": [[1], [1, 2]]}, "'ragged'"),
         (ValueError("too dark"), "cannot be fitted.*fit.*ValueError: too dark"),
         (SystemExit(3), "cannot be fitted.*fit.*SystemExit: 3"),
-    ],
-)
-def test_a_fit_that_raises_or_returns_nonsense_says_why(returned: Any, told: str) -> None:
-    with pytest.raises(MethodError, match=told):
-        teach(method(Learning(returned)), [PAIR])
+    ):
+        with pytest.raises(MethodError, match=told):
+            teach(method(Learning(returned)), [PAIR])
 
 
 def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:

@@ -51,15 +51,9 @@ def written(
         for name, shape in zip(names, shapes, strict=True)
     }
     count = len(forward(*inputs)) if isinstance(forward(*inputs), tuple) else 1
-    torch.onnx.export(
-        Net(forward),
-        inputs,
-        str(path),
-        input_names=names,
-        output_names=["out", "sigma"][:count],
-        dynamic_axes=axes if free else {},
-        dynamo=False,
-    )
+    named: dict[str, Any] = {"input_names": names, "output_names": ["out", "sigma"][:count]}
+    named |= {"dynamic_axes": axes if free else {}}
+    torch.onnx.export(Net(forward), inputs, str(path), dynamo=False, **named)
     path.with_suffix(".toml").write_text(about)
     return str(path)
 
@@ -106,35 +100,30 @@ def test_levels_are_cut_only_where_that_is_said(tmp_path: Path) -> None:
     assert np.array_equal(load_method(name, {}, {})(SHARP, BLURRED), np.minimum(whole, 255))
 
 
-@pytest.mark.parametrize(
-    ("layout", "shape", "taken"),
-    [
-        ("SCHW", (4, 3, 8, 9), lambda a: a[:, 0]),
-        ("NSCHW", (1, 4, 3, 8, 9), lambda a: a[0, :, 0]),
-        ("N(SC)HW", (1, 12, 8, 9), lambda a: a[0, ::3]),
-    ],
-)
-def test_a_stack_goes_in_by_focus_distance(
-    layout: str, shape: tuple[int, ...], taken: Callable[..., Any], tmp_path: Path
-) -> None:
-    about = STACK + f'focus_distance = "b"\nlayout = "{layout}"\n'
-
-    def forward(a: Any, b: Any) -> Any:
-        weights = torch.arange(1.0, 5.0).reshape(-1, 1, 1) + b.reshape(-1, 1, 1)
-        return (taken(a) * weights).sum(0) / 100
-
-    name = written(tmp_path / "net.onnx", forward, about, shape, (1, 4))
+def test_a_stack_goes_in_by_focus_distance(tmp_path: Path) -> None:
     images = RANDOM.integers(0, 256, (5, 8, 9, 3)).astype(np.uint8)
     distance = np.array([3.0, np.nan, 1.0, 2.0, 4.0])
     roles = ["defocus", "infocus", *["defocus"] * 3]
     axis = ("image",)
     coordinates = {"role": (axis, roles), "focus_distance": (axis, distance)}
     stack = xarray.DataArray(images, coordinates, ("image", "y", "x", "channel"))
-    method = load_method(name, {}, {})
-    assert method.takes_stack
-    weights = 2 * np.arange(1, 5)[:, None, None]
-    expected = (images[[2, 3, 0, 4], ..., 0] * weights).sum(0) / 100
-    np.testing.assert_allclose(method(stack), expected, rtol=1e-5)
+    layouts: list[tuple[str, tuple[int, ...], Callable[..., Any]]] = [
+        ("SCHW", (4, 3, 8, 9), lambda a: a[:, 0]),
+        ("NSCHW", (1, 4, 3, 8, 9), lambda a: a[0, :, 0]),
+        ("N(SC)HW", (1, 12, 8, 9), lambda a: a[0, ::3]),
+    ]
+    for layout, shape, taken in layouts:
+
+        def forward(a: Any, b: Any, taken: Callable[..., Any] = taken) -> Any:
+            weights = torch.arange(1.0, 5.0).reshape(-1, 1, 1) + b.reshape(-1, 1, 1)
+            return (taken(a) * weights).sum(0) / 100
+
+        about = STACK + f'focus_distance = "b"\nlayout = "{layout}"\n'
+        method = load_method(written(tmp_path / "net.onnx", forward, about, shape, (1, 4)), {}, {})
+        assert method.takes_stack
+        weights = 2 * np.arange(1, 5)[:, None, None]
+        expected = (images[[2, 3, 0, 4], ..., 0] * weights).sum(0) / 100
+        np.testing.assert_allclose(method(stack), expected, rtol=1e-5)
     with pytest.raises(MethodError, match="focus distances are not known"):
         method(stack.assign_coords(focus_distance=(axis, np.full(5, np.nan))))
 
@@ -169,9 +158,8 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     assert problems(mean) == [f"field is missing ({description}: depth)"]
     description.write_text(description.read_text() + 'depth = "out"\nfocus_distance = "f"\n')
     told = problems(mean)
-    for problem, says in zip(
-        told, ("neither a pair", "only a stack", "layout", "a channel", "the same"), strict=True
-    ):
+    wrong = ("neither a pair", "only a stack", "layout", "a channel", "the same")
+    for problem, says in zip(told, wrong, strict=True):
         assert says in problem, told
     description.write_text(PAIR + "colour = 3\nsize = 4\n")
     assert len(problems(mean)) == 2
@@ -179,30 +167,25 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     assert all("Fix: mend layout or colour in mean.toml" in text for text in problems(mean))
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda model, _: model.unlink(), "cannot read the model"),
-        (lambda model, _: model.write_bytes(model.read_bytes()[:-60]), "cannot load the model"),
-        # An operator that nobody has.
-        (
-            lambda model, _: model.write_bytes(model.read_bytes().replace(b"ReduceM", b"MyOwnOp")),
-            "MyOwnOpean",
-        ),
-        (
-            lambda model, _: model.write_bytes(model.read_bytes() + b"\x0a\x08location\x12"),
-            "weights in another file",
-        ),
-        (lambda _, about: about.unlink(), "has no description"),
-        (lambda _, about: about.write_bytes(b"\xff"), "cannot read the model's description"),
-    ],
-)
-def test_damaged_files_are_named(mean: str, change: Callable[..., Any], says: str) -> None:
+def test_damaged_files_are_named(mean: str) -> None:
     model, about = Path(mean), Path(mean).with_suffix(".toml")
-    change(model, about)
-    (told,) = problems(mean)
-    assert says in told
-    assert str(model.parent) in told
+    whole, described = model.read_bytes(), about.read_bytes()
+    for damaged, description, says in (
+        (None, described, "cannot read the model"),
+        (whole[:-60], described, "cannot load the model"),
+        # An operator that nobody has.
+        (whole.replace(b"ReduceM", b"MyOwnOp"), described, "MyOwnOpean"),
+        (whole + b"\x0a\x08location\x12", described, "weights in another file"),
+        (whole, None, "has no description"),
+        (whole, b"\xff", "cannot read the model's description"),
+    ):
+        for path, content in ((model, damaged), (about, description)):
+            path.unlink(missing_ok=True)
+            if content is not None:
+                path.write_bytes(content)
+        (told,) = problems(mean)
+        assert says in told
+        assert str(model.parent) in told
 
 
 def test_a_model_of_one_size_says_so_of_another(tmp_path: Path) -> None:

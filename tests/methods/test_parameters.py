@@ -29,9 +29,10 @@ def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
     assert method.parameters == {"recipe": recorded}
 
 
-@pytest.mark.parametrize(
-    ("fields", "told"),
-    [
+def test_a_recipe_that_is_none_is_refused_by_name(module: Path) -> None:
+    module.with_name("broken.toml").write_text("sigma_min =")
+    module.with_name("negative.toml").write_text("sigma_min = -1\nsigma_step = 1\n")
+    refused: list[tuple[Any, str]] = [
         ({"sigma_min": 0.2}, "sigma_step"),
         (FIELDS | {"sigma_mni": 1}, "sigma_mni"),
         (FIELDS | {"sigma_min": True}, "parameter recipe: sigma_min"),
@@ -42,13 +43,10 @@ def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
         ("broken.toml", "cannot read the blur recipe"),
         ("negative.toml", "negative.toml: sigma_min"),
         (5, "not a blur recipe"),
-    ],
-)
-def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, told: str) -> None:
-    module.with_name("broken.toml").write_text("sigma_min =")
-    module.with_name("negative.toml").write_text("sigma_min = -1\nsigma_step = 1\n")
-    with pytest.raises(MethodError, match=re.escape(told)):
-        load("local", recipe=fields)
+    ]
+    for fields, told in refused:
+        with pytest.raises(MethodError, match=re.escape(told)):
+            load("local", recipe=fields)
 
 
 def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods.registry import entry_of, load, load_method, registered_methods
 
@@ -24,10 +24,8 @@ def test_parameters_reach_functions_and_classes(module: Path) -> None:
 
 
 def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path) -> None:
-    def offer() -> BlurRecipe:
-        return RECIPES["published"]
-
-    offers: dict[str, Any] = {"recipe": offer, "training_mean": lambda: 1 / 0}
+    offers: dict[str, Any] = {"recipe": lambda: RECIPES["published"]}
+    offers["training_mean"] = lambda: 1 / 0
     method = load_method("mine.py:Named", {}, offers)
     assert method.uses == ("recipe",)
     assert method.predict.recipe == RECIPES["published"]  # type: ignore[attr-defined]
@@ -38,9 +36,9 @@ def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path
     assert chosen.parameters == {"recipe": "text"}
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters", "told"),
-    [
+@pytest.mark.usefixtures("module")
+def test_what_cannot_be_made_with_these_parameters_says_why() -> None:
+    wrong: list[tuple[str, dict[str, Any], str]] = [
         ("mine.py:scaled", {"facto": 1}, "did you mean factor"),
         ("mine.py:scaled", {"offset": "abc"}, "parameter offset is text"),
         ("mine.py:number", {}, "an int"),
@@ -49,14 +47,11 @@ def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path
         ("tests.methods.test_registry:of_two", {"a": 1}, "expected no parameters"),
         ("mine.py:Named", {}, "--param recipe=VALUE"),
         ("mine.py:Broken", {}, "RuntimeError: no weights"),
-    ],
-)
-def test_what_cannot_be_made_with_these_parameters_says_why(
-    module: Path, name: str, parameters: dict[str, Any], told: str
-) -> None:
-    with pytest.raises(MethodError) as caught:
-        load_method(name, parameters, {})
-    assert told in str(caught.value)
+    ]
+    for name, parameters, told in wrong:
+        with pytest.raises(MethodError) as caught:
+            load_method(name, parameters, {})
+        assert told in str(caught.value)
 
 
 def test_packages_register_entry_points(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,28 +38,21 @@ def pair(number: int, similarity: tuple[float, ...] = (0, 0, 0, 0), dark: float 
     # Where in the in-focus view each pixel of the other comes from.
     there = np.exp(-1j * turn) / (1 + larger) * (down - moved_down + 1j * (right - moved_right))
     light = waves(number, there.real, there.imag, 2) * (1 - dark * radius)
-    sharp, blurred = (
-        np.rint(encode(image)[..., np.newaxis]).astype(np.uint8)
-        for image in (waves(number, down, right, 0), light)
-    )
+    lights = waves(number, down, right, 0), light
+    sharp, blurred = (np.rint(encode(each)[..., np.newaxis]).astype(np.uint8) for each in lights)
     return Images(sharp, blurred)
 
 
-@pytest.mark.parametrize(
-    "similarity",
-    [(0.4, -0.3, 0.0, -0.012), (0.0, 0.0, 0.004, 0.002)],
-    ids=["smaller and moved", "turned and larger"],
-)
+# Smaller and moved; turned and larger.
+@pytest.mark.parametrize("similarity", [(0.4, -0.3, 0.0, -0.012), (0.0, 0.0, 0.004, 0.002)])
 def test_place_turn_and_size_are_found_and_undone(similarity: tuple[float, ...]) -> None:
     pairs = [pair(number, similarity) for number in range(4)]
     found = find_change(pairs)
     assert found.falloff == ()
     assert found.similarity[:2] == pytest.approx(similarity[:2], abs=0.05)
     assert found.similarity[2:] == pytest.approx(similarity[2:], abs=3e-4)
-    apart = [
-        np.abs(image.astype(float) - pair(0).defocus)[8:-8, 8:-8].mean()
-        for image in (pairs[0].defocus, found.undone(pairs[0].defocus))
-    ]
+    images = pairs[0].defocus, found.undone(pairs[0].defocus)
+    apart = [np.abs(image.astype(float) - pair(0).defocus)[8:-8, 8:-8].mean() for image in images]
     assert apart[1] < 0.4 < 0.6 < apart[0]
 
 

@@ -50,21 +50,16 @@ def test_ends_that_nobody_saw_do_not_come_back_to_the_widths_of_others() -> None
 
 
 def test_a_curve_turns_back_only_where_few_pixels_tell_and_a_lens_could_not() -> None:
-    # Beside jumps of depth little tells the widest blurs: some came out as none.
     few = np.where(LEVEL > 208, 2, 9)
-    grown = width_curve.grown_from_focus(np.where(LEVEL > 216, 0.3, LINE), few)
-    assert_allclose(grown, LINE)
+    # Blur is not measured beyond the ladder: both sides of a focus may end there, as wide.
+    both = np.minimum(0.5 + 0.1 * np.abs(LEVEL - 128), width_curve.LADDER[-1])
+    # Beside jumps of depth little tells the widest blurs: some came out as none.
+    for curve in (LINE, both):
+        grown = width_curve.grown_from_focus(np.where(LEVEL > 216, 0.3, curve), few)
+        assert_allclose(grown, curve)
     # A focus inside the range, and what noise does, stay as they are.
     wavy = VALLEY * (1 + 0.03 * np.sin(LEVEL))
     assert_allclose(width_curve.grown_from_focus(wavy, few), wavy)
-
-
-def test_one_end_may_turn_back_where_both_are_as_wide() -> None:
-    # Blur is not measured beyond the ladder: both sides of a focus may end there.
-    both = np.minimum(0.5 + 0.1 * np.abs(LEVEL - 128), width_curve.LADDER[-1])
-    bent = np.where(LEVEL > 216, 0.3, both)
-    grown = width_curve.grown_from_focus(bent, np.where(LEVEL > 208, 2, 9))
-    assert_allclose(grown, both)
 
 
 def bowls(widths: NDArray[Any]) -> NDArray[np.float64]:

@@ -50,19 +50,9 @@ def test_runs_score_under_all_protocols_of_their_depth() -> None:
     assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
 
 
-def test_a_result_without_a_protocol_says_so() -> None:
-    require_scored("valid", ["thesis", "valid"], "mine")
-    with pytest.raises(UnknownNameError, match="unknown protocol of mine"):
-        require_scored("valid", ["thesis"], "mine")
-    with pytest.raises(UnknownNameError, match="aligned needs depth in metres"):
-        require_scored("aligned", ["thesis"], "mine")
-    with pytest.raises(UnknownNameError, match="neither says how sure it is"):
-        require_scored("sure", ["thesis"], "mine")
-
-
-@pytest.mark.parametrize(
-    ("shape", "crop", "top", "left"),
-    [
+def test_the_networks_window_is_that_of_their_scoring_code() -> None:
+    protocol = PROTOCOLS["thesis-networks-2"]
+    for shape, crop, top, left in (
         ((370, 463), 352, 8, 48),
         ((370, 427), 352, 8, 32),
         ((630, 630), 624, 0, 0),
@@ -70,31 +60,23 @@ def test_a_result_without_a_protocol_says_so() -> None:
         # Smaller than the square along one axis or both: whole, after the cut.
         ((100, 463), 352, 0, 48),
         ((20, 31), 352, 0, 0),
-    ],
-)
-def test_the_networks_window_is_that_of_their_scoring_code(
-    shape: tuple[int, int], crop: int, top: int, left: int
-) -> None:
-    protocol = PROTOCOLS["thesis-networks-2"]
-    valid = np.ones(shape, bool)
-    depth, exact = np.zeros(shape, np.uint8), np.zeros(shape, np.float32)
-    assert score(protocol, depth, valid, exact, crop)["nrmse"] == 0
-    inside = np.ones(shape, bool)
-    height, width = (min(crop, extent - extent % 16) for extent in shape)
-    inside[top : top + height, left : left + width] = False
-    # Errors outside the window do not count; inside it every corner does.
-    assert score(protocol, depth, valid, inside * np.float32(255), crop)["nrmse"] == 0
-    for y, x in ((0, 0), (height - 1, width - 1)):
-        one = exact.copy()
-        one[top + y, left + x] = 255
-        expected = (1 / (height * width)) ** 0.5
-        assert score(protocol, depth, valid, one, crop)["nrmse"] == pytest.approx(expected)
-
-
-def test_fewer_than_16_rows_leave_the_networks_nothing_to_score() -> None:
-    depth, valid = np.zeros((15, 40), np.uint8), np.ones((15, 40), bool)
-    scores = score(PROTOCOLS["thesis-networks-2"], depth, valid, depth.astype(np.float32), 352)
-    assert all(math.isnan(value) for value in (scores["nrmse"], scores["nmae"], scores["ssim"]))
+    ):
+        valid = np.ones(shape, bool)
+        depth, exact = np.zeros(shape, np.uint8), np.zeros(shape, np.float32)
+        assert score(protocol, depth, valid, exact, crop)["nrmse"] == 0
+        inside = np.ones(shape, bool)
+        height, width = (min(crop, extent - extent % 16) for extent in shape)
+        inside[top : top + height, left : left + width] = False
+        # Errors outside the window do not count; inside it every corner does.
+        assert score(protocol, depth, valid, inside * np.float32(255), crop)["nrmse"] == 0
+        for y, x in ((0, 0), (height - 1, width - 1)):
+            one = exact.copy()
+            one[top + y, left + x] = 255
+            expected = (1 / (height * width)) ** 0.5
+            assert score(protocol, depth, valid, one, crop)["nrmse"] == pytest.approx(expected)
+    # Fewer than 16 rows leave nothing to score.
+    scores = score(protocol, depth[:15], valid[:15], exact[:15], 352)
+    assert all(map(math.isnan, scores.values()))
 
 
 def test_each_protocol_scores_as_it_says() -> None:
@@ -124,13 +106,21 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     assert networks["nrmse"] == pytest.approx(1 / 255)
 
 
-def test_an_unknown_protocol_shows_the_near_miss() -> None:
+def test_a_protocol_that_is_not_there_is_told() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
     assert caught.value.problems[0].got == "thesys"
     named = "one of: aligned, metric, sure, thesis, thesis-networks, valid"
     with pytest.raises(UnknownNameError, match=named):
         find_protocol("brightness")
+    require_scored("valid", ["thesis", "valid"], "mine")
+    for label, told in (
+        ("valid", "unknown protocol of mine"),
+        ("aligned", "aligned needs depth in metres"),
+        ("sure", "neither says how sure it is"),
+    ):
+        with pytest.raises(UnknownNameError, match=told):
+            require_scored(label, ["thesis"], "mine")
 
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
@@ -168,6 +158,8 @@ def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> No
     assert scores["abs_rel"] == pytest.approx(0, abs=1e-6)
     assert scores["delta_125"] == 1
     assert score(RELEASED["metric"], depth, depth > 0, half, 16, SCALE)["abs_rel"] > 0.1
+    with pytest.raises(InputError, match="how levels become metres"):
+        score(RELEASED["metric"], depth, depth > 0, half, 16)
 
 
 def test_depth_in_metres_is_divided_by_the_range_of_the_set() -> None:
@@ -189,18 +181,14 @@ def test_depth_in_metres_is_divided_by_the_range_of_the_set() -> None:
     assert metric["abs_rel"] == abs_rel(depth, test, mask=valid)
 
 
-def test_without_a_scale_there_are_no_metres() -> None:
-    depth = np.full((4, 4), 9, np.uint8)
-    with pytest.raises(InputError, match="how levels become metres"):
-        score(RELEASED["metric"], depth, depth > 0, depth.astype(np.float32), 16)
-
-
 def test_the_trio_is_what_all_but_metres_are_scored_by() -> None:
     for label, protocol in RELEASED.items():
         if not protocol.metrics:
             assert metrics_of(label) == METRICS
             assert ranked_by(label) == ("nrmse", "nmae")
     assert metrics_of("somebody's own") == METRICS
+    # The share in intervals ranks nobody.
+    assert ranked_by("sure") == ("nrmse_50", "ause")
 
 
 def test_what_is_left_out_counts_only_where_it_is_asked_how_sure_a_method_is() -> None:
@@ -217,7 +205,3 @@ def test_what_is_left_out_counts_only_where_it_is_asked_how_sure_a_method_is() -
     assert (found["ause"], found["within_90"]) == (0, 1)
     in_metres = score(RELEASED["sure"], depth, depth >= 0, test, 16, SCALE, "metres", sigma)
     assert in_metres["nrmse_50"] == pytest.approx(2 / (SCALE.far - SCALE.near))
-
-
-def test_the_share_in_intervals_ranks_nobody() -> None:
-    assert ranked_by("sure") == ("nrmse_50", "ause")

@@ -57,9 +57,8 @@ def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:
     assert all(m.background < m.sharpness for m in warm)
     steps = [m.step for m in found["up"]]
     assert steps == list(range(127, 144)) == [m.step for m in found["down"]]
-    gap = {
-        u.step: u.sharpness - d.sharpness for u, d in zip(found["up"], found["down"], strict=True)
-    }
+    both = zip(found["up"], found["down"], strict=True)
+    gap = {up.step: up.sharpness - down.sharpness for up, down in both}
     assert gap[133] < -0.01 < 0.01 < gap[138]
 
 

@@ -40,17 +40,16 @@ def test_a_fit_costs_elsewhere(tiny_store: Dataset, dark_store: Dataset, tmp_pat
 
 def test_refusals_say_why(tiny_store: Dataset, dark_store: Dataset, tmp_path: Path) -> None:
     mean = write_mean(tmp_path)
-    for stores in ([tiny_store, tiny_store], [tiny_store]):
-        with pytest.raises(InputError, match=f"each named once; got {len(stores)}"):
-            dfdbench.run_transfer("local", stores)
+    for wrong in ([tiny_store, tiny_store], [tiny_store]):
+        with pytest.raises(InputError, match=f"each named once; got {len(wrong)}"):
+            dfdbench.run_transfer("local", wrong)
+    stores = [tiny_store, dark_store]
     for method, protocol, split, said in (
         ("constant", "valid", "test", "has no fit on tiny"),
         (mean, "nope", "test", "unknown protocol"),
         (mean, "valid", "nope", "nope"),
     ):
         with pytest.raises(DfdbenchError, match=said):
-            dfdbench.run_transfer(
-                method, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
-            )
+            dfdbench.run_transfer(method, stores, split, protocol=protocol, out=tmp_path / "runs")
         # Nothing was run for it.
         assert not (tmp_path / "runs").exists()

@@ -58,7 +58,6 @@ def test_where_no_row_is_given_as_little_the_best_of_all_is_named(demo_store: df
 
 def test_a_run_that_failed_everywhere_says_so(tiny_store: dfd.Dataset, tmp_path: Path) -> None:
     done = dfd.run(lambda infocus, defocus: 1 / 0, tiny_store, out=tmp_path / "run")
-    assert done.verdict() == (
-        "score        none: only 0 of 7 pairs were evaluated  (protocol valid, split test)"
-    )
+    told = "score        none: only 0 of 7 pairs were evaluated  (protocol valid, split test)"
+    assert done.verdict() == told
     assert "7 pairs failed, the first of them" in (tmp_path / "run/tables.md").read_text("utf-8")

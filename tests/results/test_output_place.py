@@ -17,26 +17,20 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("place", "why"),
-    [
+def test_places_that_hold_something_are_refused_and_others_are_free(work: Path) -> None:
+    before = sorted(work.rglob("*"))
+    for place, why in (
         ("link/report", "a built data set"),
         ("photos/../run/figures", "a run"),
         ("alone.json", "one of its inputs"),
         ("s3://bucket/report", "on this machine only"),
         (" ", "no place is named"),
-    ],
-)
-def test_places_that_hold_something_are_refused(work: Path, place: str | Path, why: str) -> None:
-    before = sorted(work.rglob("*"))
-    with pytest.raises(InputError, match=why):
-        output_place(place, "photos", None, Path("alone.json"))
-    assert sorted(work.rglob("*")) == before
-
-
-@pytest.mark.parametrize("place", ["new", "photos-2/report.html", ".", "loop"])
-def test_other_places_are_free(work: Path, place: str) -> None:
-    assert output_place(place, "photos", "alone.json") == Path(place)
+    ):
+        with pytest.raises(InputError, match=why):
+            output_place(place, "photos", None, Path("alone.json"))
+        assert sorted(work.rglob("*")) == before
+    for place in ("new", "photos-2/report.html", ".", "loop"):
+        assert output_place(place, "photos", "alone.json") == Path(place)
 
 
 def test_a_command_that_replaces_its_folder_may_name_it_but_not_one_inside(work: Path) -> None:

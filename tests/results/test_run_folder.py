@@ -17,29 +17,26 @@ def kept(place: Path) -> Any:
     return zarr.open_array(place / "depth", mode="a")
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
+def test_depth_maps_that_are_something_else_are_told(tiny_store: Dataset, tmp_path: Path) -> None:
+    spoils: list[Callable[[Path], object]] = [
         lambda place: zarr.create_array(place / "depth", shape=2, dtype="int8", overwrite=True),
         lambda place: shutil.rmtree(place / "depth"),
         lambda place: kept(place).attrs.update(axes={"colour": [1]}),
         lambda place: (place / "depth/zarr.json").write_text("nonsense"),
         lambda place: kept(place).set_basic_selection(..., -0.5),
         lambda place: kept(place).set_basic_selection(..., 255.5),
-    ],
-)
-def test_depth_maps_that_are_something_else_are_told(
-    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], object]
-) -> None:
+    ]
     pair = tiny_store.pairs("test")[0]
     shape = tiny_store.shape_of(pair.scene)
-    run_folder.Predictions(tmp_path, tiny_store.manifest).keep(pair, np.full(shape, 9, np.float32))
-    assert run_folder.read_prediction(tmp_path, pair, shape) is not None
-    with pytest.raises(ResultError, match="not a run's depth maps"):
-        run_folder.read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
-    spoil(tmp_path / run_folder.PREDICTIONS / pair.scene)
-    with pytest.raises(ResultError, match="not a run's depth maps"):
-        run_folder.read_prediction(tmp_path, pair, shape)
+    for number, spoil in enumerate(spoils):
+        folder, nine = tmp_path / f"{number}", np.full(shape, 9, np.float32)
+        run_folder.Predictions(folder, tiny_store.manifest).keep(pair, nine)
+        assert run_folder.read_prediction(folder, pair, shape) is not None
+        with pytest.raises(ResultError, match="not a run's depth maps"):
+            run_folder.read_prediction(folder, pair, (shape[0] + 1, shape[1]))
+        spoil(folder / run_folder.PREDICTIONS / pair.scene)
+        with pytest.raises(ResultError, match="not a run's depth maps"):
+            run_folder.read_prediction(folder, pair, shape)
 
 
 def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ VALUES = {place: 0.01 * (1 + number) for number, place in enumerate(PLACES)}
 
 
 def test_a_run_has_scores_extremes_and_times() -> None:
-    scores, extremes, times, _ = run_tables.all_tables(
-        summarise(make_result(VALUES), "thesis"), None
-    )
+    summary = summarise(make_result(VALUES), "thesis")
+    scores, extremes, times, _ = run_tables.all_tables(summary, None)
     assert scores.columns[:4] == ("exposure", "illumination", "NRMSE ↓", "std")
     assert "SSIM ↑" in scores.columns
     places = ["|".join(row[:2]) for row in scores.rows]
@@ -75,13 +74,9 @@ def test_the_numbers_come_as_data_in_full() -> None:
 
 
 def test_tables_of_simulated_captures_say_so() -> None:
-    captured = make_result(VALUES)
-    simulated = edited(captured, dataset={"simulated": True})
-    assert (
-        "on tiny-1 (SIMULATED), split"
-        in run_tables.run_score_table(summarise(simulated, "thesis")).title
-    )
-    assert "on tiny-1, split" in run_tables.run_score_table(summarise(captured, "thesis")).title
+    for simulated, said in ((True, "on tiny-1 (SIMULATED), split"), (False, "on tiny-1, split")):
+        result = edited(make_result(VALUES), dataset={"simulated": simulated})
+        assert said in run_tables.run_score_table(summarise(result, "thesis")).title
 
 
 LEVELS = {

@@ -7,7 +7,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.record import Result, save_result
+from dfdbench.results.record import save_result
 from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
 from tests.made_results import make_demo_result, make_result
 
@@ -57,18 +57,12 @@ def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:
     assert "prediction: NRMSE" in text
 
 
-def run(path: str, result: Result) -> SavedRun:
-    return SavedRun(Path(path), result, None, "")
-
-
-@pytest.mark.parametrize(
-    ("paths", "labels"),
-    [
+def test_runs_of_one_label_are_told_apart_by_places() -> None:
+    same = make_demo_result(lambda _: 0.1)
+    for paths, labels in (
         (["v1/result.json", "v2/result.json"], ["mine (v1)", "mine (v2)"]),
         (["a/x/result.json", "b/x/result.json"], ["mine (a/x)", "mine (b/x)"]),
         (["old.json", "new.json"], ["mine (old)", "mine (new)"]),
-    ],
-)
-def test_runs_of_one_label_are_told_apart_by_places(paths: list[str], labels: list[str]) -> None:
-    same = make_demo_result(lambda _: 0.1)
-    assert [each.label for each in distinguished(run(path, same) for path in paths)] == labels
+    ):
+        runs = [SavedRun(Path(path), same, None, "") for path in paths]
+        assert [each.label for each in distinguished(runs)] == labels

@@ -74,10 +74,8 @@ def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
 
 def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Result:
     result = make_result({("a", 1, 1, number): 0.1 for number in range(len(seconds))})
-    pairs = [
-        edited(pair, seconds=value, timed_alone=alone)
-        for pair, value in zip(result.pairs, seconds, strict=True)
-    ]
+    timed = zip(result.pairs, seconds, strict=True)
+    pairs = [edited(pair, seconds=value, timed_alone=alone) for pair, value in timed]
     return edited(result, pairs=pairs, environment={"cpu": cpu})
 
 

@@ -1,14 +1,11 @@
 from typing import Any
 
-import pytest
-
 from dfdbench.results.wording import given_to
 from tests.made_results import edited, make_demo_result
 
 
-@pytest.mark.parametrize(
-    ("method", "said"),
-    [
+def test_a_row_says_what_its_method_was_told() -> None:
+    told: list[tuple[dict[str, Any], str]] = [
         ({}, "nothing"),
         ({"uses": ["recipe"]}, "the blur"),
         # What is handed over on a track is that there is no recipe.
@@ -20,7 +17,6 @@ from tests.made_results import edited, make_demo_result
         # The recipe's name alone, which networks ask for to warn, is not the recipe.
         ({"uses": ["recipe_name"], "trained_on": "my own"}, "trained on my own"),
         ({"uses": ["recipe"], "trained_on": "demo-1, split train"}, "the blur, trained on demo-1"),
-    ],
-)
-def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
-    assert given_to(edited(make_demo_result(lambda pair: 0.1), method=method)) == said
+    ]
+    for method, said in told:
+        assert given_to(edited(make_demo_result(lambda pair: 0.1), method=method)) == said

@@ -55,6 +55,5 @@ def test_a_far_lamp_shades_by_the_angle_and_casts_no_shadow() -> None:
     ball = Round((0, 0, 2), UPRIGHT, 0.5, PLAIN)
     scene = shaded(pack([WALL, ball], {"plain": np.ones((4, 4, 3))}), (0.0, -0.6, -0.8), 0.5)
     assert at(scene, 0, 0) == pytest.approx(0.5 + 0.5 * 0.8)
-    assert at(scene, 0, -0.3, surface=1) == pytest.approx(
-        0.5 + 0.5 * (0.6 * 0.6 + 0.8 * 0.8), abs=2e-3
-    )
+    exact = 0.5 + 0.5 * (0.6 * 0.6 + 0.8 * 0.8)
+    assert at(scene, 0, -0.3, surface=1) == pytest.approx(exact, abs=2e-3)

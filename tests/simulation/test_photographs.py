@@ -18,7 +18,6 @@ def test_noise_is_the_same_in_every_version_of_numpy() -> None:
     # The demo set is made of them: other numbers would be another data set.
     expected = [1.66322969718344, -1.09368479197936, -0.03197908748478, -0.44020138937722]
     assert near_normal_numbers((4,), (7, 1)) == pytest.approx(expected, abs=1e-9)
-    assert np.array_equal(
-        near_normal_numbers((2, 3), (1,)), near_normal_numbers((6,), (1,)).reshape(2, 3)
-    )
-    assert not np.array_equal(near_normal_numbers((6,), (1,)), near_normal_numbers((6,), (2,)))
+    first, other = near_normal_numbers((6,), (1,)), near_normal_numbers((6,), (2,))
+    assert np.array_equal(near_normal_numbers((2, 3), (1,)), first.reshape(2, 3))
+    assert not np.array_equal(first, other)

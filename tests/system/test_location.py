@@ -44,6 +44,5 @@ def test_places_that_cannot_be_reached() -> None:
 
 def test_file_urls_are_local(tmp_path: Path) -> None:
     assert location.is_local(location.as_location(f"file://{tmp_path}/a.zarr"))
-    assert location.as_location(tmp_path / "a.zarr") == location.as_location(
-        str(tmp_path / "a.zarr")
-    )
+    path = tmp_path / "a.zarr"
+    assert location.as_location(path) == location.as_location(str(path))

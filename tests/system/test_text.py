@@ -27,12 +27,8 @@ def test_half_a_character_is_no_text(text: str | bytes) -> None:
 def test_differences_are_named_at_any_depth_with_what_one_side_lacks() -> None:
     before = {"b": 1, "net": {"width": 8, "same": [1]}, "gone": True, "flat": {"x": 1}}
     now = {"b": 2, "net": {"width": 8, "same": [1], "new": 3}, "flat": 5}
-    assert list(differences(before, now)) == [
-        ("b", 1, 2),
-        ("net.new", None, 3),
-        ("gone", True, None),
-        ("flat", {"x": 1}, 5),
-    ]
+    found = list(differences(before, now))
+    assert found == [("b", 1, 2), ("net.new", None, 3), ("gone", True, None), ("flat", {"x": 1}, 5)]
 
 
 def test_what_python_cannot_take_is_a_value_error() -> None:

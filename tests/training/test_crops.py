@@ -34,10 +34,8 @@ def test_images_are_those_of_the_store(tiny_store: Dataset, images: crops.Traini
     assert np.array_equal(images.pixels[2][3:].permute(1, 2, 0).numpy(), pair.defocus)
     assert np.array_equal(images.levels[2].numpy(), pair.levels)
     assert images.levels[0] is images.levels[1]  # exposures of a view share a depth map
-    pixels = [
-        np.concatenate([each.infocus, each.defocus], axis=2).reshape(-1, 6)
-        for each in map(tiny_store.read, pairs)
-    ]
+    read = [tiny_store.read(each) for each in pairs]
+    pixels = [np.concatenate([each.infocus, each.defocus], 2).reshape(-1, 6) for each in read]
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
     # Unknown pixels may be left out.
     found = crops.TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[2].numpy()
@@ -54,10 +52,8 @@ def test_a_patch_comes_in_eight_orientations_depth_alike(images: crops.TrainingI
     assert len(turned) == 8
     # Each depth patch belongs to the pixels it comes with: both lie at one place of one image.
     for patch, level in zip(pixels, levels, strict=True):
-        assert any(
-            found_at(whole.float(), patch, depth, level)
-            for whole, depth in zip(images.pixels, images.levels, strict=True)
-        )
+        wholes = zip(images.pixels, images.levels, strict=True)
+        assert any(found_at(whole.float(), patch, depth, level) for whole, depth in wholes)
 
 
 def found_at(
@@ -180,13 +176,11 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
     assert one.severity == 3
     margin = crops.margin_of(RECIPES["published"], one)
     _, whole = form_pair(image, depth, RECIPES["published"], one, "training/1/2/3")
-    inner = slice(60 - 8, 60 + 8)
-    around = slice(60 - 8 - margin, 60 + 8 + margin)
+    inner, around = slice(60 - 8, 60 + 8), slice(60 - 8 - margin, 60 + 8 + margin)
     cut = image[around, around], depth[around, around]
     _, patch = form_pair(*cut, RECIPES["published"], one, "training/1/2/3")
-    found = patch[margin:-margin, margin:-margin].astype(int)
+    difference = patch[margin:-margin, margin:-margin].astype(int) - whole[inner, inner]
     noisy = name in ("noise", "camera")
-    difference = found - whole[inner, inner]
     assert abs(difference.mean()) < (5 if noisy else 0.01)
     assert noisy or np.abs(difference).max() <= 1
 
@@ -194,33 +188,28 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
 STEPS = 5
 
 
-def numbered_images() -> crops.TrainingImages:
-    """Images whose first channel is the image's number, levels that number their pixels."""
+def test_every_pixel_is_counted_as_often_as_it_was_trained_on() -> None:
+    # Images whose first channel is the image's number, levels that number their pixels.
     shapes = [(14, 17), (15, 16), (13, 13)]
     pixels = [torch.full((6, *shape), n, dtype=torch.uint8) for n, shape in enumerate(shapes)]
-    levels = [torch.arange(rows * columns).reshape(rows, columns) for rows, columns in shapes]
-    return crops.TrainingImages(pixels, [level.short() for level in levels])
-
-
-@pytest.mark.parametrize("expansion", ["basic", "eight"])
-def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansion) -> None:
-    images = numbered_images()
-    cropper = crops.Cropper(images, 6, 3, expansion, 1.0, 9)
-    drawn = crops.selections_of(cropper, ("a", "b", "c"), STEPS)
-    by_hand = [np.zeros(levels.numel(), int) for levels in images.levels]
-    quiet = crops.Cropper(images, 6, 3, expansion, 0.0, 9)
-    for step in range(STEPS):
-        pixels, levels = quiet.draw(step)
-        for patch, places in zip(pixels, levels, strict=True):
-            by_hand[int(patch[0, 0, 0])][places.numpy().ravel()] += 1
-    orientations = 8 if expansion == "eight" else 1
-    for number, expected in enumerate(by_hand):
-        assert (orientations * drawn.uses(number).ravel() == expected).all()
-    assert drawn.patches.sum() == 3 * STEPS
-    rows = drawn.rows()
-    assert [row["pair"] for row in rows] == ["a", "b", "c"]
-    assert [row["patches"] for row in rows] == drawn.patches.tolist()
-    assert rows[0]["pixel_most"] == drawn.uses(0).max()
+    numbers = [torch.arange(rows * columns).reshape(rows, columns) for rows, columns in shapes]
+    images = crops.TrainingImages(pixels, [each.short() for each in numbers])
+    expansions: dict[Expansion, int] = {"basic": 1, "eight": 8}
+    for expansion, orientations in expansions.items():
+        cropper = crops.Cropper(images, 6, 3, expansion, 1.0, 9)
+        drawn = crops.selections_of(cropper, ("a", "b", "c"), STEPS)
+        by_hand = [np.zeros(levels.numel(), int) for levels in images.levels]
+        quiet = crops.Cropper(images, 6, 3, expansion, 0.0, 9)
+        for step in range(STEPS):
+            for patch, places in zip(*quiet.draw(step), strict=True):
+                by_hand[int(patch[0, 0, 0])][places.numpy().ravel()] += 1
+        for number, expected in enumerate(by_hand):
+            assert (orientations * drawn.uses(number).ravel() == expected).all()
+        assert drawn.patches.sum() == 3 * STEPS
+        rows = drawn.rows()
+        assert [row["pair"] for row in rows] == ["a", "b", "c"]
+        assert [row["patches"] for row in rows] == drawn.patches.tolist()
+        assert rows[0]["pixel_most"] == drawn.uses(0).max()
 
 
 def test_with_other_depths_the_patch_counts_and_not_what_its_blur_depends_on() -> None:

@@ -138,12 +138,6 @@ def test_dlibs_schedule_lowers_the_rate_where_dlib_does(name: str) -> None:
     assert len(expected) > 2
 
 
-def test_dlib_checks_every_13_steps_and_drops_the_oldest_650() -> None:
-    published = DlibSchedule(TrainingConfiguration())
-    # 193 * 13 is the first check of 2,500 losses, 650 more are there at step 243 * 13.
-    assert lowered_by(published, [1.0] * 3200) == [2509, 3159]
-
-
 def test_a_bad_stretch_at_the_end_alone_does_not_lower_the_rate() -> None:
     losses = 2 - np.arange(600) / 1000 + np.random.default_rng(1).normal(0, 0.01, 600)
     losses[-40:] += 30
@@ -151,10 +145,13 @@ def test_a_bad_stretch_at_the_end_alone_does_not_lower_the_rate() -> None:
     assert lowered_by(DlibSchedule(TrainingConfiguration(patience=600)), losses) == []
 
 
-def test_it_ends_at_the_least_rate() -> None:
+def test_dlib_checks_every_13_steps_and_drops_the_oldest_650_down_to_the_least_rate() -> None:
+    published = DlibSchedule(TrainingConfiguration())
+    # 193 * 13 is the first check of 2,500 losses, 650 more are there at step 243 * 13.
+    assert lowered_by(published, [1.0] * 3200) == [2509, 3159]
     schedule = DlibSchedule(TrainingConfiguration(patience=50))
-    lowered = lowered_by(schedule, [1.0] * 300)
-    assert (schedule.ended, len(lowered)) == ("learning rate 1e-10", 6)
+    assert len(lowered_by(schedule, [1.0] * 300)) == 6
+    assert schedule.ended == "learning rate 1e-10"
     assert schedule.rate == pytest.approx(1e-10)
 
 

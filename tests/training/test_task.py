@@ -40,9 +40,8 @@ def test_folds_and_splits_say_what_they_trained_on(tiny_store: Dataset) -> None:
 
 
 def task(store: Dataset, **changes: Any) -> tasks.Task:
-    return tasks.task_of(
-        "dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes)
-    )
+    choices = TrainingConfiguration.model_validate({"crop": 16} | changes)
+    return tasks.task_of("dfd-net", store, choices)
 
 
 def test_another_seed_or_start_is_another_training(tiny_store: Dataset, tmp_path: Path) -> None:

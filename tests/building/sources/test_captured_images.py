@@ -17,9 +17,8 @@ DEPTH: Depth = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml").depth
 
 
 def files(**fields: object) -> CapturedFiles:
-    return CapturedFiles.model_validate(
-        {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
-    )
+    usual = {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001}
+    return CapturedFiles.model_validate(usual | fields)
 
 
 def made(folder: Path, **fields: object) -> CapturedImages:
@@ -121,22 +120,19 @@ def test_another_unit_is_linear_in_levels_between_two_values() -> None:
     levels = depth_of(disparity, about, plain, "d.npy")
     np.testing.assert_allclose(levels, [[255, 96.25, 1, np.nan]])
     farther = plain.model_copy(update={"grows_with": "distance"})
-    np.testing.assert_allclose(
-        depth_of(disparity, about, farther, "d.npy"), [[1, 159.75, 255, np.nan]]
-    )
+    levels = depth_of(disparity, about, farther, "d.npy")
+    np.testing.assert_allclose(levels, [[1, 159.75, 255, np.nan]])
 
 
-@pytest.mark.parametrize(
-    ("unit", "fix"),
-    [(1.0, "depth_unit = 0.001 (millimetres)"), (0.01, "0.001 (millimetres)"), (0.00001, "0.001")],
-)
-def test_another_unit_is_told_with_the_one_that_fits(unit: float, fix: str) -> None:
+def test_another_unit_is_told_with_the_one_that_fits() -> None:
     values = np.full((2, 2), 2000.0)
-    with pytest.raises(SourceError, match="another unit") as caught:
-        depth_of(values, files(depth_unit=unit), INVERSE, "d.png")
-    assert fix in caught.value.problems[0].fix
-    with pytest.raises(SourceError, match=r"another unit[^$]*Fix: .*mend near and far"):
-        depth_of(values * 1e9, files(depth_unit=unit), INVERSE, "d.png")
+    fixes = {1.0: "depth_unit = 0.001 (millimetres)", 0.01: "0.001 (millimetres)", 1e-5: "0.001"}
+    for unit, fix in fixes.items():
+        with pytest.raises(SourceError, match="another unit") as caught:
+            depth_of(values, files(depth_unit=unit), INVERSE, "d.png")
+        assert fix in caught.value.problems[0].fix
+        with pytest.raises(SourceError, match=r"another unit[^$]*Fix: .*mend near and far"):
+            depth_of(values * 1e9, files(depth_unit=unit), INVERSE, "d.png")
 
 
 def test_files_may_hold_levels() -> None:

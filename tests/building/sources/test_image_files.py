@@ -22,12 +22,13 @@ def encoded(image: NDArray[Any], kind: str = ".png") -> bytes:
     return bytes(cv2.imencode(kind, stored)[1].tobytes())
 
 
-@pytest.mark.parametrize("kind", [".png", ".tiff"])
-def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
-    np.testing.assert_array_equal(image_files.read_photograph(encoded(RGB, kind), "a"), RGB)
+def test_eight_and_sixteen_bit_are_one_image() -> None:
     deep = RGB.astype(np.uint16) * 257
-    np.testing.assert_array_equal(image_files.read_photograph(encoded(deep, kind), "a"), RGB)
-    assert (image_files.read_photograph(encoded(RGB[..., 0], kind), "a") == RGB[..., :1]).all()
+    for kind in (".png", ".tiff"):
+        for image in (RGB, deep):
+            read = image_files.read_photograph(encoded(image, kind), "a")
+            np.testing.assert_array_equal(read, RGB)
+        assert (image_files.read_photograph(encoded(RGB[..., 0], kind), "a") == RGB[..., :1]).all()
 
 
 def array_file(values: NDArray[Any]) -> bytes:
@@ -78,11 +79,11 @@ def test_exif_rotation_is_applied_ignored_or_refused(orientation: int) -> None:
             image_files.read_photograph(content, "a")
 
 
-@pytest.mark.parametrize("kind", [".png", ".jpg", ".tiff"])
-def test_a_file_cut_short_is_damaged(kind: str) -> None:
-    content = encoded(np.kron(RGB, np.ones((40, 40, 1), np.uint8)), kind)
-    with pytest.raises(SourceError, match="damaged"):
-        image_files.decode_file(content[: len(content) // 2], "a")
+def test_a_file_cut_short_is_damaged() -> None:
+    for kind in (".png", ".jpg", ".tiff"):
+        content = encoded(np.kron(RGB, np.ones((40, 40, 1), np.uint8)), kind)
+        with pytest.raises(SourceError, match="damaged"):
+            image_files.decode_file(content[: len(content) // 2], "a")
     with pytest.raises(SourceError, match="not an image file"):
         image_files.decode_file(b"GIF89a", "a.gif")
 
@@ -106,29 +107,21 @@ def test_depth_is_read_as_it_stands() -> None:
         image_files.read_depth_file(encoded(RGB), "d.png")
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_an_image_of_another_kind_or_size_and_an_empty_depth_map_are_refused() -> None:
+    for content, said in (
         (b"", "an empty file"),
         (b"<html>404</html>" * 9, "not a PNG file"),
         (encoded(RGB.astype(np.uint16)), "uint16, 3 channels"),
         (encoded(np.ones((5, 7, 4), np.uint8)), "uint8, 4 channels"),
         (encoded(np.zeros((5, 7, 3), np.uint8)), "black all over"),
         (encoded(RGB[:, :-1]), "size differs"),
-    ],
-)
-def test_an_image_of_another_kind_or_size_is_refused(content: bytes, said: str) -> None:
-    with pytest.raises(SourceError, match=said) as caught:
-        image_files.decode_image(content, "Art/view1.png", (5, 7))
-    assert "Art/view1.png" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("image", "said"), [(RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")]
-)
-def test_a_depth_map_in_colour_or_empty_is_refused(image: NDArray[np.uint8], said: str) -> None:
-    with pytest.raises(SourceError, match=said):
-        image_files.decode_levels(encoded(image), "Art/disp1.png", 0)
+    ):
+        with pytest.raises(SourceError, match=said) as caught:
+            image_files.decode_image(content, "Art/view1.png", (5, 7))
+        assert "Art/view1.png" in str(caught.value)
+    for image, said in ((RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")):
+        with pytest.raises(SourceError, match=said):
+            image_files.decode_levels(encoded(image), "Art/disp1.png", 0)
 
 
 @settings(max_examples=200)

@@ -124,10 +124,8 @@ def test_a_fall_off_that_several_pairs_share_becomes_a_flat_field() -> None:
 def test_magnification_is_measured_at_the_corners_and_a_similarity_proposed() -> None:
     found = matched(scale=1.006)
     assert found.align == "similarity"
-    corners, percent = (
-        float(found.found[0].partition(before)[2].split()[0])
-        for before in ("up to ", "magnified by ")
-    )
+    starts = ("up to ", "magnified by ")
+    corners, percent = (float(found.found[0].partition(s)[2].split()[0]) for s in starts)
     assert percent == pytest.approx(0.6, abs=0.03)
     assert corners == pytest.approx(0.006 * np.hypot(215, 285) / 2, abs=0.1)
     assert found.open == ()

@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -8,19 +6,16 @@ from dfdbench.methods import mrf
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
 
-@pytest.mark.parametrize(
-    ("table", "metric"),
-    [
+def test_tables_that_are_metrics() -> None:
+    for table, metric in (
         (mrf.published(256), True),
         (mrf.truncated_absolute(8, cap=3), True),
         (mrf.potts(8, cap=3), True),
         (mrf.truncated_quadratic(8, cap=100), False),
         (np.zeros(4, np.int32), False),
-    ],
-)
-def test_tables_that_are_metrics(table: Any, metric: bool) -> None:
-    energy = mrf.Energy(np.zeros((1, 1, len(table)), np.uint16), table)
-    assert energy.is_metric == metric
+    ):
+        energy = mrf.Energy(np.zeros((1, 1, len(table)), np.uint16), table)
+        assert energy.is_metric == metric
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -50,24 +45,16 @@ def test_adaptive_potts_weights_follow_the_threshold() -> None:
     assert down.tolist() == [[1, 2, 1]]
 
 
-@pytest.mark.parametrize(
-    ("unary", "weight", "message"),
-    [(2**30, 1, "unary costs: expected below"), (1, 2**26, "smoothness times weight: expected")],
-)
-def test_costs_that_int32_could_not_add_up_are_refused(
-    unary: int, weight: int, message: str
-) -> None:
+def test_costs_that_int32_could_not_add_up_are_refused() -> None:
     """Sums would come out wrong without a word."""
-    costs, weights = np.full((2, 3, 4), unary, np.int32), np.full((1, 3), weight, np.int32)
-    with pytest.raises(InputError, match=message):
-        mrf.Energy(costs, np.arange(4, dtype=np.int32), weights_vertical=weights)
-
-
-@pytest.mark.parametrize(
-    ("cap", "scale", "message"),
-    [(2**27, 1, "cap: expected 1 to"), (2**26, 4, "smoothness: expected below")],
-)
-def test_a_smoothness_too_large_is_refused(cap: int, scale: int, message: str) -> None:
-    """As a user may ask for it."""
-    with pytest.raises(InputError, match=message):
-        mrf.truncated_quadratic(60000, cap, scale)
+    for unary, weight, message in (
+        (2**30, 1, "unary costs: expected below"),
+        (1, 2**26, "smoothness times weight: expected"),
+    ):
+        costs, weights = np.full((2, 3, 4), unary, np.int32), np.full((1, 3), weight, np.int32)
+        with pytest.raises(InputError, match=message):
+            mrf.Energy(costs, np.arange(4, dtype=np.int32), weights_vertical=weights)
+    # As a user may ask for it.
+    for cap, scale, message in ((2**27, 1, "cap: expected 1"), (2**26, 4, "smoothness: expected")):
+        with pytest.raises(InputError, match=message):
+            mrf.truncated_quadratic(60000, cap, scale)

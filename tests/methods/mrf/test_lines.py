@@ -1,7 +1,6 @@
 import itertools
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,11 +8,10 @@ from dfdbench.methods.mrf.moves import Mover
 from tests.methods.mrf.conftest import KINDS, all_energies, random_energy
 
 
-@pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts"])
-@pytest.mark.parametrize("weighted", [False, True])
-def test_a_line_takes_its_best_labels(rng: np.random.Generator, kind: str, weighted: bool) -> None:
+def test_a_line_takes_its_best_labels(rng: np.random.Generator) -> None:
     # So few labels are all candidates: nothing that one line can do is better.
-    for _ in range(10):
+    kinds = ("absolute", "truncated-absolute", "potts")
+    for kind, weighted in itertools.product(kinds, [False, True] * 10):
         energy = random_energy(rng, 1, 5, 4, kind, weighted)
         labels = rng.integers(0, 4, (1, 5)).astype(np.int32)
         before = energy.evaluate(labels)
@@ -21,9 +19,8 @@ def test_a_line_takes_its_best_labels(rng: np.random.Generator, kind: str, weigh
         assert before + change == energy.evaluate(labels) == all_energies(energy).min()
 
 
-@pytest.mark.parametrize("columns", [False, True])
-def test_a_line_heeds_what_is_beside_it(rng: np.random.Generator, columns: bool) -> None:
-    for _ in range(5):
+def test_a_line_heeds_what_is_beside_it(rng: np.random.Generator) -> None:
+    for columns in [False, True] * 5:
         energy = random_energy(rng, 3, 4, 4, "absolute", weighted=True)
         labels = rng.integers(0, 4, (3, 4)).astype(np.int32)
         Mover(energy, labels).move_lines(columns)

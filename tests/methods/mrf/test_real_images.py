@@ -1,32 +1,14 @@
-"""The solvers on a published pair, against the energies that other programs reached on it."""
+"""The solvers on parts of photographs."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.methods.mrf import Energy, expansion, split
+from dfdbench.methods.mrf import expansion, split
 from tests.conftest import aloe_pair, read_rgb
-
-# The least energies known for Aloe, Illum1, view 1, step 0.01: the author's program at Exp1, a
-# long run of several solvers at Exp2 (the author's program: 1,239,153).
-KNOWN = {1: 1_139_913, 2: 1_239_127}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exposure", [1, 2])
-def test_every_quality_keeps_to_the_published_energy(
-    aloe: Callable[[int], Energy], exposure: int
-) -> None:
-    energy, known = aloe(exposure), KNOWN[exposure]
-    found = split(energy).energy
-    assert known * 0.9995 < found < known * 1.001
-    assert found < split(energy, "fast").energy < known * 1.006
-    assert split(energy, "high").energy < known * 1.0002
 
 
 def test_solvers_agree_on_a_part_of_the_published_pair(shared_data: Path) -> None:
@@ -36,23 +18,15 @@ def test_solvers_agree_on_a_part_of_the_published_pair(shared_data: Path) -> Non
     assert split(energy, "high").energy < 1.0005 * swept
 
 
-@pytest.mark.slow
-def test_expansion_begins_as_published(aloe: Callable[[int], Energy]) -> None:
-    # One sweep; to convergence it takes 20 s a pair and ends 0.013 % above the author's program.
-    assert expansion(aloe(2), max_sweeps=1).energy < KNOWN[2] * 1.0006
-
-
-@pytest.mark.parametrize(("scene", "color_space"), [("Books", "ycrcb"), ("Midd1", "rgb")])
-def test_split_is_near_expansion_where_one_label_alone_explains_a_pixel(
-    shared_data: Path, scene: str, color_space: str
-) -> None:
+def test_split_is_near_expansion_where_one_label_alone_explains_a_pixel(shared_data: Path) -> None:
     # With the matched blur the costs are sharp: splits by the mean cost of a range ended up to
     # 28 % above one sweep of expansion here, and a score would have taken that for the energy's.
-    folder, part = shared_data / "middlebury/ThirdSize" / scene, np.s_[100:200, 100:220]
-    infocus = read_rgb(folder / "view1.png")[part]
-    depth = read_rgb(folder / "disp1.png")[part][..., 0]
-    defocus = synthesize(infocus, depth, RECIPES["published"])
-    energy = GraphCuts(color_space=color_space).energy(infocus, defocus)
-    reference = expansion(energy, start=energy.unary.argmin(axis=2), max_sweeps=1).energy
-    assert split(energy).energy < 1.0025 * reference
-    assert split(energy, "high").energy < 1.0006 * reference
+    for scene, color_space in (("Books", "ycrcb"), ("Midd1", "rgb")):
+        folder, part = shared_data / "middlebury/ThirdSize" / scene, np.s_[100:200, 100:220]
+        infocus = read_rgb(folder / "view1.png")[part]
+        depth = read_rgb(folder / "disp1.png")[part][..., 0]
+        defocus = synthesize(infocus, depth, RECIPES["published"])
+        energy = GraphCuts(color_space=color_space).energy(infocus, defocus)
+        reference = expansion(energy, start=energy.unary.argmin(axis=2), max_sweeps=1).energy
+        assert split(energy).energy < 1.0025 * reference
+        assert split(energy, "high").energy < 1.0006 * reference

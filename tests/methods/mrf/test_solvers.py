@@ -1,3 +1,4 @@
+import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -21,17 +22,12 @@ SOLVERS: dict[str, Callable[[mrf.Energy], mrf.Solution]] = {
 }
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("weighted", [False, True])
-def test_solutions_are_consistent_and_bounded(
-    rng: np.random.Generator, solver: str, kind: str, weighted: bool
-) -> None:
-    for _ in range(3):
+def test_solutions_are_consistent_and_bounded(rng: np.random.Generator) -> None:
+    for solve, kind, weighted in itertools.product(SOLVERS.values(), KINDS, [False, True] * 3):
         energy = random_energy(rng, 2, 3, 4, kind, weighted)
         before = energy.unary.copy()
         least = all_energies(energy).min()
-        solution = SOLVERS[solver](energy)
+        solution = solve(energy)
         assert solution.labels.shape == (2, 3)
         assert solution.labels.dtype == np.uint8
         assert isinstance(solution.energy, int)
@@ -39,13 +35,6 @@ def test_solutions_are_consistent_and_bounded(
         assert list(solution.history) == sorted(solution.history, reverse=True)
         assert solution.energy >= least
         assert np.array_equal(before, energy.unary)
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) -> None:
-    for _ in range(10):
-        energy = random_energy(rng, 3, 4, 2, "absolute", weighted=True)
-        assert SOLVERS[solver](energy).energy == all_energies(energy).min()
 
 
 @pytest.mark.slow
@@ -83,34 +72,28 @@ def test_costs_in_parts_give_the_same_solution(
     assert ((9, 11, 20) in seen) != blocks
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_many_labels_and_single_pixels(rng: np.random.Generator, solver: str) -> None:
+def test_two_labels_are_solved_exactly_and_many_and_single_pixels(rng: np.random.Generator) -> None:
     wide = random_energy(rng, 1, 3, 300, "absolute")
-    assert SOLVERS[solver](wide).labels.dtype == np.uint16
     single = mrf.Energy(np.array([[[5, 3, 0, 4]]], np.uint16), mrf.truncated_absolute(4, cap=9))
-    assert SOLVERS[solver](single).labels.tolist() == [[2]]
+    for solve in SOLVERS.values():
+        assert solve(wide).labels.dtype == np.uint16
+        assert solve(single).labels.tolist() == [[2]]
+        for _ in range(10):
+            energy = random_energy(rng, 3, 4, 2, "absolute", weighted=True)
+            assert solve(energy).energy == all_energies(energy).min()
 
 
-@pytest.mark.parametrize("kind", ["absolute", "quadratic"])
-@pytest.mark.parametrize("labels", [5, 16, 23])
-def test_split_is_near_expansion_if_convex(
-    rng: np.random.Generator, kind: str, labels: int
-) -> None:
+def test_split_is_near_expansion_if_convex(rng: np.random.Generator) -> None:
     # Costs as in a photograph: each pixel has a valley somewhere near a smooth surface.
     y, x = np.mgrid[:20, :30]
-    surface = (labels - 1) * (0.5 + 0.4 * np.sin(y / 7) * np.cos(x / 9))
-    valley = surface + rng.normal(0, 1.5, surface.shape)
-    unary = np.minimum(3 * (valley[..., None] - np.arange(labels)) ** 2, 400).astype(np.uint16)
-    energy = mrf.Energy(unary, random_energy(rng, 1, 1, labels, kind).smoothness)
-    swept = mrf.expansion(energy).energy
-    assert mrf.split(energy, "default").energy <= 1.03 * swept
-    assert mrf.split(energy, "high").energy <= 1.01 * swept
-
-
-def test_without_smoothness_every_pixel_has_its_least_cost(rng: np.random.Generator) -> None:
-    energy = random_energy(rng, 9, 7, 33, "absolute")
-    alone = replace(energy, smoothness=np.zeros(33, np.int32))
-    assert mrf.split(alone).energy == int(alone.unary.min(axis=2).sum()) + alone.offset
+    for kind, labels in itertools.product(("absolute", "quadratic"), (5, 16, 23)):
+        surface = (labels - 1) * (0.5 + 0.4 * np.sin(y / 7) * np.cos(x / 9))
+        valley = surface + rng.normal(0, 1.5, surface.shape)
+        unary = np.minimum(3 * (valley[..., None] - np.arange(labels)) ** 2, 400).astype(np.uint16)
+        energy = mrf.Energy(unary, random_energy(rng, 1, 1, labels, kind).smoothness)
+        swept = mrf.expansion(energy).energy
+        assert mrf.split(energy, "default").energy <= 1.03 * swept
+        assert mrf.split(energy, "high").energy <= 1.01 * swept
 
 
 def test_split_hands_potts_to_expansion(rng: np.random.Generator) -> None:
@@ -169,12 +152,10 @@ def test_a_labeling_of_blocks_costs_what_it_costs_at_full_size(
 
 
 def test_sums_beyond_16_bits_are_kept_in_32() -> None:
-    unary = np.full((2, 2, 3), 65535, np.uint16)
-    blocks = coarser(mrf.Energy(unary, mrf.truncated_absolute(3, cap=2)))
-    assert (blocks.unary.dtype, blocks.unary.tolist()) == (np.int32, [[[4 * 65535] * 3]])
-    assert (
-        coarser(mrf.Energy(unary // 4, mrf.truncated_absolute(3, cap=2))).unary.dtype == np.uint16
-    )
+    for cost, kind in ((65535, np.int32), (65535 // 4, np.uint16)):
+        unary = np.full((2, 2, 3), cost, np.uint16)
+        blocks = coarser(mrf.Energy(unary, mrf.truncated_absolute(3, cap=2)))
+        assert (blocks.unary.dtype, blocks.unary.tolist()) == (kind, [[[4 * cost] * 3]])
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])

@@ -43,24 +43,20 @@ def test_the_median_level_is_exported_too(tmp_path: Path, small_demo: Dataset) -
     assert np.abs(ours - theirs).mean() < 2e-3
 
 
-@pytest.mark.parametrize(
-    ("method", "name", "readout", "says"),
-    [
+def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "taken.toml").write_text("of another use")
+    refused: list[tuple[str, str, Any, str]] = [
         ("stack-net", "a.onnx", None, "reads a stack of any length"),
         ("volume-net", "a.onnx", None, "reads a volume of costs"),
         ("sgm", "a.onnx", None, "is not a network"),
         ("u-net", "a.pt", None, "not the name of an ONNX file"),
         ("u-net", "a.onnx", "mean", "no such readout"),
         ("u-net", "taken.onnx", None, "would replace a file of another use"),
-    ],
-)
-def test_what_cannot_be_exported_is_refused(
-    method: str, name: str, readout: Any, says: str, tmp_path: Path
-) -> None:
-    (tmp_path / "taken.toml").write_text("of another use")
-    with pytest.raises(InputError, match=says):
-        export_onnx(method, tmp_path / name, "demo", readout)
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]
+    ]
+    for method, name, readout, says in refused:
+        with pytest.raises(InputError, match=says):
+            export_onnx(method, tmp_path / name, "demo", readout)
+        assert [path.read_text() for path in tmp_path.iterdir()] == ["of another use"]
 
 
 def test_no_file_is_replaced(u_net: Path) -> None:

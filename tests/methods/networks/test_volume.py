@@ -11,9 +11,8 @@ def test_mean_and_variance_are_those_of_the_mixture() -> None:
     random = np.random.default_rng(0)
     logits = random.normal(size=(3, 4, 5))
     mask = random.normal(size=(36, 4, 5))
-    mean, variance = mean_and_variance(
-        torch.from_numpy(logits)[None], torch.from_numpy(mask)[None], DEPTHS.double()
-    )
+    given = torch.from_numpy(logits)[None], torch.from_numpy(mask)[None]
+    mean, variance = mean_and_variance(*given, DEPTHS.double())
     shares = np.exp(logits) / np.exp(logits).sum(0)
     for y, x in [(0, 0), (3, 9), (5, 4), (7, 2)]:
         row, column = y // 2, x // 2

@@ -54,29 +54,23 @@ def test_all_of_the_box_is_networks_and_back(seed: int, author: bool) -> None:
     assert np.array_equal(again, pso.whole_numbers(position))
 
 
-def test_bounds_make_the_box_smaller() -> None:
+def test_bounds_make_the_box_smaller_and_what_are_none_is_told() -> None:
     bounds = pso.bounds_of({"width": "16:64", "kernel": "3:5", "crop": "12:24"})
     box = pso.box_of(bounds)
-    ends = {name: (box.low[i], box.high[i]) for i, name in enumerate(pso.COMPONENTS)}
-    assert ends["width_8"] == (16, 64)
-    assert ends["rows_8"] == ends["columns_48"] == (1, 2)
-    assert (ends["crop"], ends["activation_entry"]) == ((0, 3), (0, 5))
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"kernel": "2:9"}, "odd numbers"),
-        ({"crop": "12:30"}, "multiples of 4"),
-        ({"width": "9:8"}, "lower bound first"),
-        ({"width": "8"}, "field is missing"),
-        ({"kernel": "1:11"}, "9 or less"),
-    ],
-)
-def test_what_are_no_bounds_is_told(given: dict[str, str], said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
-        pso.bounds_of(given)
-    assert "--bounds" in str(caught.value)
+    sides = {name: (box.low[i], box.high[i]) for i, name in enumerate(pso.COMPONENTS)}
+    assert sides["width_8"] == (16, 64)
+    assert sides["rows_8"] == sides["columns_48"] == (1, 2)
+    assert (sides["crop"], sides["activation_entry"]) == ((0, 3), (0, 5))
+    for name, ends, said in (
+        ("kernel", "2:9", "odd numbers"),
+        ("crop", "12:30", "multiples of 4"),
+        ("width", "9:8", "lower bound first"),
+        ("width", "8", "field is missing"),
+        ("kernel", "1:11", "9 or less"),
+    ):
+        with pytest.raises(InputError, match=said) as caught:
+            pso.bounds_of({name: ends})
+        assert "--bounds" in str(caught.value)
 
 
 def test_the_author_s_box_is_the_text_s_but_for_what_is_said() -> None:
