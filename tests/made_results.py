@@ -45,18 +45,33 @@ def make_result(
         _scored(Pair(scene, tuple(zip(axes, place, strict=True))), value, ("thesis",))
         for (scene, *place), value in nrmse.items()
     ]
-    recipe = {"name": "published", "parameters": RECIPES["published"].as_dict()}
-    dataset: dict[str, Any] = {"name": "tiny-1", "short": "tiny", "split": "test"}
-    dataset |= {"manifest_sha256": "1" * 64, "fingerprint": "2" * 64, "recipe": recipe}
-    dataset |= {"expected": len(pairs), "evaluated": len(pairs), "degradation": "clean"}
-    dataset |= {"options": {}, "axes": list(axes), "blocks": "exposure", "rows": "illumination"}
-    method: dict[str, Any] = {"name": name, "entry": "mine:predict", "source_sha256": None}
-    method |= {"parameters": {}, "uses": [], "trained_on": None, "paper": None}
     return Result(
         schema_version=1,
-        dataset=DatasetRecord(**dataset),
+        dataset=DatasetRecord(
+            name="tiny-1",
+            short="tiny",
+            manifest_sha256="1" * 64,
+            fingerprint="2" * 64,
+            split="test",
+            expected=len(pairs),
+            evaluated=len(pairs),
+            recipe={"name": "published", "parameters": RECIPES["published"].as_dict()},
+            degradation="clean",
+            options={},
+            axes=list(axes),
+            blocks="exposure",
+            rows="illumination",
+        ),
         protocols=[PROTOCOLS["thesis"].as_dict()],
-        method=MethodRecord(**method),
+        method=MethodRecord(
+            name=name,
+            entry="mine:predict",
+            source_sha256=None,
+            parameters={},
+            uses=[],
+            trained_on=None,
+            paper=None,
+        ),
         environment=_environment(),
         seed=0,
         pairs=pairs,
@@ -76,14 +91,22 @@ def make_demo_result(
     """A complete result on a set's split; NMAE is half the NRMSE."""
     manifest = find_manifest(dataset)
     pairs = [_scored(pair, nrmse(pair), protocols) for pair in manifest.pairs(split)]
-    told: dict[str, Any] = {"name": manifest.stem, "short": manifest.short, "split": split}
-    told |= {"manifest_sha256": manifest.sha256, "fingerprint": fingerprint}
-    told |= {"expected": len(pairs), "evaluated": len(pairs), "axes": list(manifest.axes)}
-    told |= {"blocks": manifest.table.blocks, "rows": manifest.table.rows}
-    told |= {"simulated": manifest.simulated, "groups": manifest.groups}
     return edited(
         make_result({("a", 1, 1, 0): 0.1}, name),
-        dataset=told,
+        dataset={
+            "name": manifest.stem,
+            "short": manifest.short,
+            "axes": list(manifest.axes),
+            "blocks": manifest.table.blocks,
+            "rows": manifest.table.rows,
+            "simulated": manifest.simulated,
+            "groups": manifest.groups,
+            "split": split,
+            "manifest_sha256": manifest.sha256,
+            "fingerprint": fingerprint,
+            "expected": len(pairs),
+            "evaluated": len(pairs),
+        },
         method={"parameters": parameters or {}},
         protocols=[RELEASED[label].as_dict() for label in protocols],
         pairs=pairs,

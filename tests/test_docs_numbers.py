@@ -28,8 +28,11 @@ from tests.process import python
 
 ROOT = Path(__file__).parents[1]
 METRICS = {"NRMSE ↓": "nrmse", "NMAE ↓": "nmae", "SSIM ↑": "ssim"}
-PLACES = ("README.md", "CONTRIBUTING.md", "docs/*.md", "leaderboard/note.md")
-PAGES = sorted(path.relative_to(ROOT).as_posix() for each in PLACES for path in ROOT.glob(each))
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for pattern in ("README.md", "CONTRIBUTING.md", "docs/*.md", "leaderboard/note.md")
+    for path in ROOT.glob(pattern)
+)
 #: Numbers that need a comparison: scores, shares in per cent, large energies.
 NUMBER = re.compile(r"(?<![\w.])(?:[01]\.\d{4,5}|\d+\.\d+ %|\d,\d{3},\d{3})(?![\w.])")
 #: By the mark of a block, how it is compared.

@@ -102,8 +102,11 @@ def parsed(line: str) -> Any:
 
 @pytest.mark.slow
 def test_the_command_of_each_row_is_one_that_is_accepted(made: Any, board: Board) -> None:
-    rows = [row for one in rows_of(made("board").board_page(board)) for row in one["rows"]]
-    commands = {row["command"]: row for row in rows}
+    commands = {
+        row["command"]: row
+        for one in rows_of(made("board").board_page(board))
+        for row in one["rows"]
+    }
     for command, row in commands.items():
         context, card = parsed(command), board.cards[row["method"]]
         assert context.params["method"] == card.entry
@@ -202,8 +205,11 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
         pairs = [pair.model_copy(update={"seconds": 2.0}) for pair in runs[label].pairs]
         runs[label] = runs[label].model_copy(update={"method": method, "pairs": pairs})
     submit(list(runs.values()), tmp_path)
-    page = made("board").board_page(leaderboard(tmp_path))
-    (row,) = [row for one in rows_of(page) for row in one["rows"]]
+    (row,) = [
+        row
+        for one in rows_of(made("board").board_page(leaderboard(tmp_path)))
+        for row in one["rows"]
+    ]
     assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
 
 
@@ -356,10 +362,18 @@ def test_depth_maps_lie_on_each_other_under_a_slider(site: Path, chromium: Any) 
 
 
 #: A page of each kind.
-KINDS = ["index.html", "tutorial/index.html", "gallery/index.html"]
-KINDS += ["method/index.html", "method/graph-cuts/index.html", "reference/commands/index.html"]
-KINDS += ["datasets/index.html", "datasets/demo/index.html"]
-KINDS += ["board/index.html", "board/demo-1-test/index.html"]
+KINDS = (
+    "index.html",
+    "tutorial/index.html",
+    "method/index.html",
+    "method/graph-cuts/index.html",
+    "datasets/index.html",
+    "datasets/demo/index.html",
+    "gallery/index.html",
+    "board/index.html",
+    "board/demo-1-test/index.html",
+    "reference/commands/index.html",
+)
 
 
 @pytest.mark.slow

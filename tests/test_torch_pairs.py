@@ -23,8 +23,13 @@ def test_whole_pairs(tiny_store: Dataset) -> None:
 @pytest.mark.parametrize("workers", [0, 2])
 def test_crops_do_not_depend_on_the_workers(tiny_store: Dataset, workers: int) -> None:
     data = TorchPairs("tiny", "all", crop=8, seed=5, store=tiny_store.path)
-    how = {"num_workers": workers, "multiprocessing_context": "spawn" if workers else None}
-    batches = list(torch.utils.data.DataLoader(data, batch_size=4, **how))
+    loader = torch.utils.data.DataLoader(
+        data,
+        batch_size=4,
+        num_workers=workers,
+        multiprocessing_context="spawn" if workers else None,
+    )
+    batches = list(loader)
     assert [len(batch["depth"]) for batch in batches] == [4, 4, 3]
     assert batches[0]["infocus"].shape == (4, 3, 8, 8)
     assert torch.equal(batches[1]["infocus"][0], data[4]["infocus"])

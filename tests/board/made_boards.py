@@ -19,9 +19,15 @@ def add_card(folder: Path, name: str, entry: str | None = None, **fields: Any) -
     """Write a card, in place of one of that name."""
     path = folder / f"methods/{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    card: dict[str, Any] = {"title": f"Title of {name}", "authors": ["Somebody"]}
-    card |= {"code": "https://example.org/code", "licence": "MIT"}
-    card |= {"entry": entry or name, "given": "nothing", **fields}
+    card = {
+        "title": f"Title of {name}",
+        "authors": ["Somebody"],
+        "code": "https://example.org/code",
+        "licence": "MIT",
+        "entry": entry or name,
+        "given": "nothing",
+        **fields,
+    }
     lines = [f"{key} = {_inline(value)}" for key, value in card.items() if value is not None]
     path.write_text("\n".join(lines) + "\n", "utf-8")
     return path

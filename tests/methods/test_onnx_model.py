@@ -51,9 +51,15 @@ def written(
         for name, shape in zip(names, shapes, strict=True)
     }
     count = len(forward(*inputs)) if isinstance(forward(*inputs), tuple) else 1
-    named: dict[str, Any] = {"input_names": names, "output_names": ["out", "sigma"][:count]}
-    named |= {"dynamic_axes": axes if free else {}}
-    torch.onnx.export(Net(forward), inputs, str(path), dynamo=False, **named)
+    torch.onnx.export(
+        Net(forward),
+        inputs,
+        str(path),
+        input_names=names,
+        output_names=["out", "sigma"][:count],
+        dynamic_axes=axes if free else {},
+        dynamo=False,
+    )
     path.with_suffix(".toml").write_text(about)
     return str(path)
 

@@ -38,9 +38,11 @@ def run_of(label: str, value: float) -> Result:
     return edited(result, dataset=on_track, method={"fitted_on": f"demo-1@{label}, split train"})
 
 
-RUNS = {"clean": run_of("clean", 0.125)}
-RUNS |= {f"gain-{number}": run_of(f"gain-{number}", 0.25 * number) for number in (1, 2, 3)}
-RUNS |= {f"noise-{number}": run_of(f"noise-{number}", 0.5) for number in (1, 2, 3)}
+RUNS = {
+    "clean": run_of("clean", 0.125),
+    **{f"gain-{number}": run_of(f"gain-{number}", 0.25 * number) for number in (1, 2, 3)},
+    **{f"noise-{number}": run_of(f"noise-{number}", 0.5) for number in (1, 2, 3)},
+}
 
 
 def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:

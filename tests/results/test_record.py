@@ -14,8 +14,10 @@ from tests.made_results import make_result
 
 VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}
 EVIL = "x/../../../../elsewhere/evil"
-SCORES = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_105": 0.5, "delta_115": 0.75}
-SCORES |= {"delta_125": 1.0, "boundary_f1": 0.3}
+SCORES = {
+    **{"abs_rel": 0.1, "rmse_m": 0.5, "delta_105": 0.5, "delta_115": 0.75},
+    **{"delta_125": 1.0, "boundary_f1": 0.3},
+}
 
 
 def made() -> dict[str, Any]:

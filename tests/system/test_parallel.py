@@ -16,10 +16,14 @@ from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS
 from tests.process import python
 
-POOLS = [Threads(1), Threads(3), pytest.param(Processes(2), marks=pytest.mark.slow)]
 
-
-@pytest.fixture(params=[*POOLS, pytest.param("cluster", marks=ON_SERVERS)])
+@pytest.fixture(
+    params=[
+        *(Threads(1), Threads(3)),
+        pytest.param(Processes(2), marks=pytest.mark.slow),
+        pytest.param("cluster", marks=ON_SERVERS),
+    ]
+)
 def pool(request: pytest.FixtureRequest) -> Pool:
     if request.param == "cluster":
         return Cluster(request.getfixturevalue("cluster"))
