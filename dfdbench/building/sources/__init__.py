@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import FOLDER, Manifest, Pair
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.system.packages import offered_as
 from dfdbench.tables.table import listed
 
@@ -36,10 +36,10 @@ _OURS: Mapping[str, tuple[str, str]] = {
 
 @contextmanager
 def gathered(problems: list[Problem]) -> Iterator[None]:
-    """Add what a SourceError in the block carries to a list, and go on."""
+    """Add what an error of ours in the block carries to a list, and go on."""
     try:
         yield
-    except SourceError as error:
+    except DfdbenchError as error:
         problems.extend(error.problems)
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.building.sources import gathered
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 from dfdbench.system.files import LARGEST_ARRAY, read_as
 
@@ -261,19 +260,6 @@ def decode_levels(content: bytes, where: str, unknown: int) -> Image:
 def read_rgb(path: Path) -> Image:
     """Return a file's image as `decode_rgb` does."""
     return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path))
-
-
-def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
-    """Return a problem for each image file that is damaged or not of `size` (y, x)."""
-    problems: list[Problem] = []
-    for path in files:
-        with gathered(problems):
-            content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
-            if damage := _damage(content):
-                raise SourceError("the image file is damaged", where=str(path), got=damage)
-            with Pillow.open(io.BytesIO(content)) as file:
-                require_size(file.size[::-1], size, str(path))
-    return problems
 
 
 def require_size(
