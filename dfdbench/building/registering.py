@@ -143,8 +143,7 @@ def _look(
     files: RawScene | PublishedScene | None, place: Path, rig: geometry.CaptureRig, fresh: bool
 ) -> _Seen:
     if not isinstance(files, RawScene):
-        found = "images that are registered already" if place.is_dir() else "no such folder"
-        what = f"no raw captures, {place.name}/frames and {place.name}/lidar: {found}"
+        what = f"no raw captures, {place.name}/frames and {place.name}/lidar"
         raise SourceError(what, where=str(place))
     ranges, beams = files.ranges(), files.beams()
     frame, frame_name = _sharp_frame(files)

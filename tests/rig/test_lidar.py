@@ -121,7 +121,7 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
         (b"", "no header"),
         (np.array([64, 2048], "<u4").tobytes() + b"\0" * 400, "disagrees with the file"),
         (np.array([1, 2], "<u4").tobytes() + b"\0" * 12, "disagrees with the file"),
-        (np.array([1, 2], ">u4").tobytes() + np.array([7, 8], ">i4").tobytes(), "big-endian"),
+        (np.array([1, 2], ">u4").tobytes() + np.array([7, 8], ">i4").tobytes(), "little-endian"),
         (np.array([1, 2, 7], "<u4").tobytes() + np.array([-8], "<i4").tobytes(), "not ranges"),
         (np.array([0, 0], "<u4").tobytes(), "not ranges"),
     ],
@@ -150,15 +150,15 @@ def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
-        ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
-        ("beam,altitude_deg,azimuth_deg,azimuth_index\n", "no rows with the columns"),
-        ("altitude_deg,azimuth_deg,azimuth_index\nnan,3.1,18\n", "not degrees up to 90"),
-        ("altitude_deg,azimuth_deg,azimuth_index\n900,3.1,18\n", "not degrees up to 90"),
         (
-            f"altitude_deg,azimuth_deg,azimuth_index\n1,2,{10**30}\n1,2,{10**30}\n",
-            r"not whole numbers up to 65536 \(.*: line 2, and 1 more lines\)",
+            "beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n",
+            r"beams.csv: \[1\].altitude_deg",
         ),
+        ("beam,altitude_deg\n0,1\n", "field is missing"),
+        ("beam,altitude_deg,azimuth_deg,azimuth_index\n", "at least 1 item"),
+        ("altitude_deg,azimuth_deg,azimuth_index\nnan,3.1,18\n", "90.0 or less"),
+        ("altitude_deg,azimuth_deg,azimuth_index\n900,3.1,18\n", "90.0 or less"),
+        (f"altitude_deg,azimuth_deg,azimuth_index\n1,2,{10**30}\n1,2,{10**30}\n", "65536 or less"),
     ],
 )
 def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str) -> None:

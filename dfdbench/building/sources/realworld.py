@@ -1,18 +1,16 @@
 """Read the thesis's captures: two voltage steps a pair, or the sharpest step to be blurred."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain, product, starmap
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources import SceneError, SceneImages, gathered, laid_out
-from dfdbench.building.sources.image_files import Image, average_frames, read_rgb, require_size
+from dfdbench.building.sources.image_files import Image, average_frames, read_rgb
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
@@ -65,10 +63,7 @@ class CapturedScene:
         if len(files) != self.frames:
             where = f"{self._place_of(exposure_ms)}, step {step}"
             raise SourceError(f"only {len(files)} of {self.frames} frames", where=where)
-        frames = [read_rgb(path) for path in files]
-        for path, frame in zip(files, frames, strict=True):
-            require_size(frame.shape, self.rig.frame_size, str(path))
-        return average_frames(frames)
+        return average_frames([read_rgb(path, self.rig.frame_size) for path in files])
 
     def _place_of(self, exposure_ms: int) -> Path:
         # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
@@ -93,8 +88,7 @@ class PublishedScene(CapturedScene):
         if not files:
             what = "scene has no LIDAR depth map, lidar/lidar_rng_left_00000_8bit_x6.png"
             raise SourceError(what, where=str(self.folder))
-        levels = np.ascontiguousarray(read_rgb(files[0])[..., 0])
-        require_size(levels.shape, self.rig.frame_size, str(files[0]))
+        levels = np.ascontiguousarray(read_rgb(files[0], self.rig.frame_size)[..., 0])
         return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
@@ -120,6 +114,8 @@ class RawScene(CapturedScene):
         height, width = capture.frame_size
         rig = geometry.CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
         super().__init__(folder, capture.frames, rig)
+        #: Where the transform to the image is kept.
+        self.registration = folder / registration.NAME
 
     def steps(self, exposure_ms: int) -> tuple[int, ...]:
         """Return the voltage steps of which there are frames at an exposure."""
@@ -174,11 +170,6 @@ class RawScene(CapturedScene):
         places = (self.folder / "beams.csv", self.folder.parent / "beams.csv")
         return next((path for path in places if path.exists()), None)
 
-    @property
-    def registration(self) -> Path:
-        """Where the transform to the image is kept."""
-        return self.folder / registration.NAME
-
     def depth_files(self) -> list[Path]:
         """Return those of range files, calibration and registration that are there."""
         others = (self.beams_file(), self.registration)
@@ -225,24 +216,16 @@ class RealworldFolder:
         self._capture = manifest.capture
         self._synthetic = manifest.recipe is not None
         self._steps = self._wanted_steps(pair)
+        #: Which voltage steps make a pair.
+        self.options = {"pair": "sharpest" if self._synthetic else list(self._steps)}
+        self.captures_defocus = not self._synthetic
         found = {
             name: find_captured_scene(folder, name, self._capture) for name in manifest.scene_names
         }
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
-            there = "a file" if folder.exists() else "no such folder"
             what = "no scene found, such as k33 with left/exp_30 and lidar"
-            raise SourceError(what, where=str(folder), got="none" if folder.is_dir() else there)
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """Which voltage steps make a pair."""
-        return {"pair": "sharpest" if self._synthetic else list(self._steps)}
-
-    @property
-    def captures_defocus(self) -> bool:
-        """Whether the defocus image is a voltage step, not made."""
-        return not self._synthetic
+            raise SourceError(what, where=str(folder))
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose images are there."""

@@ -11,7 +11,7 @@ from dfdbench.building.sources.realworld import PublishedScene, RawScene, Realwo
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError
+from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Threads
 from tests.conftest import make_published, read_rgb, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
@@ -149,7 +149,7 @@ def test_all_that_is_wrong_is_told_others_build(
     report = build_store(CAPTURED, source, tmp_path / "s.zarr")
     assert (report.scenes_built, report.pairs) == (("k01", "k03", "k33"), 3)
     said = "\n".join(map(str, report.problems))
-    assert [pair.id for pair in report.missing if pair.scene == "k33"][0] == "k33/exposure_ms20"
+    assert next(pair.id for pair in report.missing if pair.scene == "k33") == "k33/exposure_ms20"
     for what, where in (
         ("scene has no lidar/lidar_rng_00000.bin", "k32"),
         ("scene has no LIDAR depth map", "k34"),
@@ -167,7 +167,7 @@ def test_all_that_is_wrong_is_told_others_build(
 def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
         open_source(CAPTURED, tmp_path)
-    with pytest.raises(SourceError, match="no such folder"):
+    with pytest.raises(InputError, match="no such folder"):
         open_source(CAPTURED, tmp_path / "none")
 
 
