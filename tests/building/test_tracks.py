@@ -90,7 +90,7 @@ def test_a_track_unknown_here_is_told(tiny_store: Dataset) -> None:
     attributes = zarr.open_group(str(tiny_store.path), mode="r+").attrs
     attributes["degradation"] = "haze-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
-    with pytest.raises(UnknownNameError, match="unknown track .haze-1."):
+    with pytest.raises(UnknownNameError, match="unknown track 'haze-1'"):
         Dataset(tiny_store.path)
 
 
