@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
@@ -149,6 +150,8 @@ def split_difficulty(
     if recipe is None:
         why = "its track gives none" if manifest.on_track else "captured images"
         raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
+    for scene in dict.fromkeys(pair.scene for pair in pairs):
+        depth_maps(store, scene)
     found = {}
     for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
@@ -244,8 +247,12 @@ DRAWN = 7
 PROTOCOL, METRIC = "valid", "nrmse"
 _NOTES = (
     "W x W: the least NRMSE (protocol `valid`) of any method that judges a pixel by the W x W "
-    "pixels around it, under assumptions that docs/coverage.md states; below, that bound as a part "
-    "of a run's; all of them root mean squares over captures",
+    "pixels around it; below, that bound as a part of a run's; all of them root mean squares over "
+    "captures, a little more than the means that boards show",
+    "assumed: normal noise, independent from pixel to pixel, and blur as fitted on training; the "
+    "shape of the depth in the window known, but not how far it is; how the test's depths are "
+    "spread known, too",
+    "above 1: the run looks farther than the window, or rounding tells more than such noise would",
 )
 
 

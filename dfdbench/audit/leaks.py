@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Literal
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.catalog import find_manifest, part_name
-from dfdbench.datasets.manifest import Manifest, Pair, training_of
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.system.strict import Record
 from dfdbench.system.text import TRAININGS
@@ -113,17 +112,31 @@ def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
 
     The lightings of a view show one picture: the last that the store holds is hashed.
     """
-    return {scene: _hashes_of(store, scene) for scene in scenes}
+    hashes: dict[str, Hashes] = {}
+    for scene in scenes:
+        with store.reading(f"{scene}/images or available"):
+            hashes[scene] = _hashes_of(store, scene)
+    return hashes
 
 
 # One scene is on many sides where each is tested against all others.
 @functools.lru_cache(maxsize=1024)
 def _hashes_of(store: Dataset, scene: str) -> Hashes:
-    last: dict[str, Pair] = {}
-    for pair in store.pairs(scene):
-        at = [f"{axis}{pair.at[axis]}" for axis in store.manifest.depth.axes]
-        last["/".join([scene, *at])] = pair
-    return {name: image_hash(store.read(pair).images[0]) for name, pair in last.items()}
+    manifest = store.manifest
+    views = manifest.depth.axes
+    # Depth axes need not be the first of the pair's axes.
+    order = [*views, *(axis for axis in manifest.axes if axis not in views)]
+    arrays = store.to_xarray(scene)
+    last = {
+        tuple(place[: len(views)]): place
+        for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
+    }
+    infocus = arrays["images"][{"image": 0}].transpose(*order, "y", "x", "channel")
+    found = {}
+    for view, place in last.items():
+        at = [f"{axis}{manifest.axes[axis][i]}" for axis, i in zip(views, view, strict=True)]
+        found["/".join([scene, *at])] = image_hash(infocus[place].values)
+    return found
 
 
 def manifest_leaks(
@@ -138,17 +151,17 @@ def manifest_leaks(
     from_train, from_test = _origins(train), _origins(test)
     of_train, of_test = _textures(train), _textures(test)
     leaks = []
-    for scene, other in itertools.product(train_scenes, test_scenes):
-        if from_train[scene] != from_test.get(other):
-            continue
-        if scene == other:
+    for scene in train_scenes:
+        if scene in test_scenes and from_train[scene] == from_test.get(scene):
             detail = "the scene and all its views"
-            leaks.append(Leak(kind="scene", train=scene, test=other, detail=detail))
-        elif scene in of_train and of_train[scene] == of_test.get(other):
-            detail = f"texture {of_train[scene]}"
-            leaks.append(Leak(kind="texture", train=scene, test=other, detail=detail))
-    # Scenes first.
-    return sorted(leaks, key=lambda leak: leak.kind)
+            leaks.append(Leak(kind="scene", train=scene, test=scene, detail=detail))
+    for scene in train_scenes:
+        for other in test_scenes:
+            alike = scene in of_train and of_train[scene] == of_test.get(other)
+            if scene != other and alike and from_train[scene] == from_test.get(other):
+                detail = f"texture {of_train[scene]}"
+                leaks.append(Leak(kind="texture", train=scene, test=other, detail=detail))
+    return leaks
 
 
 def _textures(manifest: Manifest) -> dict[str, int]:

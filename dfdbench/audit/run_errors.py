@@ -16,12 +16,11 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
-from dfdbench.results.record import RESULT, PairResult, Result
-from dfdbench.results.run_folder import require_pairs_of
-from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.run_folder import answer_digest, read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, counted, grouped, listed, percent
+from dfdbench.tables.table import Table, counted, grouped, percent
 
 #: An evaluated pair, its depth levels, where they are known and answered, and the answer.
 Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
@@ -169,21 +168,25 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
         fix = "name the store that was run on"
         raise ResultError("the result is of another data set", where=str(store.path), fix=fix)
     require_pairs_of(result, store, folder)
-    run = SavedRun(folder / RESULT, result, store, "")
-    lacking = []
+    problems = []
     for pair in result.evaluated:
-        if (found := run.images(pair)) is None:
-            lacking.append(pair.id)
-            continue
-        capture, prediction = found
-        # Errors are of what was answered.
-        answered = ~np.isnan(prediction)
-        levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
-        yield pair, capture.levels, capture.valid & answered, levels
-    if lacking or not result.evaluated:
-        what = f"no prediction was kept of {len(lacking)} of {result.dataset.evaluated} pairs"
-        where = f"{folder}: {listed(lacking, 1)}"
-        raise ResultError(what, where=where, fix="run the method again, without --no-predictions")
+        depth, valid = store.read_levels(pair.pair)
+        prediction = read_prediction(folder, pair.pair, depth.shape)
+        sigma = read_prediction(folder, pair.pair, depth.shape, "sigma")
+        if prediction is None:
+            problems.append(("no prediction was kept", pair.id))
+        elif answer_digest(prediction, sigma) != pair.prediction_sha256:
+            problems.append(("the prediction is not the result's", pair.id))
+        else:
+            # Errors are of what was answered.
+            answered = ~np.isnan(prediction)
+            levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
+            yield pair, depth, valid & answered, levels
+    if problems or not result.evaluated:
+        what, where = problems[0] if problems else ("no pair was evaluated", "")
+        what += f" ({len(problems)} of {result.dataset.evaluated} pairs)"
+        fix = "run the method again, without --no-predictions"
+        raise ResultError(what, where=f"{folder}: {where}", fix=fix)
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
@@ -212,11 +215,16 @@ def scene_table(join: ErrorJoin) -> Table:
             scene,
             percent(errors.share(join.uncovered)),
             *(_number(errors.mean(join.levels[verdict])) for verdict in reversed(Verdict)),
+            percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else NOTHING,
         )
         for scene, errors in join.of_scenes().items()
     ]
-    columns = ("scene", "uncovered", *map(str, reversed(Verdict)))
-    return Table("mean absolute error by scene, in levels", columns, tuple(rows), "lrrrr")
+    columns = ("scene", "uncovered", *map(str, reversed(Verdict)), "excess")
+    note = (
+        "excess: by what share the scene's mean error would fall if its uncovered levels did as "
+        "well as its covered ones; – where they do no worse"
+    )
+    return Table("mean absolute error by scene, in levels", columns, tuple(rows), "lrrrrr", (note,))
 
 
 def conclusion(join: ErrorJoin, record: CoverageRecord, training: Training) -> str:

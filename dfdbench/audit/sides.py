@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.fingerprint import scene_record, variable_digest
 from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
-from dfdbench.tables.table import grouped
 
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
 CROP_SIZE = 32
@@ -182,16 +183,37 @@ def scene_histograms(store: Dataset) -> Mapping[str, DepthHistogram]:
         If a depth map is damaged.
     """
     manifest, axes = store.manifest, store.manifest.depth.axes
-    maps = grouped(
-        ((pair.scene, tuple(pair.at[axis] for axis in axes)), pair) for pair in manifest.pairs()
-    )
-    found: dict[str, list[DepthHistogram]] = {scene: [] for scene in store.scenes}
-    for (scene, _), pairs in maps.items():
-        if scene in found:
-            depth, valid = store.read_levels(pairs[0])
-            if valid.any():
-                found[scene].append(depth_histogram(depth, valid, len(pairs)))
-    return {scene: DepthHistogram.total(parts) for scene, parts in found.items()}
+    uses = Counter((pair.scene, tuple(pair.at[axis] for axis in axes)) for pair in manifest.pairs())
+    histograms = {}
+    for scene in store.scenes:
+        depth, valid = depth_maps(store, scene)
+        found = []
+        for place in np.ndindex(depth.shape[: len(axes)]):
+            at = tuple(manifest.axes[axis][i] for axis, i in zip(axes, place, strict=True))
+            if valid[place].any() and uses[scene, at]:
+                found.append(depth_histogram(depth[place], valid[place], uses[scene, at]))
+        histograms[scene] = DepthHistogram.total(found)
+    return histograms
+
+
+def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
+    """Return a scene's depth maps and where they are known, shapes (depth axes, y, x).
+
+    Raises
+    ------
+    StoreError
+        If they cannot be read, or are not what was built.
+    """
+    # Lost parts of an array read as zeros: only the digest tells them from depths.
+    with store.reading(f"{scene}/depth"):
+        arrays = store.stored(scene)
+        depth = arrays["depth"].load()
+    recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
+    if variable_digest(depth) != recorded["depth"]:
+        what = "the store is damaged: an array holds other values than were built"
+        fix = f"dfdbench verify {store.path} lists all that is damaged"
+        raise StoreError(what, where=f"{store.path}, {scene}/depth", fix=fix)
+    return store.manifest.depth.levels_of(depth.values), np.isfinite(depth.values)
 
 
 def side_of(

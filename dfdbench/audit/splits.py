@@ -16,7 +16,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, counted, listed, percent
+from dfdbench.tables.table import Table, percent
 
 #: Up to this many choices are all judged; of more, this many are drawn at random.
 EXHAUSTIVE_LIMIT = 300_000
@@ -46,6 +46,11 @@ class Candidate:
     uncovered: float
     overlap: float
     covered: bool
+
+    @property
+    def order(self) -> tuple[float, float, Group]:
+        """What candidates are ranked by, the best first."""
+        return (0.0 if self.covered else self.uncovered, -self.overlap, self.test)
 
 
 @dataclass(frozen=True)
@@ -162,17 +167,18 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     tests = list(dict.fromkeys(found))
     if also and len(also) == size and also not in tests:
         tests.append(also)
-    ranked = sorted(
-        scenes.judge(tests),
-        key=lambda each: (0.0 if each.covered else each.uncovered, -each.overlap, each.test),
-    )
+    ranked = sorted(scenes.judge(tests), key=lambda candidate: candidate.order)
     return Ranking(tuple(ranked), exhaustive)
 
 
 def _no_such_size(scenes: Scenes, size: int) -> InputError:
     right = [n for n in range(1, len(scenes.names)) if _choices(scenes, n)]
     together = [f"{' and '.join(group)} stay together" for group in scenes.groups if len(group) > 1]
-    expected = "; ".join([f"--test-scenes {listed(right, 8)}", *together])
+    if not right:
+        return InputError("no split divides these scenes", got="; ".join(together))
+    whole = right == list(range(1, right[-1] + 1)) and len(right) > 2
+    numbers = f"1 to {right[-1]}" if whole else " or ".join(map(str, right))
+    expected = "; ".join([f"--test-scenes {numbers}", *together])
     return InputError("no such split", expected=expected, got=f"--test-scenes {size}")
 
 
@@ -329,8 +335,7 @@ def ranked_splits_table(
         "that the depth histograms of test and training have in common",
     ]
     if rank is None:
-        size = len(ranking.candidates[0].test)
-        notes.append(f"no published test of {size} scenes that are all built: it has no rank")
+        notes.append(_why_unranked(published, len(ranking.candidates[0].test)))
     elif not ranking.candidates[rank - 1].covered:
         notes.append(f"the published test ({', '.join(published)}) is not covered: rank {rank:,}")
     columns = ("rank", "test scenes", "pairs", "uncovered", "overlap")
@@ -353,8 +358,10 @@ def folds_table(
         score = _score("published folds", published)
         notes.append(f"{score}: {ahead} of {len(proposals)} found are better")
     if hopeless:
+        largest = max(len(fold.test) for fold in best)
         notes.append(
-            f"{counted(len(hopeless), 'scene')} whose fold is uncovered whatever else is in it"
+            f"{len(hopeless)} scenes leave their fold uncovered whatever else is in it; they fill "
+            f"at least {math.ceil(len(hopeless) / largest)} of {len(best)} folds"
         )
     for item in hopeless:
         why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
@@ -479,10 +486,13 @@ def _proposed_folds(
 
 
 def _chosen_by(manifest: Manifest, scenes: Scenes, seed: int) -> str:
-    rule = scenes.rule
-    said = f"criterion {rule.criterion}, seed {seed}, allowed share {rule.allowed_share:g}"
-    if rule.criterion is not Criterion.thesis:
-        said += f", density factor {rule.density_factor:g}, floor {rule.density_floor:g}"
+    rule, factor, floor = scenes.rule, scenes.rule.density_factor, scenes.rule.density_floor
+    said = f"criterion {rule.criterion}, seed {seed}"
+    usual = (factor, floor) == (USUAL.density_factor, USUAL.density_floor)
+    if rule.criterion is not Criterion.thesis and not usual:
+        said += f", density factor {factor:g}, floor {floor:g}"
+    if rule.allowed_share:
+        said += f", allowed share {rule.allowed_share:g}"
     absent = [name for name in manifest.scene_names if name not in scenes.names]
     return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
@@ -508,3 +518,9 @@ def _score(what: str, folds: Folds) -> str:
         f"{what}: {not_covered(folds)} of {len(folds)} not covered, at worst "
         f"{percent(worst.uncovered)} ({', '.join(worst.test)})"
     )
+
+
+def _why_unranked(published: Sequence[str], size: int) -> str:
+    if not published:
+        return "the manifest has no published split that can be ranked with the scenes built"
+    return f"the published test has {len(published)} scenes, not {size}: it has no rank among these"

@@ -25,7 +25,7 @@ from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Threads
-from dfdbench.tables.table import counted, grouped
+from dfdbench.tables.table import counted, grouped, listed
 
 
 def refuse_another_set(
@@ -173,7 +173,7 @@ def build_store(
         writer.refuse_to_lose(left_out)
         build = partial(_build_scene, manifest, source, blur, writer.scenes)
         outcomes = (pool or Threads()).map(build, scenes, on_done=on_scene)
-        _refuse_damage(outcomes, writer)
+        _refuse_damage(outcomes, source, missing, writer)
         there = {outcome.scene: outcome.digest for outcome in outcomes if outcome.digest}
         missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
         left_out = [pair.id for pair in missing]
@@ -317,12 +317,18 @@ def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
     )
 
 
-def _refuse_damage(outcomes: Sequence[_Outcome], writer: StoreWriter) -> None:
+def _refuse_damage(
+    outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...], writer: StoreWriter
+) -> None:
     if all(outcome.left_out for outcome in outcomes):
         raise SourceError.of(_told_once(outcomes))
     problems = [
         problem for outcome in outcomes for problem in outcome.problems if not outcome.left_out
     ]
+    if problems and missing:
+        named = listed([pair.id for pair in missing], 3)
+        what = f"{len(missing)} pairs are missing besides: {named}"
+        problems.append(Problem(what, fix=source.missing_help(missing)))
     if problems and (whole := len(writer.waiting)):
         what = f"{counted(whole, 'scene')} that can be used are kept for the same command"
         problems.append(Problem(what, where=str(writer.partial)))

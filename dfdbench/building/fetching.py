@@ -17,7 +17,6 @@ import requests
 from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
-from dfdbench.building.sources import gathered
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
 from dfdbench.system.array_files import UNREADABLE
@@ -166,11 +165,10 @@ class Fetcher:
 
     def _fate_of(self, file: WantedFile) -> Fate:
         path = self._folder / file.name
-        refused: list[Problem] = []
+        refused: tuple[Problem, ...] = ()
         chances = 2
         if path.exists():
-            with gathered(refused):
-                file.check(path, str(path))
+            refused = _refusal(file, path, str(path))
             if not refused:
                 return Fate(file.name, "kept")
             self._set_aside(path, file.name)
@@ -188,9 +186,7 @@ class Fetcher:
             except _UnreachableError as error:
                 unreachable += error.problems
                 continue
-            refused = []
-            with gathered(refused):
-                file.check(part, address)
+            refused = _refusal(file, part, address)
             if not refused:
                 part.replace(path)
                 return Fate(file.name, "new", (), tuple(lacking))
@@ -201,7 +197,7 @@ class Fetcher:
             # The others first: a server that sent a bad file may well send it again.
             to_ask.append(address)
         if refused:
-            return Fate(file.name, "damaged", tuple(refused), tuple(lacking))
+            return Fate(file.name, "damaged", refused, tuple(lacking))
         if unreachable:
             return Fate(file.name, "unreachable", tuple(unreachable[:1]), tuple(lacking))
         return Fate(file.name, "missing", (), tuple(lacking))
@@ -214,8 +210,11 @@ class Fetcher:
         path.replace(place)
 
     def _download(self, address: str, part: Path) -> None:
-        # Up to the host, as in https://vision.middlebury.edu.
-        failures = self._failures["/".join(address.split("/")[:3])]
+        try:
+            host = urlsplit(address).netloc
+        except ValueError as error:
+            raise _unreachable(address, requests.exceptions.InvalidURL(error)) from error
+        failures = self._failures[host]
         if len(failures) >= _FAILURES_TO_GIVE_UP:
             got = f"{len(failures)} files in a row not fetched: {failures[-1]}"
             raise _UnreachableError("the server was given up", where=address, got=got, fix=_LATER)
@@ -261,6 +260,14 @@ def cannot_keep(place: str | Path, error: OSError) -> SourceError:
     """Return the error that says why the disk does not take a download."""
     fix = room_or("choose another place with --cache DIR", error)
     return SourceError(f"cannot keep the download: {reason_of(error)}", where=str(place), fix=fix)
+
+
+def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:
+    try:
+        file.check(path, where)
+    except SourceError as error:
+        return error.problems
+    return ()
 
 
 class _NotThereError(Exception):
@@ -407,15 +414,15 @@ def read_checksums(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     text = read_text_as(SourceError, path, "the lock file", "delete it")
-    known = {}
+    known, problems = {}, []
     for number, line in enumerate(text.splitlines(), 1):
-        if not (match := _LINE.fullmatch(line)):
-            what, where = (
-                f"not SHA-256, two blanks and a name: {line[:80]}",
-                f"{path}, line {number}",
-            )
-            raise SourceError(what, where=where, fix="delete the lock file")
-        known[match[2]] = match[1]
+        if match := _LINE.fullmatch(line):
+            known[match[2]] = match[1]
+        else:
+            what = f"not SHA-256, two blanks and a name: {line[:80]}"
+            where = f"{path}, line {number}"
+            problems.append(Problem(what, where=where, fix="delete the lock file"))
+    SourceError.raise_if(problems)
     return known
 
 

@@ -1,7 +1,9 @@
 """Look into a folder's captures: which images are in focus, what the depth files hold."""
 
+import json
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.building import folder_layout
-from dfdbench.building.folder_layout import Group, Key, Layout, is_number
+from dfdbench.building.folder_layout import Group, Key, Layout, Table
 from dfdbench.building.sources import image_files
 from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.datasets.captured_files import BY_IMAGE, Align, places_in
@@ -31,6 +33,7 @@ _STACKS, _STACKS_NAMED = 4, 3
 _DEPTH_MAPS, _PIXELS = 200, 20_000
 # Depths of a camera's scenes, in metres: a median in between is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
+_SIDEWAYS = 5  # the EXIF orientations from there on swap rows and columns
 _MEASURED = 16  # more positive values than those are no layers, but measured
 _SHARE = 0.5  # per cent of the depths that bounds leave out at each end
 
@@ -53,6 +56,8 @@ class Facts:
         What the set's depth is in.
     scale : tuple of float or None
         The distances between which almost all depths lie; None where the files hold levels.
+    turned : set
+        The scenes whose photographs all lie on their side, as their EXIF data say.
     found, open : list of str
         In words: what was found, and what a person has to say.
     """
@@ -63,6 +68,7 @@ class Facts:
     files: dict[str, str] = field(default_factory=dict)
     unit: str = "none is known"
     scale: tuple[float, float] | None = None
+    turned: set[Key] = field(default_factory=set)
     found: list[str] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
 
@@ -94,11 +100,13 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
         endings = ", ".join((*image_files.SUFFIXES, *image_files.ARRAYS))
-        what = "two photographs a scene and a depth map are not found: depth is grey and says so "
-        what += f"in its name, as depth.png does, or has 16 or 32 bits ({endings})"
+        what = "two photographs a scene are not found"
+        if not depths:
+            what = "no depth map is found: its file is grey and says so in its name, as depth.png"
+            what += f" does, or has 16 or 32 bits ({endings})"
         found = "; ".join(filter(None, (there, folder_layout.unread_files(folder))))
-        fix = "rename them, or write the manifest by hand: docs/your_own_data.md; photographs "
-        fix += "without depth are for `dfdbench predict`"
+        fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+        fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
         raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)
@@ -152,16 +160,23 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.roles["depth"] = depths[0]
         _tell_depth(_shared(layout.scenes, depths[0]), facts, metres=True)
     else:
-        some = max((len(group.files) for group in others if group.is_depth), default=0)
-        scenes = counted(len(layout.scenes), "scene")
-        facts.open.append(f"depth: in {some} of {scenes}, so that nothing can be scored")
+        facts.open.append(f"depth: {_some_depth(layout)}, so that nothing can be scored")
     whole = _shared(layout.scenes, *facts.roles.values())
     _tell_table(layout, stack, images[(whole or layout.scenes)[0]], facts)
     if more:
         named_more = listed((group.pattern for group in more), _STACKS_NAMED)
         facts.open.append(f"whether these stacks are values of an axis: {named_more}")
+    left = [g.pattern for g in layout.groups if g not in (*facts.roles.values(), *more)]
+    if left:
+        kinds, names = counted(len(left), "kind"), listed(left, _STACKS_NAMED)
+        facts.open.append(f"{kinds} of files belong to no stack: {names}")
     _tell_matching(Matching(), facts)
     return facts
+
+
+def _some_depth(layout: Layout) -> str:
+    some = max((len(group.files) for group in layout.groups if group.is_depth), default=0)
+    return f"in {some} of {counted(len(layout.scenes), 'scene')}" if some else "none was found"
 
 
 def _also(kinds: list[Group], chosen: list[Group]) -> str:
@@ -225,14 +240,17 @@ def _photograph(group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
 def _tell_photographs(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     """Add the photographs' sizes, bits and rotation."""
     greatest, deep, turned, count = 0, True, 0, 0
+    orientations = defaultdict[Key, list[int]](list)
     for group in groups:
         for key, content, image in _decoded(facts.folder, group, keys):
             facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
-            turned, count = turned + (image_files.orientation_of(content) > 1), count + 1
+            orientations[key].append(image_files.orientation_of(content))
+            turned, count = turned + (orientations[key][-1] > 1), count + 1
     if deep and (bits := image_files.likely_bits(greatest)):
         facts.files["image_bits"] = str(bits)
         facts.found.append(f"16-bit photographs that hold {bits} bits")
+    facts.turned = {key for key, found in orientations.items() if min(found) >= _SIDEWAYS}
     if turned:
         facts.open.append(
             f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
@@ -365,29 +383,35 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
 
 def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
     """Add the table that has a row per image, in the scenes' folders or above them."""
-    for path, rows in folder_layout.tables_below(facts.folder):
-        if len(rows) == len(images) and path.parent in PurePosixPath(images[0]).parents:
+    tables = list(folder_layout.tables_below(facts.folder))
+    for table in tables:
+        if len(table.rows) == len(images) and table.is_above(images[0]):
             # As deep as the table lies, folders are those of the stack's pattern.
-            folders = PurePosixPath(stack.pattern).parts[: len(path.parts) - 1]
-            pattern = str(PurePosixPath(*folders, path.name))
+            folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
+            pattern = str(PurePosixPath(*folders, table.path.name))
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
             facts.found.append(f"a table with a row per image: {pattern}")
-            _tell_columns(rows, stack, facts)
+            read = {str(each.path) for each in tables}
+            name, depth = table.path.name, len(table.path.parts)
+            alike = (p for p in folder_layout.shown_files(facts.folder) if p.name == name)
+            below = sorted(str(path) for path in alike if len(path.parts) == depth)
+            if unread := [path for path in below if path not in read]:
+                facts.open.append(f"no tables with a row per image: {listed(unread, _NAMED)}")
+            _tell_columns(table, stack, facts)
             return
     facts.open.append(
         "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
     )
 
 
-def _tell_columns(rows: list[dict[str, str]], stack: Group, facts: Facts) -> None:
+def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
+    rows = table.rows
+    if table.columns:
+        facts.files["columns"] = json.dumps(table.columns)
     if set(BY_IMAGE) & set(rows[0]):
         return
     in_names = places_in(stack.pattern)
-    numeric = [
-        name
-        for name in rows[0]
-        if name not in in_names and all(is_number(row.get(name, "")) for row in rows)
-    ]
+    numeric = [name for name in table.numeric if name not in in_names]
     told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
     told = told or [name for name in numeric if len({row[name] for row in rows}) == len(rows)][-1:]
     if not told:
@@ -403,11 +427,18 @@ def _tell_columns(rows: list[dict[str, str]], stack: Group, facts: Facts) -> Non
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:
     both = [key for key in facts.shapes if key in sizes]
     others = [key for key in both if sizes[key] != facts.shapes[key]]
-    if others:
+    if (
+        others
+        and facts.turned.intersection(both) == set(others)
+        and all(sizes[key] == facts.shapes[key][::-1] for key in others)
+    ):
+        facts.files["exif_rotation"] = '"apply"'
+        facts.found.append("depth has the photographs' size once these are turned by EXIF data")
+    elif others:
         facts.open.append(
             f"in {len(others)} of {len(both)} scenes looked at depth has another size than the "
             f"photographs (in {others[0][1]} {_size(sizes[others[0]])}, not "
-            f"{_size(facts.shapes[others[0]])}): turn them by exif_rotation, or resample it"
+            f"{_size(facts.shapes[others[0]])}): resample it onto them"
         )
 
 

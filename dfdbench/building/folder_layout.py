@@ -31,9 +31,10 @@ _FORMS = tuple(
 )
 _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 
-# Of so many photographs that differ by a number alone is a stack.
+# Of so many photographs that differ by a number alone, or rows that tell them apart, is a stack.
 _FEWEST = 3
 _TABLES = (".json", ".csv", ".tsv", ".txt")
+_MOST_COLUMNS = 16
 #: The images of each stack, by its name in a group.
 Stacks = Mapping[str, tuple[str, ...]]
 _NO_STACK: Stacks = {}
@@ -82,7 +83,7 @@ class Layout:
         Image files that belong to no scene.
     images : mapping of str to tuple of str
         The images of each stack in the order of their numbers, by the one name that stands for
-        them in a group: it has ``{image}`` for the number.
+        them in a group: it has ``{image}`` for the number, or columns of a table.
     """
 
     groups: tuple[Group, ...]
@@ -193,9 +194,15 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
             families[template][number] = path
     if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
         return None
+    # What tables tell goes before numbers: two may go together, as run and motor.
+    by_table: dict[str, dict[int, str]] = {}
+    for table in tables_below(folder):
+        by_table |= _named_by(table.rows, [path for path in paths if table.is_above(path)])
     images: dict[str, tuple[str, ...]] = {}
     taken: set[str] = set()
-    for template, found in sorted(families.items(), key=lambda item: (-len(item[1]), item[0])):
+    for template, found in sorted(
+        (by_table or families).items(), key=lambda item: (-len(item[1]), item[0])
+    ):
         members = tuple(found[number] for number in sorted(found))
         if len(members) >= _FEWEST and not taken & set(members):
             images[template] = members
@@ -216,21 +223,76 @@ def _templates(place: PurePosixPath) -> Iterator[tuple[str, int]]:
         yield str(place.with_name(stem + place.suffix)), int(match[0])
 
 
-def tables_below(folder: Path) -> Iterator[tuple[PurePosixPath, list[dict[str, str]]]]:
-    """Yield path and rows of tables that have a heading and a stack's rows, the deepest first."""
+def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[int, str]]:
+    """Return families of files by their names with a column in braces where the row's cell is."""
+    names = {path: PurePosixPath(path) for path in paths}
+    stems = "\n".join({place.stem for place in names.values()})
+
+    def word(row: dict[str, str], column: str) -> str:
+        # As it stands between _ and - in a name.
+        return rf"(?<![^_\n-]){re.escape(row[column])}(?![^_\n-])"
+
+    columns = [
+        name
+        for name in rows[0]
+        if len({row.get(name) for row in rows}) == len(rows)
+        and all(row.get(name) and re.search(word(row, name), stems) for row in rows)
+    ]
+    families: dict[str, dict[int, str]] = defaultdict(dict)
+    for path, place in names.items() if columns else ():
+        for number, row in enumerate(rows):
+            stem = place.stem
+            for name in columns:
+                stem = re.sub(word(row, name), f"{{{name}}}", stem, count=1)
+            if all(f"{{{name}}}" in stem for name in columns):
+                families[str(place.with_name(stem + place.suffix))][number] = path
+    return {name: found for name, found in families.items() if len(found) == len(rows)}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that may tell of images: its path, its rows, and its columns without a heading."""
+
+    path: PurePosixPath
+    rows: list[dict[str, str]]
+    columns: list[str]
+
+    @property
+    def numeric(self) -> list[str]:
+        """The columns that hold a number in every row."""
+        return [n for n in self.rows[0] if all(_is_number(row.get(n, "")) for row in self.rows)]
+
+    def is_above(self, path: str) -> bool:
+        """Whether a file lies in the table's folder, or below."""
+        return self.path.parent in PurePosixPath(path).parents
+
+
+def tables_below(folder: Path) -> Iterator[Table]:
+    """Yield the tables below a folder that have rows enough for a stack, the deepest first."""
     for path in sorted(shown_files(folder), key=lambda each: (-len(each.parts), str(each))):
-        if path.suffix.lower() not in _TABLES:
-            continue
+        table = _table(folder, path) if path.suffix.lower() in _TABLES else None
+        if table and len(table.rows) >= _FEWEST:
+            yield table
+
+
+def _table(folder: Path, path: PurePosixPath) -> Table | None:
+    try:
+        content = (folder / path).read_bytes()
+    except OSError:
+        return None
+    for count in range(_MOST_COLUMNS) if path.suffix != ".json" else (0,):
+        columns = [f"column_{number}" for number in range(1, count + 1)]
         try:
-            rows = read_table((folder / path).read_bytes(), path.name, ())
-        except (OSError, SourceError):
+            rows = read_table(content, path.name, columns)
+        except SourceError:
             continue
         # A heading is words.
-        if len(rows) >= _FEWEST and not any(map(is_number, rows[0])):
-            yield path, rows
+        if columns or not any(map(_is_number, rows[0])):
+            return Table(path, rows, columns)
+    return None
 
 
-def is_number(text: str) -> bool:
+def _is_number(text: str) -> bool:
     """Whether a cell holds a number, and a finite one."""
     try:
         return math.isfinite(float(text))

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from dfdbench.building import folder_layout
 from dfdbench.building.folder_facts import Facts, look_into, look_into_stacks
-from dfdbench.building.sources import require_folder
 from dfdbench.building.sources.folder import what_is_in
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, CapturedFiles
@@ -74,7 +73,10 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     SourceError
         Where a file that is looked at is damaged.
     """
-    require_folder(folder)
+    if not folder.is_dir():
+        is_file = folder.exists()
+        what = f"{folder.name} is a file, not a folder" if is_file else "no such folder"
+        raise InputError(what, where=str(folder), fix="name the folder that holds the captures")
     layout, facts = _look(folder, folder_layout.image_files(folder))
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)

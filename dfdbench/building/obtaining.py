@@ -70,6 +70,8 @@ def obtain(
                 what = "--source reads a copy on disk: nothing is fetched"
             raise InputError(what, where=" and ".join(given), fix="leave it out")
         return open_source(manifest, folder, manifest.checksums, steps), None
+    if offline and mirrors:
+        raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
     InputError.raise_if(
         Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")

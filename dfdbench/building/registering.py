@@ -143,8 +143,10 @@ def _look(
     files: RawScene | PublishedScene | None, place: Path, rig: geometry.CaptureRig, fresh: bool
 ) -> _Seen:
     if not isinstance(files, RawScene):
-        what = f"no raw captures, {place.name}/frames and {place.name}/lidar"
+        found = "images that are registered already" if place.is_dir() else "no such folder"
+        what = f"no raw captures, {place.name}/frames and {place.name}/lidar: {found}"
         raise SourceError(what, where=str(place))
+    SourceError.raise_if(files.scan_problems())
     ranges, beams = files.ranges(), files.beams()
     frame, frame_name = _sharp_frame(files)
     kept = files.registration.exists() and not fresh
@@ -158,6 +160,9 @@ def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
         raise SourceError("scene has no frames", where=str(files.folder / "frames"))
     exposure = exposures[len(exposures) // 2]
     steps = files.steps(exposure)
+    SourceError.raise_if(
+        [problem for step in steps for problem in files.image_problems(exposure, step)]
+    )
     if not steps:
         raise SourceError("exposure has no frames", where=f"{files.folder}, {exposure} ms")
     frames = [files.frame(exposure, step) for step in steps]

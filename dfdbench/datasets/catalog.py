@@ -62,6 +62,10 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     >>> with_track(demo, "camera-2").stem, with_track(demo, "camera-0").stem
     ('demo-1@camera-2', 'demo-1')
     """
+    if not label:
+        what = f"unknown track: nothing follows the @ of {manifest.short}{AT}"
+        fix = f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track"
+        raise errors.UnknownNameError(what, fix=fix)
     found = find_degradation(label)
     if manifest.recipe is None:
         what = f"{manifest.short} has no tracks: a track makes defocus images"
@@ -100,7 +104,14 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
         what = f"built from another manifest than {manifest.file_stem}, whose name it has"
         raise errors.StoreError(what, where=where, fix="delete it and build it again")
     degradation = str(attributes.get("degradation", manifest.degradation))
-    return manifest if degradation == manifest.degradation else with_track(manifest, degradation)
+    if degradation == manifest.degradation:
+        return manifest
+    try:
+        return with_track(manifest, degradation)
+    except errors.DfdbenchError as error:
+        what = f"the store is on a track that this version does not know: {degradation}"
+        fix = "use the version of dfdbench that built it, or build it again"
+        raise errors.StoreError(what, where=where, fix=fix) from error
 
 
 class Heading(BaseModel, frozen=True):
@@ -192,6 +203,10 @@ def find_manifest(name: str) -> Manifest:
     'demo-1@camera-2'
     """
     base, label = part_name(name)
+    own, other = part_name(base)
+    if other and label:
+        what = f"unknown data set {name}: it is on one track at a time, as {base} or {own}@{label}"
+        raise errors.UnknownNameError(what)
     found = _find(base)
     return with_track(found, label) if base != name else found
 
@@ -229,7 +244,9 @@ def _find(name: str) -> Manifest:
         return manifest
     if (drawn := seeded(name)) is not None:
         return unseen_manifest(*drawn)
-    by_name = {known: heading.stem for heading in released_headings() for known in heading.names}
+    by_name: dict[str, str] = {}
+    for heading in released_headings():
+        by_name |= dict.fromkeys(heading.names, heading.stem)
     if name not in by_name:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise errors.unknown_name("data set", name, by_name, fix)

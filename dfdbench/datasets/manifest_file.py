@@ -24,6 +24,8 @@ _STORE_NAMES = (
     *(*BY_IMAGE, *OF_CAMERA),
 )
 _COLOURS = 3
+# In the folder of a store, beside the scenes' own.
+_STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
 Finding = tuple[str, str]
 Known = Collection[str]
@@ -49,6 +51,8 @@ def _check_scenes(manifest: Manifest) -> Iterator[Finding]:
     for name, times in Counter(names).items():
         if times > 1:
             yield "scenes", f"scene {name} is listed twice"
+        if name.casefold() == _STORE_FILE:
+            yield "scenes", f"scene {name} is named as a file of the store"
     sources = [source.name for source in manifest.sources]
     for number, scene in enumerate(manifest.scenes):
         yield from _unknown(f"scenes[{number}].source", "source", [scene.source], sources)
@@ -72,9 +76,14 @@ def _check_axes(manifest: Manifest) -> Iterator[Finding]:
             f"and none of {others}"
         if len(set(values)) != len(values):
             yield f"axes.{axis}", f"a value is listed twice: {values}"
+    lighting = manifest.default_lighting or {}
     yield from _unknown("depth.axes", "axis", manifest.depth.axes, axes)
     yield from _unknown("table.blocks", "axis", [manifest.table.blocks], axes)
     yield from _unknown("table.rows", "axis", filter(None, [manifest.table.rows]), axes)
+    yield from _unknown("default_lighting", "axis", lighting, axes)
+    for axis, value in lighting.items():
+        if value not in axes.get(axis, [value]):
+            yield f"default_lighting.{axis}", f"no such value: {value}, only {axes[axis]}"
 
 
 def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:

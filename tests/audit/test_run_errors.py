@@ -91,8 +91,8 @@ def test_tables_have_means_by_verdict_and_by_scene() -> None:
     ]
     assert table.notes == ("meaning",)
     assert run_errors.scene_table(join_of(22.0)).rows == (
-        ("a", "20.0 %", "2.00", "22.00", "–"),
-        ("b", "0 %", "2.00", "–", "–"),
+        ("a", "20.0 %", "2.00", "22.00", "–", "66.7 %"),
+        ("b", "0 %", "2.00", "–", "–", "–"),
     )
 
 
@@ -105,7 +105,7 @@ def test_only_a_runs_own_predictions_are_joined(
     assert join.total.pixels.sum() == sum(truth)
     first = run.result.pairs[0].model_copy(update={"prediction_sha256": "0" * 64})
     edited = run.result.model_copy(update={"pairs": [first, *run.result.pairs[1:]]})
-    with pytest.raises(ResultError, match="holds another run than this"):
+    with pytest.raises(ResultError, match="is not the result's"):
         run_errors.join_errors(tiny_store, edited, run.folder, record)
     with pytest.raises(ResultError, match="no prediction was kept"):
         run_errors.join_errors(tiny_store, run.result, tmp_path / "nowhere", record)

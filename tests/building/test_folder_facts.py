@@ -12,7 +12,7 @@ from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import find_layout, image_files
 from dfdbench.errors import InputError
 from dfdbench.system.text import parse_toml
-from tests.made_folder import SCENES, SHAPE, make_folder
+from tests.made_folder import SCENES, SHAPE, built, make_folder
 
 
 def facts_of(folder: Path) -> Facts:
@@ -67,7 +67,7 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
     facts = facts_of(folder)
     assert facts.roles["depth"].pattern == "{scene}/depth.npy"
     assert (facts.files["depth_unit"], facts.scale) == ("1.0 # metres", (0.3, 2.0))
-    assert any("in desk 64 × 64, not 96 × 72): turn them" in text for text in facts.open)
+    assert any("in desk 64 × 64, not 96 × 72): resample it" in text for text in facts.open)
 
 
 def test_one_negative_value_stands_for_depth_that_is_not_known(folder: Path) -> None:
@@ -81,7 +81,7 @@ def test_one_negative_value_stands_for_depth_that_is_not_known(folder: Path) -> 
     assert facts.files["depth_unit"] == "1.0 # metres"
 
 
-def test_photographs_that_are_to_be_turned_are_told(folder: Path) -> None:
+def test_depth_of_the_size_of_turned_photographs_asks_to_turn_them(folder: Path) -> None:
     for scene in SCENES:
         for name in ("sharp.png", "blurred.png"):
             exif = Image.Exif()
@@ -89,10 +89,9 @@ def test_photographs_that_are_to_be_turned_are_told(folder: Path) -> None:
             with Image.open(folder / scene / name) as image:
                 image.rotate(90, expand=True).save(folder / scene / name, exif=exif)
     facts = facts_of(folder)
-    assert any(
-        text.endswith("to be turned by their EXIF data: exif_rotation") for text in facts.open
-    )
-    assert any("turn them by exif_rotation, or resample it" in text for text in facts.open)
+    assert facts.files["exif_rotation"] == '"apply"'
+    assert not any("resample" in text for text in facts.open)
+    built(folder)
 
 
 def test_grey_photographs_of_16_bits_are_told_from_depth_by_its_name(folder: Path) -> None:

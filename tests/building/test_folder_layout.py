@@ -8,6 +8,7 @@ from dfdbench.building.folder_layout import find_layout, find_stacks, image_file
 from dfdbench.building.new_manifest import new_manifest
 from tests.made_folder import SCENES, built, rearranged
 from tests.made_stack_folder import FOCUS, make_stacks
+from tests.made_zedd import MOTORS, make_zedd
 
 NAMES = ("desk_1", "door", "x-2")
 
@@ -91,6 +92,17 @@ def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Pat
     np.testing.assert_allclose(capture.stack.focus_depth[1:], expected, atol=0.01)
 
 
+def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
+    # As in ZEDD, where run and motor go together, and the table has no heading.
+    written, store = built(make_zedd(tmp_path / "mine"))
+    assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
+    assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
+    assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
+    assert any(text.endswith("is the focus in metres") for text in written.open)
+    stack = store.captures()[0].stack
+    np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
+
+
 def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     for scene in SCENES:
@@ -121,6 +133,7 @@ def test_a_stack_without_the_depth_that_most_have_is_named(tmp_path: Path) -> No
     assert store.scenes == tuple(sorted((*others, third)))
     assert f"left out 1 scene without depth: {first}" in written.open
     (folder / third / "focus.csv").write_text("image,focus_distance\n1")
+    assert f"no tables with a row per image: {third}/focus.csv" in new_manifest(folder).open
 
 
 def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from dfdbench.building import build_store
 from dfdbench.building.sources import ENTRY_POINT_GROUP, is_made, open_source
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import MethodError, SourceError
+from dfdbench.errors import SourceError
 from tests.made_source import MadeSource
 
 
@@ -47,7 +47,7 @@ def test_packages_offer_sources(
     assert isinstance(source, MadeSource)
     report = build_store(manifest, source, tmp_path / "noise.zarr")
     assert (report.pairs, report.missing) == (11, ())
-    with pytest.raises(MethodError, match="has no Torn"):
+    with pytest.raises(SourceError, match="cannot be imported"):
         open_source(tiny_manifest.model_copy(update={"reader": "torn"}))
     told = "no reader tapes.*folder, middlebury, noise, realworld, realworld-sim, torn"
     with pytest.raises(SourceError, match=told):

@@ -182,7 +182,7 @@ def test_a_mistake_is_told(dfdbench: Command, uneven: str) -> None:
         ("coverage mymodule.py", "a file, and not a data set"),
         ("coverage STORE --density-factor inf", "(density_factor): expected a finite number"),
         ("split STORE", "ask for either"),
-        ("split STORE --test-scenes 3", "--test-scenes 1, 2"),
+        ("split STORE --test-scenes 3", "--test-scenes 1 or 2"),
         ("split STORE --folds 9", "choose 2 to"),
         ("difficulty STORE --split tset", "did you mean test"),
         ("difficulty STORE --result none", "add --bound"),

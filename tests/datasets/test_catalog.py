@@ -75,9 +75,9 @@ def test_it_has_a_place_of_its_own_but_the_files_of_the_clean_set(tmp_path: Path
     [
         ("midlebury", "midlebury(?s:.*)did you mean middlebury"),
         ("demo@camera-9", "did you mean camera-3"),
-        ("demo@", "unknown track"),
+        ("demo@", "unknown track: nothing follows the @"),
         ("dmo@camera-2", "did you mean demo"),
-        ("demo@camera-2@noise-1", "unknown data set: .* got demo@camera-2"),
+        ("demo@camera-2@noise-1", r"(?s)one track at a time.*demo@camera-2 or demo@noise-1"),
         ("demo@../camera-2", "unknown data set"),
     ],
 )

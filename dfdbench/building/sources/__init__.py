@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import FOLDER, Manifest, Pair
-from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError
-from dfdbench.methods.importing import import_entry
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.packages import offered_as
 from dfdbench.tables.table import listed
 
@@ -37,10 +36,10 @@ _OURS: Mapping[str, tuple[str, str]] = {
 
 @contextmanager
 def gathered(problems: list[Problem]) -> Iterator[None]:
-    """Add what an error of ours in the block carries to a list, and go on."""
+    """Add what a SourceError in the block carries to a list, and go on."""
     try:
         yield
-    except DfdbenchError as error:
+    except SourceError as error:
         problems.extend(error.problems)
 
 
@@ -217,8 +216,6 @@ def open_source(
     ------
     SourceError
         Where the data set needs a folder, takes none, or cannot be built by this version.
-    InputError
-        Where there is no such folder.
     """
     if pair and manifest.reader != "realworld":
         raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
@@ -239,15 +236,7 @@ def open_source(
         command = "" if manifest.files else f"dfdbench build {manifest.short} "
         fix = f"name the folder: {command}--source DIR"
         raise SourceError(what, expected=listed(layouts), fix=fix)
-    require_folder(folder)
     return reader(manifest, folder, pair if manifest.reader == "realworld" else checksums)
-
-
-def require_folder(folder: Path) -> None:
-    """Refuse a path that leads to no folder."""
-    if not folder.is_dir():
-        what = "a file, and not a folder" if folder.exists() else "no such folder"
-        raise InputError(what, where=str(folder), fix="name the folder that holds the captures")
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
@@ -256,6 +245,12 @@ def _offered(manifest: Manifest, folder: Path | None) -> Source:
         known = ", ".join(sorted({*_OURS, *offered}))
         what = f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
         raise SourceError(what)
-    reader, _ = import_entry(offered[manifest.reader].value)
+    point = offered[manifest.reader]
+    try:
+        reader = point.load()
+    except (Exception, SystemExit) as error:
+        where = f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}"
+        got = str(error) or type(error).__name__
+        raise SourceError("the reader cannot be imported", where=where, got=got) from error
     source: Source = reader(manifest, folder)
     return source

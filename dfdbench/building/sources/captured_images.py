@@ -29,6 +29,8 @@ _UNITS = {
     "1/5000 of a metre": 0.0002,
     "1/256 of a metre": 1 / 256,
 }
+# A median that misses the bounds by no more than this factor is of a scene, not of a unit.
+_NEARBY = 1.5
 
 
 def depth_of(
@@ -110,22 +112,25 @@ def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
 def _refuse_another_unit(
     median: float, whole: bool, files: CapturedFiles, scale: DepthScale, where: str
 ) -> None:
-    metres = median * (files.depth_unit or 1.0)
-    # Whole metres tell too little: such files count smaller units.
-    unstated = whole and files.depth_unit is None
-    if scale.near <= metres <= scale.far and not unstated:
-        return
+    unit = files.depth_unit or 1.0
     fitting = [
         f"{_short(size)} ({name})"
         for name, size in _UNITS.items()
         if scale.near <= median * size <= scale.far
     ]
-    what = f"{'whole numbers with ' * unstated}a median of {_short(metres)} m, where depths are"
-    what += f" {scale.near:g} to {scale.far:g} m: another unit, or other bounds"
-    fix = "mend near and far under [depth.scale]"
-    if fitting:
-        fix = f"depth_unit = {' or '.join(fitting)} would fit; or {fix}"
-    raise SourceError(what, where=where, fix=fix)
+    would = f"depth_unit = {' or '.join(fitting)} would fit"
+    if whole and files.depth_unit is None:
+        what = f"whole numbers, and not metres, with a median of {_short(median)}"
+        fix = would if fitting else "no usual unit fits near and far under [depth.scale]"
+        raise SourceError(what, where=where, fix=fix)
+    if scale.near <= median * unit <= scale.far:
+        return
+    if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:
+        fix = "widen near and far under [depth.scale]"
+    else:
+        fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
+    what = f"a median of {_short(median * unit)} m, not {scale.near:g} to {scale.far:g} m"
+    raise SourceError(f"{what}: another unit, or other bounds", where=where, fix=fix)
 
 
 def _short(number: Any) -> str:

@@ -16,7 +16,7 @@ from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, 
 from dfdbench.building.sources.captured_images import CapturedImages, captured_images, in_unit_of
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
-from dfdbench.datasets.captures import ImageFacts, Role
+from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
@@ -202,7 +202,10 @@ class FolderScenes(Whole):
             raise ValueError(f"{focus} is not beyond the focal length, {focal_length:g} m")
         focused = np.array(facts["focus_depth"])
         facts["focus_depth"] = float(in_unit_of(focused, self._files, self._manifest.depth))
-        return _Taken(path, "defocus", facts)
+        role = values.get("role") or "defocus"
+        if role not in ROLES:
+            raise ValueError(f"role {role} is neither {' nor '.join(ROLES)}")
+        return _Taken(path, ROLES[ROLES.index(role)], facts)
 
     def _table(self, pair: Pair) -> tuple[list[dict[str, str]], str] | None:
         named = self._named("metadata", pair)
@@ -253,6 +256,11 @@ class FolderScenes(Whole):
             raise SourceError(what, where=self._where(path)) from error
 
     def _patterns_that_match_nothing(self) -> Iterator[Problem]:
+        if not self._folder.is_dir():
+            what = "a file, and not a folder" if self._folder.exists() else "no such folder"
+            fix = "name the folder that holds the scenes: --source DIR"
+            yield Problem(what, where=str(self._folder), fix=fix)
+            return
         for what, pattern in self._files.patterns.items():
             if what == "images":
                 # They are checked with the table, scene by scene.
@@ -384,24 +392,26 @@ def _rows(
     problems: list[Problem],
 ) -> Iterator[tuple[str, Row]]:
     """Yield the files of a stack with their rows; add what does not go together to `problems`."""
+    numbered = IMAGE in places_in(pattern)
     if table is None:
         yield from ((path, {IMAGE: str(number)}) for path, number in there.items())
         return
     rows, where = table
-    numbered = IMAGE in places_in(pattern)
-    if numbered and IMAGE not in rows[0]:
-        if len(rows) != len(there):
-            what = f"the table has {len(rows)} rows, and there are {len(there)} images"
-            problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
-            return
-        numbers = map(str, there.values())
-        rows = [{**row, IMAGE: number} for row, number in zip(rows, numbers, strict=True)]
-    by_number = {number: path for path, number in there.items()}
+    if numbered and IMAGE not in rows[0] and len(rows) != len(there):
+        what = f"the table has {len(rows)} rows, and there are {len(there)} images"
+        problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
+        return
+    in_order, by_number = list(there), {number: path for path, number in there.items()}
     named = set()
-    for row in rows:
+    for index, row in enumerate(rows):
         try:
-            found = by_number.get(int(row[IMAGE])) if numbered else None
-            path = found or _filled(pattern, row)
+            if not numbered:
+                path = _filled(pattern, row)
+            elif IMAGE in row:
+                number = int(row[IMAGE])
+                path = by_number.get(number, pattern.replace(f"{{{IMAGE}}}", row[IMAGE]))
+            else:
+                path = in_order[index]
         except ValueError as error:
             problems.append(Problem(str(error), where=where))
             continue

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.errors import SourceError
+from dfdbench.building.sources import gathered
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 from dfdbench.system.files import LARGEST_ARRAY, read_as
 
@@ -184,13 +185,13 @@ def _damage(content: bytes) -> str:
     return ""
 
 
-def decode_rgb(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
+def decode_rgb(content: bytes, where: str) -> Image:
     """Return an 8-bit PNG without transparency as RGB, shape (y, x, 3); a grey one three times.
 
     Raises
     ------
     SourceError
-        As `decode_file` does, for other files and other pixels, and rows and columns than `size`.
+        As `decode_file` does, for other files and other pixels.
     """
     if not content.startswith(b"\x89PNG"):
         got = f"bytes {content[:8]!r}" if content else "an empty file"
@@ -200,8 +201,6 @@ def decode_rgb(content: bytes, where: str, size: tuple[int, ...] | None = None) 
         channels = 1 if image.ndim == 2 else image.shape[2]
         got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
         raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
-    if size is not None:
-        require_size(image.shape, size, where)
     return _as_rgb(image)
 
 
@@ -235,15 +234,15 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     >>> decode_image(content, "view1.png").shape
     (2, 3, 3)
     """
-    image = decode_rgb(content, where, size)
+    image = decode_rgb(content, where)
+    if size is not None:
+        require_size(image.shape, size, where)
     if not image.any():
         raise SourceError("the image is black all over", where=where, fix="fetch it again")
     return image
 
 
-def decode_levels(
-    content: bytes, where: str, unknown: int, size: tuple[int, ...] | None = None
-) -> Image:
+def decode_levels(content: bytes, where: str, unknown: int) -> Image:
     """Return a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
 
     Raises
@@ -251,7 +250,7 @@ def decode_levels(
     SourceError
         As `decode_rgb` does; if the file is in colour or no pixel's depth is known.
     """
-    image = decode_rgb(content, where, size)
+    image = decode_rgb(content, where)
     if not (image == image[..., :1]).all():
         raise SourceError("a depth map in colour", where=where, fix="fetch it again")
     if (image[..., 0] == unknown).all():
@@ -259,9 +258,22 @@ def decode_levels(
     return np.ascontiguousarray(image[..., 0])
 
 
-def read_rgb(path: Path, size: tuple[int, ...] | None = None) -> Image:
+def read_rgb(path: Path) -> Image:
     """Return a file's image as `decode_rgb` does."""
-    return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path), size)
+    return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path))
+
+
+def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
+    """Return a problem for each image file that is damaged or not of `size` (y, x)."""
+    problems: list[Problem] = []
+    for path in files:
+        with gathered(problems):
+            content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
+            if damage := _damage(content):
+                raise SourceError("the image file is damaged", where=str(path), got=damage)
+            with Pillow.open(io.BytesIO(content)) as file:
+                require_size(file.size[::-1], size, str(path))
+    return problems
 
 
 def require_size(
@@ -336,7 +348,8 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     if bits is None and likely:
         what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
         # A dark photograph fits into fewer bits than its camera has.
-        said = f"image_bits: {_CONVERTERS[-1]} for most cameras, {_FULL} if it is only dark"
+        camera = f"{_CONVERTERS[-1]} for most cameras, " if likely > 8 else ""
+        said = f"image_bits: {camera}{_FULL} if it is only dark"
         fix = f"write it as 8 bit; or say in a manifest, under [files], {said}"
         raise SourceError(what, where=where, fix=fix)
     if greatest >= 2 ** (bits or _FULL):

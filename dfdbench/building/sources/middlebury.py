@@ -16,7 +16,7 @@ from dfdbench.building.sources.image_files import decode_file, decode_image, dec
 from dfdbench.datasets.manifest import Manifest, Pair, Scene
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.files import LARGEST_ARRAY, hold, read_as
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
 Levels = NDArray[np.uint8]
 
@@ -61,7 +61,9 @@ class MiddleburyScenes:
         }
         if not self._scenes:
             what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
-            raise SourceError(what, where=str(folder))
+            there = "a file, not a folder" if folder.exists() else "no such folder"
+            got = "" if folder.is_dir() else there
+            raise SourceError(what, where=str(folder), got=got)
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there."""
@@ -90,14 +92,17 @@ class MiddleburyScenes:
         problems: list[Problem] = []
         files, unknown = self._scenes[scene], self._manifest.depth.unknown
         read: dict[int, Levels] = {}
-        shape: tuple[int, ...] | None = None
         for view in self._manifest.axes["view"]:
             name = depth_name({"view": view})
             if files.has(name):
                 with gathered(problems):
                     content = self._content(scene, name)
-                    read[view] = decode_levels(content, files.where(name), unknown, shape)
-                    shape = read[view].shape
+                    read[view] = decode_levels(content, files.where(name), unknown)
+        shape = next(iter(read.values())).shape if read else None
+        for view, depth in read.items():
+            if depth.shape != shape:
+                what = f"size {depth.shape} differs from the other view's, {shape}"
+                problems.append(Problem(what, where=files.where(depth_name({"view": view}))))
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs(scene):
             name = image_name(pair.at)
@@ -117,7 +122,16 @@ class MiddleburyScenes:
         source_of = {scene.name: scene.source for scene in self._manifest.scenes}
         first = missing[0]
         address = f"{urls[source_of[first.scene]]}/{first.scene}/{image_name(first.at)}"
-        return f"fetch them, the first from {address}; --allow-missing accepts what is there"
+        default = self._manifest.default_lighting and any(
+            pair.scene in self._scenes
+            and self._scenes[pair.scene].has(image_name({"view": pair.at["view"]}))
+            for pair in missing
+        )
+        hint = "; of SCENE/view1.png alone, which is there, consists the set middlebury-default"
+        return (
+            f"fetch them into the same layout, the first from {address}"
+            f"{hint if default else ''}; --allow-missing accepts what is there"
+        )
 
     def _names(self, scene: str) -> list[str]:
         depths = [depth_name({"view": view}) for view in self._manifest.axes["view"]]
@@ -315,6 +329,11 @@ def download_middlebury(
         _refuse(fates, folder, lacking)
     except OSError as error:
         raise fetching.cannot_keep(error.filename or folder, error) from error
+    except SourceError as error:
+        if not fetcher.refused:
+            raise
+        kept = f"{counted(fetcher.refused, 'file')} set aside in {folder / fetching.SET_ASIDE}"
+        raise SourceError.of([*error.problems, Problem(kept)]) from error
     return Download(
         folder,
         sum(fate.kind == "new" for fate in fates),

@@ -1,21 +1,22 @@
 """Read the thesis's captures: two voltage steps a pair, or the sharpest step to be blurred."""
 
 import hashlib
-from dataclasses import replace
+from collections.abc import Mapping
+from functools import cached_property
 from itertools import chain, product, starmap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources import SceneError, SceneImages, gathered, laid_out
-from dfdbench.building.sources.image_files import Image, average_frames, read_rgb
+from dfdbench.building.sources import SceneImages, gathered, laid_out
+from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
 from dfdbench.datasets.manifest import Depth, Manifest, Pair, Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
 from dfdbench.rig import geometry, lidar, registration
-from dfdbench.tables.table import listed
 
 LevelsAndKnown = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 
@@ -27,43 +28,22 @@ class CapturedScene:
     ----------
     folder : Path
         The scene's.
-    frames : int
-        How many files an image has.
-    rig : CaptureRig
-        Size of a file's image, and what is kept of it.
+    capture : Recording
+        Of the manifest.
     """
 
-    #: Where its images are, a folder an exposure, and how their files' names end.
+    #: Where its images are, a folder an exposure.
     inside: str
-    ending: str
 
-    def __init__(self, folder: Path, frames: int, rig: geometry.CaptureRig) -> None:
-        self.folder, self.frames, self.rig = folder, frames, rig
+    def __init__(self, folder: Path, capture: Recording) -> None:
+        self.folder = folder
+        self._capture = capture
 
     def exposures(self) -> tuple[int, ...]:
         """Return the exposure times, in ms, of which there are images."""
         places = (self.folder / self.inside).glob("exp_*")
         names = (place.name.removeprefix("exp_") for place in places if place.is_dir())
         return tuple(sorted({int(name) for name in names if name.isdigit()}))
-
-    def images(self, exposure_ms: int, step: int) -> list[Path]:
-        """Return the files of one image; none where it is missing."""
-        pattern = f"image_{step}_{exposure_ms}.00{self.ending}"
-        return sorted(self._place_of(exposure_ms).glob(pattern))
-
-    def frame(self, exposure_ms: int, step: int) -> Image:
-        """Return the average of an image's files, RGB, not cropped.
-
-        Raises
-        ------
-        SourceError
-            Where files are missing, damaged or of another size.
-        """
-        files = self.images(exposure_ms, step)
-        if len(files) != self.frames:
-            where = f"{self._place_of(exposure_ms)}, step {step}"
-            raise SourceError(f"only {len(files)} of {self.frames} frames", where=where)
-        return average_frames([read_rgb(path, self.rig.frame_size) for path in files])
 
     def _place_of(self, exposure_ms: int) -> Path:
         # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
@@ -75,26 +55,43 @@ class CapturedScene:
 class PublishedScene(CapturedScene):
     """A scene as published: ``left/exp_30/image_141_30.00.png``, ``lidar/..._8bit_x6.png``."""
 
-    inside, ending = "left", ".png"
+    inside = "left"
 
-    def __init__(self, folder: Path, capture: Recording) -> None:
-        size = capture.crop_size
-        super().__init__(folder, 1, geometry.CaptureRig(frame_size=(size, size), crop_size=size))
+    def images(self, exposure_ms: int, step: int) -> list[Path]:
+        """Return the one file of an image; none where it is missing."""
+        file = self._place_of(exposure_ms) / f"{_image_name(exposure_ms, step)}.png"
+        return [file] if file.exists() else []
+
+    def image(self, exposure_ms: int, step: int) -> Image:
+        """Return one image, RGB."""
+        return read_rgb(self.images(exposure_ms, step)[0])
+
+    def frame(self, exposure_ms: int, step: int) -> Image:
+        """Return all that is published of an image's frame: what was left of it by the crop."""
+        return self.image(exposure_ms, step)
 
     @property
     def depth(self) -> LevelsAndKnown:
         """Depth levels in centimetres and where they are known."""
-        files = self.depth_files()
-        if not files:
-            what = "scene has no LIDAR depth map, lidar/lidar_rng_left_00000_8bit_x6.png"
-            raise SourceError(what, where=str(self.folder))
-        levels = np.ascontiguousarray(read_rgb(files[0], self.rig.frame_size)[..., 0])
+        levels = np.ascontiguousarray(read_rgb(self.depth_files()[0])[..., 0])
         return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
         """Return the LIDAR's depth map."""
         found = sorted((self.folder / "lidar").glob("lidar_rng_*_8bit*.png"))
         return sorted(found, key=lambda path: not path.stem.endswith("_x6"))[:1]
+
+    def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
+        """Return what is wrong with an image's file, found without decoding it."""
+        return image_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
+
+    def depth_problems(self) -> list[Problem]:
+        """Return what is wrong with the depth map's file."""
+        files = self.depth_files()
+        if not files:
+            what = "scene has no LIDAR depth map, lidar/lidar_rng_left_00000_8bit_x6.png"
+            return [Problem(what, where=str(self.folder))]
+        return image_problems(files, (self._capture.crop_size,) * 2)
 
 
 class RawScene(CapturedScene):
@@ -108,14 +105,16 @@ class RawScene(CapturedScene):
         Of the manifest.
     """
 
-    inside, ending = "frames", "_*.png"
+    inside = "frames"
 
     def __init__(self, folder: Path, capture: Recording) -> None:
+        super().__init__(folder, capture)
         height, width = capture.frame_size
-        rig = geometry.CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
-        super().__init__(folder, capture.frames, rig)
-        #: Where the transform to the image is kept.
-        self.registration = folder / registration.NAME
+        self.rig = geometry.CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
+
+    def images(self, exposure_ms: int, step: int) -> list[Path]:
+        """Return the frames of one image."""
+        return sorted(self._place_of(exposure_ms).glob(f"{_image_name(exposure_ms, step)}_*.png"))
 
     def steps(self, exposure_ms: int) -> tuple[int, ...]:
         """Return the voltage steps of which there are frames at an exposure."""
@@ -123,42 +122,28 @@ class RawScene(CapturedScene):
         names = [path.name.split("_") for path in files]
         return tuple(sorted({int(parts[1]) for parts in names if parts[1].isdigit()}))
 
-    def ranges(self) -> NDArray[np.float64]:
-        """Return the average of the LIDAR's scans, in mm.
+    def frame(self, exposure_ms: int, step: int) -> Image:
+        """Return the average of an image's frames, not cropped."""
+        return average_frames([read_rgb(path) for path in self.images(exposure_ms, step)])
 
-        Raises
-        ------
-        SourceError
-            Where there are none, or a scan or the calibration is damaged or does not fit.
-        """
-        files = self.scans()
-        if not files:
-            raise SourceError("scene has no lidar/lidar_rng_00000.bin", where=str(self.folder))
-        scans = [lidar.read_ranges(path) for path in files]
-        beams, rows = len(self.beams().altitude), len(scans[0])
-        if beams != rows:
-            what = f"calibration of {beams} beams for {rows}, as {files[0].name}"
-            raise SourceError(what, where=str(self.beams_file() or files[0]))
-        return lidar.average_scans(scans)
+    def image(self, exposure_ms: int, step: int) -> Image:
+        """Return the average of an image's frames, cropped."""
+        return np.asarray(self.rig.crop(self.frame(exposure_ms, step)), np.uint8)
+
+    def ranges(self) -> NDArray[np.float64]:
+        """Return the average of the LIDAR's scans, in mm."""
+        return lidar.average_scans([lidar.read_ranges(path) for path in self.scans()])
 
     def beams(self) -> lidar.Beams:
         """Return where the beams point: the scene's calibration, the folder's, or the thesis's."""
         return lidar.read_beams(self.beams_file())
 
-    @property
+    @cached_property
     def depth(self) -> LevelsAndKnown:
-        """Depth levels in centimetres and where they are known."""
-        where = str(self.registration)
-        fix = f"dfdbench rig register {self.folder.name} --source {self.folder.parent}"
-        seen = lidar.depth_image(self.ranges(), self.beams())
-        if not self.registration.exists():
-            raise SourceError("scene is not registered", where=where, fix=fix)
+        """Depth levels in centimetres and where they are known; worked out once."""
+        levels, valid = lidar.depth_image(self.ranges(), self.beams())
         matrix = registration.read_registration(self.registration)
-        levels, valid = lidar.warp(*seen, matrix, (self.rig.crop_size,) * 2)
-        if not valid.any():
-            what = "no LIDAR return falls on the image"
-            raise SourceError(what, where=where, fix=f"{fix} --fresh")
-        return levels, valid
+        return lidar.warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
 
     def scans(self) -> list[Path]:
         """Return the LIDAR's range files."""
@@ -170,10 +155,58 @@ class RawScene(CapturedScene):
         places = (self.folder / "beams.csv", self.folder.parent / "beams.csv")
         return next((path for path in places if path.exists()), None)
 
+    @property
+    def registration(self) -> Path:
+        """Where the transform to the image is kept."""
+        return self.folder / registration.NAME
+
     def depth_files(self) -> list[Path]:
-        """Return those of range files, calibration and registration that are there."""
-        others = (self.beams_file(), self.registration)
-        return [*self.scans(), *(path for path in others if path and path.exists())]
+        """Return range files, calibration and registration."""
+        beams = self.beams_file()
+        return [*self.scans(), *([beams] if beams else []), self.registration]
+
+    def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
+        """Return what is wrong with an image's frames, found without decoding them."""
+        files = self.images(exposure_ms, step)
+        problems = image_problems(files, tuple(self._capture.frame_size))
+        if len(files) != self._capture.frames:
+            place = self._place_of(exposure_ms) / f"{_image_name(exposure_ms, step)}_*.png"
+            what = f"only {len(files)} of {self._capture.frames} frames"
+            problems.append(Problem(what, where=str(place)))
+        return problems
+
+    def scan_problems(self) -> list[Problem]:
+        """Return what is wrong with the range files and the calibration."""
+        if not self.scans():
+            return [Problem("scene has no lidar/lidar_rng_00000.bin", where=str(self.folder))]
+        problems: list[Problem] = []
+        beams: int | None = None
+        with gathered(problems):
+            beams = len(self.beams().altitude)
+        misfits = []
+        for path in self.scans():
+            with gathered(problems):
+                rows = len(lidar.read_ranges(path))
+                if beams not in (None, rows):
+                    what = f"calibration of {beams} beams for {rows}, as {path.name}"
+                    misfits.append(Problem(what, where=str(self.beams_file() or path)))
+        # The scans of a scene are of one LIDAR: one misfit says it all.
+        return problems + misfits[:1]
+
+    def depth_problems(self) -> list[Problem]:
+        """Return what is wrong with range files, calibration and registration."""
+        problems = self.scan_problems()
+        where = str(self.registration)
+        fix = f"dfdbench rig register {self.folder.name} --source {self.folder.parent}"
+        if not self.registration.exists():
+            problems.append(Problem("scene is not registered", where=where, fix=fix))
+        else:
+            with gathered(problems):
+                registration.read_registration(self.registration)
+        if not problems and not self.depth[1].any():
+            what = "no LIDAR return falls on the image"
+            problems.append(Problem(what, where=where, fix=f"{fix} --fresh"))
+        return problems
 
 
 def find_captured_scene(
@@ -184,6 +217,10 @@ def find_captured_scene(
     if (place / "frames").is_dir():
         return RawScene(place, capture)
     return PublishedScene(place, capture) if place.is_dir() else None
+
+
+def _image_name(exposure_ms: int, step: int) -> str:
+    return f"image_{step}_{exposure_ms}.00"
 
 
 class RealworldFolder:
@@ -216,31 +253,45 @@ class RealworldFolder:
         self._capture = manifest.capture
         self._synthetic = manifest.recipe is not None
         self._steps = self._wanted_steps(pair)
-        #: Which voltage steps make a pair.
-        self.options = {"pair": "sharpest" if self._synthetic else list(self._steps)}
-        self.captures_defocus = not self._synthetic
         found = {
             name: find_captured_scene(folder, name, self._capture) for name in manifest.scene_names
         }
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
+            there = "a file" if folder.exists() else "no such folder"
             what = "no scene found, such as k33 with left/exp_30 and lidar"
-            raise SourceError(what, where=str(folder))
+            raise SourceError(what, where=str(folder), got="none" if folder.is_dir() else there)
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Which voltage steps make a pair."""
+        return {"pair": "sharpest" if self._synthetic else list(self._steps)}
+
+    @property
+    def captures_defocus(self) -> bool:
+        """Whether the defocus image is a voltage step, not made."""
+        return not self._synthetic
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """All that keeps pairs from being built, of every scene that is there."""
+        # Scenes may share a calibration: what is wrong with it is one problem.
+        found = (problem for _, problems in self._checked.values() for problem in problems)
+        return tuple(dict.fromkeys(found))
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs whose images are there."""
-        usable = {name: self._exposures(name) for name in self._scenes}
+        """Return the pairs whose images and depth map are there and whole."""
         return tuple(
             pair
             for pair in self._manifest.pairs()
-            if pair.at["exposure_ms"] in usable.get(pair.scene, ())
+            if pair.scene in self._scenes and pair.at["exposure_ms"] in self._checked[pair.scene][0]
         )
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 over the scene's files that a build reads."""
         files = self._scenes[scene]
         digest = hashlib.sha256(type(files).__name__.encode())
-        images = starmap(files.images, product(self._exposures(scene), self._steps))
+        images = starmap(files.images, product(self._checked[scene][0], self._steps))
         for path in chain(*images, files.depth_files()):
             digest.update(path.name.encode())
             digest.update(hashlib.sha256(path.read_bytes()).digest())
@@ -248,38 +299,51 @@ class RealworldFolder:
 
     def read(self, scene: str) -> SceneImages:
         """Read one scene."""
-        files, problems = self._scenes[scene], list[Problem]()
+        files = self._scenes[scene]
+        levels, valid = files.depth
         found: dict[Pair, NDArray[np.uint8]] = {}
-        with gathered(problems):
-            levels, valid = files.depth
-        for exposure in self._exposures(scene):
-            frames = []
-            for step in self._steps:
-                with gathered(problems):
-                    frames.append(files.frame(exposure, step))
-            if not problems:
+        for exposure in self._checked[scene][0]:
+            steps = self._steps
+            if self._synthetic:
                 # 3.2.5: the sharpest is found first, in whole frames, and cropped then.
-                chosen = [frames[sharpest(frames)]] if self._synthetic else frames
-                images = np.stack([np.asarray(files.rig.crop(one), np.uint8) for one in chosen])
-                found[Pair(scene, (("exposure_ms", exposure),))] = images
-        SceneError.raise_if(replace(p, where=p.where or str(files.folder)) for p in problems)
+                steps = (steps[sharpest([files.frame(exposure, step) for step in steps])],)
+            images = np.stack([files.image(exposure, step) for step in steps])
+            found[Pair(scene, (("exposure_ms", exposure),))] = images
         laid, available = laid_out(self._manifest, found)
         depth = in_direction_of(levels, valid, self._manifest.depth, whole=self._synthetic)
         defocus = None if self._synthetic else laid[:, -1]
         return SceneImages.of_pairs(laid[:, 0], depth, valid, available, defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return what to do about pairs that are missing."""
-        steps = listed(self._steps, 3)
-        return f"add the images of steps {steps}, or accept what is there: --allow-missing"
+        """Return what is wrong with the scenes that are there, and how to go on."""
+        if not self.problems:
+            return "add the scenes that are missing; --allow-missing accepts what is there"
+        whole = sum(bool(exposures) for exposures, _ in self._checked.values())
+        accepted = f"; --allow-missing builds the {whole} scenes that can be" if whole else ""
+        numbered = (f"{number}. {problem}" for number, problem in enumerate(self.problems, 1))
+        return "\n".join((f"mend what is named below{accepted}", *numbered))
 
-    def _exposures(self, scene: str) -> list[int]:
-        files = self._scenes[scene]
-        return [
-            exposure
-            for exposure in self._manifest.axes["exposure_ms"]
-            if all(files.images(exposure, step) for step in self._steps)
-        ]
+    @cached_property
+    def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:
+        # Every file is looked at before any is used: all that is wrong is reported together.
+        return {name: self._check(files) for name, files in self._scenes.items()}
+
+    def _check(self, files: PublishedScene | RawScene) -> tuple[tuple[int, ...], list[Problem]]:
+        without_depth = files.depth_problems()
+        problems, usable = list(without_depth), []
+        for exposure in self._manifest.axes["exposure_ms"]:
+            if exposure not in files.exposures():
+                continue
+            there = [step for step in self._steps if files.images(exposure, step)]
+            lacking = [step for step in self._steps if step not in there]
+            wrong = [p for step in there for p in files.image_problems(exposure, step)]
+            if lacking:
+                what = f"no image at voltage step {', '.join(map(str, lacking))}"
+                wrong.append(Problem(what, where=f"{files.folder}, exposure {exposure} ms"))
+            if not wrong:
+                usable.append(exposure)
+            problems += wrong
+        return ((), problems) if without_depth else (tuple(usable), problems)
 
     def _wanted_steps(self, pair: tuple[int, int] | None) -> tuple[int, ...]:
         known = self._capture.voltage_step

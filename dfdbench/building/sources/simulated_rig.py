@@ -2,17 +2,19 @@
 
 import hashlib
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.sources import SceneError, SceneImages, Whole
+from dfdbench.building.sources import SceneImages
 from dfdbench.building.sources.image_files import average_frames
 from dfdbench.building.sources.realworld import in_direction_of
-from dfdbench.datasets.manifest import Manifest, Recording
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.rig import lidar, registration
@@ -21,6 +23,7 @@ from dfdbench.rig.sighting import Rays, Sighting
 from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import View
+from dfdbench.tables.table import listed
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +35,7 @@ _VERSION = 1
 _ANGLE_STEP, _CORNER_PLACES = 0.02, 1
 
 
-class SimulatedRig(Whole):
+class SimulatedRig:
     """Scenes as `dfdbench rig simulate realworld` writes them, registered and read as captures are.
 
     Frames are averaged and cropped, scans averaged, and the LIDAR's depth map, laid on the image by
@@ -47,18 +50,31 @@ class SimulatedRig(Whole):
     Raises
     ------
     SourceError
-        Where the manifest asks for what cannot be simulated.
+        With everything in the manifest that cannot be simulated.
     """
 
     captures_defocus = True
 
     def __init__(self, manifest: Manifest) -> None:
-        super().__init__(manifest)
-        self._capture = _capture_of(manifest)
-        #: Which voltage steps make a pair.
-        self.options = {"pair": [self._capture.infocus_step, self._capture.defocus_step]}
+        SourceError.raise_if(_problems_of(manifest))
+        assert manifest.capture is not None  # it would be one of the problems
+        self._manifest = manifest
+        self._capture = manifest.capture
         height, width = self._capture.frame_size
         self._rig = CaptureRig(frame_size=(height, width), crop_size=self._capture.crop_size)
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Which voltage steps make a pair."""
+        return {"pair": [self._capture.infocus_step, self._capture.defocus_step]}
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return the pairs of the scenes that could be registered.
+
+        They are registered here, all together: what one scene becomes depends on the others.
+        """
+        matrices, _ = self._registered
+        return tuple(pair for pair in self._manifest.pairs() if pair.scene in matrices)
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 of photograph, lens, beams, scene, and what is simulated of them."""
@@ -71,11 +87,16 @@ class SimulatedRig(Whole):
             digest.update(np.ascontiguousarray(values).tobytes())
         return digest.hexdigest()
 
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return why scenes could not be registered."""
+        _, problems = self._registered
+        return "; ".join(f"{name}: {found[0]}" for name, found in problems.items())
+
     def read(self, scene: str) -> SceneImages:
         """Simulate one scene and make of it what the real-world pipeline makes of captures."""
         matrices, problems = self._registered
         if scene not in matrices:
-            raise SceneError.of(problems[scene])
+            raise SourceError.of(problems[scene])
         simulated = self._scene(scene)
         view = simulated.look()
         steps = (self._capture.infocus_step, self._capture.defocus_step)
@@ -128,17 +149,21 @@ def _rounded(rays: Rays, pose: Pose, rig: CaptureRig) -> Floats:
     return np.asarray(found, np.float64)
 
 
-def _capture_of(manifest: Manifest) -> Recording:
-    """Return how a manifest records; refuse what cannot be simulated."""
-    capture, known = manifest.capture, read_lens_table().steps
+def _problems_of(manifest: Manifest) -> Iterator[Problem]:
+    capture = manifest.capture
+    if capture is None:
+        yield Problem("section is missing", where=f"{manifest.stem}: capture")
+    else:
+        known = read_lens_table().steps
+        steps = (capture.infocus_step, capture.defocus_step, capture.sharpest_step)
+        if strange := [step for step in steps if step not in known]:
+            what = f"the simulated lens has steps {known[0]} to {known[-1]}, not {listed(strange)}"
+            yield Problem(what, where=f"{manifest.stem}: capture")
+    axes, depth_axes = list(manifest.axes), manifest.depth.axes
+    if axes != ["exposure_ms"] or depth_axes:
+        what = f"the simulated rig has one axis, exposure_ms, not {axes + depth_axes}"
+        yield Problem(what, where=f"{manifest.stem}: axes")
     numbers = [re.fullmatch(r"k(\d\d)", name) for name in manifest.scene_names]
-    if (
-        capture is None
-        or not {capture.infocus_step, capture.defocus_step, capture.sharpest_step} <= set(known)
-        or (list(manifest.axes), manifest.depth.axes) != (["exposure_ms"], [])
-        or any(found is None or int(found[1]) >= SCENES for found in numbers)
-    ):
-        what = f"the simulated rig makes scenes k00 to k{SCENES - 1}, with the one axis exposure_ms"
-        what += f" and the lens's steps {known[0]} to {known[-1]} under [capture]"
-        raise SourceError(what, where=manifest.stem, fix="change a copy of realworld-sim-1.toml")
-    return capture
+    if any(found is None or int(found[1]) >= SCENES for found in numbers):
+        what = f"the simulated scenes are k00 to k{SCENES - 1}, got {listed(manifest.scene_names)}"
+        yield Problem(what, where=f"{manifest.stem}: scenes")

@@ -17,7 +17,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import InputError, SourceError
+from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
 from tests.conftest import read_rgb
 from tests.made_folder import FOLDER_TOML, depth_in_millimetres, make_folder, photograph
@@ -65,7 +65,7 @@ def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
         open_source(manifest_of(text), folder)
     (problem,) = caught.value.problems
     assert "desk/blurred.png" in problem.got
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(SourceError, match="no such folder"):
         open_source(manifest_of(), folder / "nowhere")
 
 

@@ -11,7 +11,7 @@ from dfdbench.building.fetching import known_checksums
 from dfdbench.building.sources import middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import InputError, SourceError
+from dfdbench.errors import SourceError
 from tests.building.test_fetching import archive
 from tests.conftest import BELOW, TINY_DEFAULT_TOML, served_by, write_png
 from tests.site import Site
@@ -36,8 +36,8 @@ def test_images_are_rgb_and_zero_is_unknown(tiny_manifest: Manifest, tiny_folder
 def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
         middlebury.MiddleburyScenes(tiny_manifest, tmp_path)
-    with pytest.raises(InputError, match="no such folder"):
-        open_source(tiny_manifest, tmp_path / "none")
+    with pytest.raises(SourceError, match="no such folder"):
+        middlebury.MiddleburyScenes(tiny_manifest, tmp_path / "none")
 
 
 @pytest.mark.parametrize("top", ["", "Third/"])
@@ -98,6 +98,7 @@ def test_missing_and_damaged_are_told(manifest: Manifest, site: Site, tmp_path: 
         "the server does not send the file",
         "1 damaged files in all, set aside; the other 14 are whole and kept",
         "no address has these 1 files: One/Illum1/Exp0/view1.png",
+        f"1 file set aside in {tmp_path / 'in/set-aside'}",
     ]
     # Without one that is nowhere it is a set that lacks pairs: nothing is locked.
     site.faults.clear()

@@ -35,16 +35,21 @@ def test_it_gives_what_the_pipeline_makes_of_simulated_captures(captures: Path) 
     assert source.signature("k01") != source.signature("k03")
 
 
-def test_what_cannot_be_simulated_is_refused() -> None:
+def test_what_cannot_be_simulated_is_told_at_once() -> None:
     assert RELEASED.capture is not None
-    for changed in (
-        {"axes": {"exposure_ms": [40], "view": [1]}},
-        {"capture": RELEASED.capture.model_copy(update={"defocus_step": 99})},
-        {"scenes": [RELEASED.scenes[0].model_copy(update={"name": "k64"})]},
-        {"capture": None},
-    ):
-        with pytest.raises(SourceError, match="makes scenes k00 to k63, with the one axis"):
-            SimulatedRig(RELEASED.model_copy(update=changed))
+    axes = {"exposure_ms": [40], "view": [1]}
+    capture = RELEASED.capture.model_copy(update={"defocus_step": 99})
+    scenes = [RELEASED.scenes[0].model_copy(update={"name": "k64"})]
+    other = RELEASED.model_copy(update={"axes": axes, "capture": capture, "scenes": scenes})
+    with pytest.raises(SourceError) as said:
+        SimulatedRig(other)
+    assert [problem.what for problem in said.value.problems] == [
+        "the simulated lens has steps 127 to 143, not 99",
+        "the simulated rig has one axis, exposure_ms, not ['exposure_ms', 'view']",
+        "the simulated scenes are k00 to k63, got k64",
+    ]
+    with pytest.raises(SourceError, match="section is missing"):
+        SimulatedRig(RELEASED.model_copy(update={"capture": None}))
 
 
 @pytest.mark.slow
