@@ -70,10 +70,9 @@ def export_png(
         If the store holds no pair of the split, a file of that name holds something else, the
         folder of `images_only` has a pair's depth, or the disk refuses it.
     """
-    recipe = store.recipe
-    blurred = blur_name(recipe) if recipe else "defocus"
-    if store.manifest.on_track:
-        blurred = store.manifest.degradation
+    # On a track no recipe is told.
+    captured = store.manifest.degradation if store.manifest.on_track else "defocus"
+    blurred = blur_name(store.recipe) if store.recipe else captured
     pairs = store.some_pairs(split)
     for pair in pairs if images_only else ():
         places = (f"{pair.scene}/{_names(store.manifest, pair)[1]}", f"{pair.id}/{_STACK_DEPTH}")

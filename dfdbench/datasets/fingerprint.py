@@ -285,22 +285,19 @@ def _verified(store: Dataset, scene: str) -> StoreVerification:
         return StoreVerification("", "", 1, 0, (StoreDifference(scene, "", why),))
     digests = dataset.attrs.get("array_digests")
     recorded: dict[str, Any] = digests if isinstance(digests, dict) else {}
-    there = sorted(map(str, dataset.variables))
     found: dict[str, str] = {}
     differences = []
-    for name in there:
+    for name in sorted({*map(str, dataset.variables), *recorded}):
         try:
             found[name] = variable_digest(dataset[name])
             what = "" if found[name] == recorded.get(name) else "holds other values"
         except Exception as error:
             what = f"cannot be decoded: {error}"
-        if name not in recorded:
-            what = "was not there when it was built"
+        if (name in recorded) != (name in dataset.variables):
+            what = "is missing" if name in recorded else "was not there when it was built"
         if what:
             differences.append(StoreDifference(scene, name, what))
-    missing = sorted(set(recorded) - set(there))
-    differences += [StoreDifference(scene, name, "is missing") for name in missing]
     if found == recorded and combine(found) != dataset.attrs.get("digest"):
         differences.append(StoreDifference(scene, "", "its recorded digests contradict each other"))
-    digest = combine(found) if len(found) == len(there) else ""
+    digest = combine(found) if len(found) == len(dataset.variables) else ""
     return StoreVerification("", digest, 1, len(found), tuple(differences))

@@ -5,9 +5,11 @@ It gives what the rig would write, and the truth that the pipeline must find aga
 
 import json
 import shutil
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from statistics import NormalDist
 
@@ -23,7 +25,7 @@ from dfdbench.rig.lidar import Beams, average_scans, read_beams, write_ranges
 from dfdbench.rig.registration import NAME, write_registration
 from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
-from dfdbench.simulation.raycast import Board, Floats, Texture, View, look
+from dfdbench.simulation.raycast import Board, Floats, Texture, View, fields_of, look
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Threads
 
@@ -47,25 +49,8 @@ _LOST_ABOVE = NormalDist().inv_cdf(1 - 0.02)  # one scan misses a fiftieth of th
 _TURN = 2048
 _ROOM = (3.0, 1.4, _WALL)  # metres from the LIDAR to the walls: aside, up and down, fore and aft
 
-# The sixteen boards: photograph, its pixels per metre, tint.
-_TEXTURES = (
-    Texture("brick", 700, (1.0, 0.85, 0.7)),
-    Texture("grass", 800, (0.85, 1.0, 0.8)),
-    Texture("gravel", 700),
-    Texture("coins", 600, (1.0, 0.9, 0.75)),
-    Texture("astronaut", 700),
-    Texture("motorcycle_left", 900),
-    Texture("ihc", 700),
-    Texture("chelsea", 600),
-    Texture("text", 500, (1.0, 0.95, 0.85)),
-    Texture("page", 500),
-    Texture("coffee", 700),
-    Texture("cell", 800, (1.0, 0.8, 0.85)),
-    Texture("brick", 450, (0.75, 0.88, 1.0)),
-    Texture("camera", 700),
-    Texture("motorcycle_right", 600, (1.0, 0.9, 0.75)),
-    Texture("gravel", 450, (0.8, 1.0, 0.75)),
-)
+_BOARDS = resources.files("dfdbench.simulation").joinpath("boards.toml").read_text("utf-8")
+_TEXTURES = tuple(Texture(**fields_of(each)) for each in tomllib.loads(_BOARDS)["textures"])
 
 #: k00 to k63: each texture on four geometries.
 SCENES = 4 * len(_TEXTURES)
@@ -273,7 +258,7 @@ def write_captures(
     workers : int
         Scenes made at once; the files do not depend on it.
     on_scene : callable, optional
-        Called with (scenes done, scenes in all).
+        Called with (scenes done, scenes to make).
 
     Returns
     -------
@@ -290,10 +275,6 @@ def write_captures(
     left = [name for name in scenes if not (folder / name).exists()]
     table = read_lens_table()
 
-    def progress(done: int, _: int) -> None:
-        if on_scene:
-            on_scene(len(scenes) - len(left) + done, len(scenes))
-
     height, width = capture.frame_size
     rig = CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
 
@@ -305,7 +286,7 @@ def write_captures(
         write_whole(partial / _SETTINGS, wanted)
         partial.rename(folder / name)
 
-    Threads(workers).map(write, left, on_done=progress)
+    Threads(workers).map(write, left, on_done=on_scene)
     return tuple(left)
 
 
@@ -343,9 +324,8 @@ def _foreign(place: Path, wanted: str) -> Problem | None:
     settings = place / _SETTINGS
     if not place.exists() or (settings.exists() and settings.read_text("utf-8") == wanted):
         return None
-    what = "a simulation with other settings" if settings.exists() else "captures of another kind"
-    fix = "choose another with --out DIR"
-    return Problem(f"the folder holds {what}", where=str(place), fix=fix)
+    what = "the folder holds a simulation with other settings, or captures of another kind"
+    return Problem(what, where=str(place), fix="choose another with --out DIR")
 
 
 def write_lens_test(folder: Path) -> int:

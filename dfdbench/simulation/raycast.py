@@ -1,9 +1,10 @@
 """Cast rays at textured planes, spheres and cylinders: what a small scene needs, and no more."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +130,23 @@ class Ball:
 
 #: Something that rays can meet.
 Surface = Board | Floor | Ball
+_KINDS = {"board": Board, "floor": Floor, "ball": Ball}
+
+
+def read_scenes(text: str) -> dict[str, tuple[Surface, ...]]:
+    """Return the surfaces of scenes by name, from TOML as the demo set's."""
+    content = tomllib.loads(text)
+    textures = {name: Texture(**fields_of(each)) for name, each in content["textures"].items()}
+    scenes: dict[str, tuple[Surface, ...]] = {}
+    for name, surfaces in content["scenes"].items():
+        made = [fields_of(each) | {"texture": textures[each["texture"]]} for each in surfaces]
+        scenes[name] = tuple(_KINDS[fields.pop("kind")](**fields) for fields in made)
+    return scenes
+
+
+def fields_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a texture or surface from TOML, whose lists are tuples here."""
+    return {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,14 @@ def with_axes(**axes: list[int]) -> Manifest:
     return manifest.model_copy(update={"axes": {**manifest.axes, **axes}})
 
 
-def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_once() -> None:
-    strange = with_axes(view=[1, 3], illumination=[4], exposure=[0, 9])
-    scenes = [strange.scenes[0].model_copy(update={"name": "Cellar"})]
-    with pytest.raises(SourceError) as caught:
-        DemoScenes(strange.model_copy(update={"scenes": scenes}))
-    for found in ("view 3", "illumination 4", "exposure 9", "scene Cellar"):
-        assert found in str(caught.value)
+def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_refused() -> None:
+    for strange in ({"view": [1, 3]}, {"illumination": [4]}, {"exposure": [0, 9]}):
+        with pytest.raises(SourceError, match="other scenes or axes than the demo set's"):
+            DemoScenes(with_axes(**strange))
+    usual = with_axes(view=[1])
+    scenes = [usual.scenes[0].model_copy(update={"name": "Cellar"})]
+    with pytest.raises(SourceError, match="other scenes or axes than the demo set's"):
+        DemoScenes(usual.model_copy(update={"scenes": scenes}))
 
 
 def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset) -> None:
