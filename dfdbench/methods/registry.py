@@ -6,7 +6,7 @@ import functools
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from difflib import get_close_matches
+from dataclasses import replace
 from importlib.resources import files
 from inspect import Parameter, signature
 from pathlib import Path
@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.methods.importing import ONNX, error_of, import_entry, near_entry
+from dfdbench.methods.importing import ONNX, error_of, import_entry
 from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
@@ -81,11 +81,9 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
         what, option = _OPTIONS[name]
         fix = f"leave out {option} (--param {name}=...)"
         return Problem(f"this method takes no {what}", where=entry, fix=fix)
-    near = get_close_matches(name, known)
-    fix = f"did you mean {' or '.join(near)}?" if near else ""
-    expected = "one of: " + ", ".join(known) if known else "no parameters"
-    expected = "" if near else expected
-    return Problem(f"unknown parameter {name}", where=entry, expected=expected, fix=fix)
+    if not known:
+        return Problem("unknown parameter", where=entry, expected="no parameters", got=name)
+    return replace(unknown_name("parameter", name, known).problems[0], where=entry)
 
 
 # Parameters that options of `predict` stand for, which nobody types by their names there.
@@ -283,9 +281,8 @@ def find_entry(name: str) -> str:
         return f"{name}:OnnxMethod"
     registered = registered_methods()
     if name not in registered:
-        near = near_entry(name)
         own = "a method of your own: file.py:function, module:function or model.onnx"
-        raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
+        raise unknown_name("method", name, registered, own)
     return registered[name]
 
 

@@ -214,10 +214,9 @@ class Energy:
     offset : int, optional
         Constant added to the energy: the sum of what was subtracted from the unary costs.
 
-    Raises
-    ------
-    InputError
-        For a cost so large that int32 could overflow.
+    Notes
+    -----
+    No cost, and no smoothness times its weight, may reach `COST_LIMIT`: sums are of int32.
 
     Examples
     --------
@@ -234,15 +233,6 @@ class Energy:
     weights_horizontal: NDArray[np.int32] | None = None
     weights_vertical: NDArray[np.int32] | None = None
     offset: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse costs whose sums int32 could not hold."""
-        for name, value in (
-            ("unary costs", self.largest_cost),
-            ("smoothness times weight", self.heaviest * int(self.smoothness.max())),
-        ):
-            if value >= COST_LIMIT:
-                raise InputError(f"{name}: expected below {COST_LIMIT} (int32 sums), got {value}")
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -41,7 +41,7 @@ class GridGraph:
     """A grid of nodes with terminal and neighbour links, solved in place and reused between cuts.
 
     Nodes lie in flat arrays with a border of idle nodes: pixel (y, x) is node
-    ``first + y * pitch + x``. Fill ``terminal`` and ``capacity``, call `cut`, read `sink_side`.
+    ``first + y * pitch + x``. Fill ``terminal`` and ``capacity``, call `cut`, read ``tree``.
     A solve uses up the capacities, so they are filled anew for every cut.
 
     Parameters
@@ -68,8 +68,8 @@ class GridGraph:
     >>> graph.terminal[graph.first] = 5  # the left pixel pays 5 on the sink side
     >>> graph.terminal[graph.first + 1] = -3  # the right one pays 3 on the source side
     >>> graph.capacity[4 * graph.first + RIGHT] = 2
-    >>> graph.cut(), graph.sink_side().tolist()
-    (2, [[False, True]])
+    >>> graph.cut()
+    2
     """
 
     def __init__(self, height: int, width: int) -> None:
@@ -108,15 +108,6 @@ class GridGraph:
             )
         flow += _grow_and_augment(self.pitch, self.active, self.terminal, self._trees)
         return int(flow)
-
-    def sink_side(self) -> NDArray[np.bool_]:
-        """Tell which pixels the last cut put on the sink side, as a (y, x) bool array.
-
-        Where several cuts are minimal, this is the one with the fewest pixels on the sink side.
-        """
-        rows = self.tree[self.pitch : (self.height + 1) * self.pitch]
-        side: NDArray[np.bool_] = rows.reshape(self.height, self.pitch)[:, 1:] == SINK
-        return side
 
 
 @compiled()

@@ -172,11 +172,6 @@ def coarse_to_fine(
     Solution
         `history` begins with the energy of what `begin` gave and has an entry per round.
 
-    Raises
-    ------
-    InputError
-        If a block's costs are so large that int32 could overflow.
-
     Examples
     --------
     >>> from dfdbench.methods.mrf.energy import truncated_absolute
@@ -217,11 +212,6 @@ def coarser(energy: Energy) -> Energy:
     -------
     Energy
         Of ((y + 1) // 2, (x + 1) // 2) blocks.
-
-    Raises
-    ------
-    InputError
-        If a block's costs are so large that int32 could overflow.
 
     Examples
     --------

@@ -295,12 +295,9 @@ class Evaluation:
             return self._trained_and_scored(*particle)
         except TimeUpError:
             return None
-        except DivergedError as error:
-            problem = error.problems[0]
-            why = f"diverged: {problem.what}, {problem.where}"
-        except MethodError as error:
-            # Its last step broke the weights, after a loss that was still a number.
-            why = f"diverged: {error.problems[0].what}"
+        except (DivergedError, MethodError) as error:
+            # The last step may break the weights, after a loss that was still a number.
+            why = f"diverged: {error.problems[0].what}, {error.problems[0].where}"
         except (MemoryError, RuntimeError) as error:
             # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
             text = str(error).partition("\n")[0][:200]

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from dfdbench.system.parallel import Pool
 from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
-from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search import particle as pso
 from dfdbench.training.search.log import PARTS, Evaluation, LogRow, SearchFolder, TimeUpError
 from dfdbench.training.search.search_plan import SearchPlan
@@ -252,15 +250,9 @@ def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
 
 def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
     """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
-    fields = TrainingConfiguration.model_fields
     found = plan.configuration_of(pso.particle_at(best.position))
-    named = ("filters", "kernels", "activations", "normalized", "crop", "crops_per_step")
-    content: dict[str, Any] = {
-        name: value
-        for name, value in found.model_dump(mode="json").items()
-        if name in named or (value is not None and getattr(found, name) != fields[name].default)
-    }
+    content = toml_text(found.model_dump(mode="json", exclude_defaults=True))
     return (
         f"# Found by a particle swarm on {plan.store.manifest.stem}, objective "
-        f"{best.objective:.6g},\n# selected on {plan.selected_on}.\n{toml_text(content)}"
+        f"{best.objective:.6g},\n# selected on {plan.selected_on}.\n{content}"
     )

@@ -51,19 +51,6 @@ def test_adaptive_potts_weights_follow_the_threshold() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unary", "weight", "message"),
-    [(2**30, 1, "unary costs: expected below"), (1, 2**26, "smoothness times weight: expected")],
-)
-def test_costs_that_int32_could_not_add_up_are_refused(
-    unary: int, weight: int, message: str
-) -> None:
-    """Sums would come out wrong without a word."""
-    costs, weights = np.full((2, 3, 4), unary, np.int32), np.full((1, 3), weight, np.int32)
-    with pytest.raises(InputError, match=message):
-        mrf.Energy(costs, np.arange(4, dtype=np.int32), weights_vertical=weights)
-
-
-@pytest.mark.parametrize(
     ("cap", "scale", "message"),
     [(2**27, 1, "cap: expected 1 to"), (2**26, 4, "smoothness: expected below")],
 )
