@@ -70,7 +70,7 @@ class Part:
     def found(self, linear: bool) -> alignment.Alignment:
         """Return how the defocus image lies to the in-focus image."""
         images = alignment.light_of(self.infocus, linear), alignment.light_of(self.defocus, linear)
-        return alignment.find_alignment(*images, LAST_LEVEL)
+        return alignment.find_alignment(*images)
 
     def sample(self, way: Way, turned: bool = False) -> Sample:
         """Return what counts of it; `turned` moves the defocus image the wrong way."""

@@ -163,7 +163,7 @@ def aligned(
     Raises
     ------
     InputError
-        As `abs_rel`, and where `farthest` is no distance.
+        As `abs_rel`.
 
     Notes
     -----
@@ -179,8 +179,6 @@ def aligned(
     >>> aligned(truth, 1 / (3 / truth + 0.5), 10.0).round(6).tolist()
     [[1.0, 2.0, 4.0]]
     """
-    if not (math.isfinite(farthest) and farthest > 0):
-        raise InputError("no distance", where="farthest", expected=_EXPECTED, got=str(farthest))
     true, test = _distances(truth, estimate, mask)
     whole = np.asarray(estimate, np.float64)
     if not true.size:

@@ -146,11 +146,11 @@ class TrainingConfiguration(StrictRecord):
     def _fits(self) -> Self:
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
-        if self.recipe and not self.redraw_depth:
-            raise ValueError("recipe is of patches whose depth is redrawn: redraw_depth = true")
         for name in self.tracks:
             if name not in OF_PATCHES:
                 raise ValueError(f"tracks: any of {', '.join(OF_PATCHES)}, got {name}")
+        if (self.recipe or self.tracks) and not self.redraw_depth:
+            raise ValueError("recipe and tracks need patches whose depth is redrawn: redraw_depth")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
         if self.activations and self.first_activation != "prelu":

@@ -17,7 +17,6 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError
 from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import Expansion
 
@@ -167,11 +166,6 @@ class Cropper:
         A step's patches follow from seed and step alone.
     redraw : Redraw, optional
         Gives patches another depth, and draws a track for each.
-
-    Raises
-    ------
-    InputError
-        If a patch is larger than an image.
     """
 
     images: TrainingImages
@@ -186,7 +180,6 @@ class Cropper:
         self._margin = self.redraw.margin if self.redraw else 0
         #: Rows and columns of each pair's images.
         self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in self.images.levels)
-        require_crops_fit(self.size, self.shapes, self._margin)
         self._expand = self.expansion == "eight"
         self._to_draw = (0, 4, 6, 2) if self.expansion == "basic" else tuple(range(8))
 
@@ -274,18 +267,6 @@ def margin_of(recipe: BlurRecipe, track: Degradation | None = None) -> int:
     formation = track.formation
     radius = kernel_size_of(law_of(recipe, formation), formation.layers) // 2
     return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
-
-
-def require_crops_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:
-    """Raise an InputError if patches do not fit the smallest image with a margin around them.
-
-    Examples
-    --------
-    >>> require_crops_fit(20, [(24, 30)], margin=2)
-    """
-    fits = min(min(shape) for shape in shapes) - 2 * margin
-    if size > fits:
-        raise InputError(f"crops of {size} do not fit the images, at most {fits} do", where="crop")
 
 
 def oriented(image: Tensor, orientation: int) -> Tensor:

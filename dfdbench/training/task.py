@@ -147,9 +147,6 @@ def require_trainable(task: Task) -> dict[str, Any]:
         fix = "give --weights FILE, trained with normalization batch"
         raise InputError(what, where="normalization", fix=fix)
     margin = 0
-    if choices.tracks and not choices.redraw_depth:
-        what = "tracks form only patches whose depth is redrawn"
-        raise InputError(what, where="tracks", fix="add --set redraw_depth=true")
     if choices.redraw_depth:
         if recipe is None:
             manifest = task.store.manifest
@@ -160,8 +157,10 @@ def require_trainable(task: Task) -> dict[str, Any]:
         drawn = (None, *crops.severities_of(choices.tracks))
         margin = max(crops.margin_of(recipe, track) for track in drawn)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
-    shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
-    crops.require_crops_fit(choices.crop, shapes, margin)
+    smallest = min(min(task.store.to_xarray(name)["depth"].shape[-2:]) for name in scenes)
+    if choices.crop > (fits := smallest - 2 * margin):
+        what = f"crops of {choices.crop} do not fit the images, at most {fits} do"
+        raise InputError(what, where="crop")
     return architecture
 
 

@@ -141,6 +141,7 @@ def test_what_is_no_configuration(tmp_path: Path) -> None:
         ("needs steps", {"schedule": "cosine"}),
         ("F-02-02", {"filters": "F-99"}),
         ("whose depth is redrawn", {"recipe": "text"}),
+        ("whose depth is redrawn", {"tracks": ["noise"]}),
         (r"any of noise, psf.*got nois", {"tracks": ["nois"]}),
     ):
         with pytest.raises(InputError, match=said):

@@ -249,12 +249,6 @@ class Energy:
         """What the dearest label of any pixel costs."""
         return int(self.unary.max())
 
-    @property
-    def heaviest(self) -> int:
-        """The largest weight of an edge."""
-        weights = (self.weights_horizontal, self.weights_vertical)
-        return max(1 if weight is None else int(weight.max(initial=1)) for weight in weights)
-
     @cached_property
     def is_metric(self) -> bool:
         """Whether V(0) = 0 < V(d) and V(a + b) <= V(a) + V(b), V(|a - b|) <= V(a) + V(b).

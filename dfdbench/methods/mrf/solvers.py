@@ -356,7 +356,7 @@ def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
     if np.abs(table - line).max() > CONVEX_TOLERANCE * table.max():
         return False
     # A coarser grid's blocks have four pixels' costs, and two edges between each other.
-    edge = energy.heaviest * int(table.max())
+    edge = max(int(weights.max()) for weights in energy.edge_weights()) * int(table.max())
     largest = max(4 ** (grids - 1) * energy.largest_cost, 2 ** (grids - 1) * edge)
     return bool(largest < COST_LIMIT)
 

@@ -286,7 +286,7 @@ class Evaluation:
 
         Raises
         ------
-        InputError
+        ResultError
             If another process is at the same training.
         """
         if self.threads is not None:

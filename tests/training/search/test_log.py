@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor
@@ -139,7 +139,7 @@ def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: 
     assert (tmp_path / "particles/000-001/checkpoint.pt").exists()
     # No two processes train the same particle.
     taken = hold(tmp_path / "particles/.000-001.lock", InputError("taken"))
-    with taken, pytest.raises(InputError, match="another training writes here"):
+    with taken, pytest.raises(ResultError, match="another training is writing this folder"):
         evaluated(tiny_store, tmp_path)
 
 

@@ -66,8 +66,8 @@ def test_bounds_make_the_box_smaller() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"kernel": "2:9"}, "odd numbers"),
-        ({"crop": "12:30"}, "multiples of 4"),
+        ({"kernel": "2:9"}, "expected odd"),
+        ({"crop": "12:30"}, "multiple of 4"),
         ({"width": "9:8"}, "lower bound first"),
         ({"width": "8"}, "field is missing"),
         ({"kernel": "1:11"}, "9 or less"),
