@@ -77,7 +77,7 @@ class Task:
             "trained_on": self.trained_on,
             "seed": self.seed,
             "start": weights_sha256(self.start) if self.start else None,
-            "configuration": self.configuration.model_dump(),
+            "configuration": self.configuration.model_dump(mode="json"),
         }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import math
 import time
 from abc import ABC, abstractmethod
@@ -339,7 +338,7 @@ class TrainingFolder:
         for name, rows in zip(_TABLES, (log.losses, log.scores, log.levels), strict=True):
             _write(self.path / name, rows)
         content = io.BytesIO()
-        saved = {"identity": _as_json(identity), "log": vars(log), "state": dict(state)}
+        saved = {"identity": dict(identity), "log": vars(log), "state": dict(state)}
         torch.save(saved, content)
         body = content.getvalue()
         write_whole(self.path / _CHECKPOINT, body + hashlib.sha256(body).digest())
@@ -361,17 +360,12 @@ class TrainingFolder:
         saved = torch.load(io.BytesIO(body), weights_only=True)
         fix = "repeat the earlier command, choose another folder with --out, or --fresh"
         what = "the checkpoint is of another training"
-        require_same(saved["identity"], _as_json(identity), what, str(path), fix)
+        require_same(saved["identity"], identity, what, str(path), fix)
         return saved["state"], Log(**saved["log"])
 
     def write_patches(self, rows: list[Row]) -> None:
         """Write how often patches were drawn from each pair."""
         _write(self.path / _PATCHES, rows)
-
-
-def _as_json(identity: Mapping[str, Any]) -> dict[str, Any]:
-    # Tuples become lists, so that both sides of a comparison have the same types.
-    return dict(json.loads(json.dumps(identity)))
 
 
 def _write(path: Path, rows: list[Row]) -> None:

@@ -95,15 +95,13 @@ class Mover:
         self._costs = costs_at(energy.unary, labels)
         self._offered = np.empty_like(self._costs)
 
-    def move(self, offer: NDArray[np.int32], costs: NDArray[Any] | None = None) -> int:
+    def move(self, offer: NDArray[np.int32]) -> int:
         """Let the best set of pixels go from their label l to ``offer[l]``.
 
         Parameters
         ----------
         offer : (label,) int32
             What each label is offered; itself where it is to stay.
-        costs : (y, x) of the energy's type, optional
-            What its offered label costs each pixel, where the caller has it at hand.
 
         Returns
         -------
@@ -111,11 +109,9 @@ class Mover:
             Change of the energy; 0 where nothing moved. Where terms were not submodular, the
             true change is this or lower.
         """
-        graph, labels = self.graph, self._labels
-        if costs is None:
-            costs = self._offered
-            for rows, part in bands_of(self._unary):
-                _costs_of(part, labels[rows], offer, costs[rows])
+        graph, labels, costs = self.graph, self._labels, self._offered
+        for rows, part in bands_of(self._unary):
+            _costs_of(part, labels[rows], offer, costs[rows])
         graph.clear()
         state, edges = (labels, self._costs, offer, costs), (self._table, self._right, self._down)
         graph.active = _choose(state, self._gains, self._weights, graph.nodes, graph.tree)

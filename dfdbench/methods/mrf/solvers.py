@@ -18,10 +18,6 @@ from dfdbench.methods.mrf.maxflow import Array, GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
 
-# Costs are turned from pixels of labels to labels of pixels for so many labels at a time: in one
-# label's plane, neighbours are neighbours in memory, and this many come in one line of the cache.
-BLOCK = 32
-
 
 def expansion(
     energy: Energy, start: ArrayLike | None = None, max_sweeps: int | None = None
@@ -64,10 +60,7 @@ def expansion(
     idle = 0
     while idle < energy.labels and (max_sweeps is None or len(history) <= max_sweeps):
         for label in range(energy.labels):
-            if label % BLOCK == 0:
-                planes = _planes(energy.unary[:, :, label : label + BLOCK])
-            offer = expansion_offer(energy.labels, label)
-            idle = 0 if mover.move(offer, planes[label % BLOCK]) else idle + 1
+            idle = 0 if mover.move(expansion_offer(energy.labels, label)) else idle + 1
             # As many labels in a row as there are: none can lower the energy any more.
             if idle == energy.labels:
                 break
@@ -78,17 +71,6 @@ def expansion(
 def _solution(energy: Energy, labels: NDArray[np.int32], history: list[int]) -> Solution:
     small = labels.astype(np.uint8 if energy.labels <= 256 else np.uint16)
     return Solution(small, history[-1], tuple(history))
-
-
-@compiled()
-def _planes(costs: Array) -> Array:
-    height, width, labels = costs.shape
-    planes = np.empty((labels, height, width), costs.dtype)
-    for y in range(height):
-        for x in range(width):
-            for label in range(labels):
-                planes[label, y, x] = costs[y, x, label]
-    return planes
 
 
 def repair(

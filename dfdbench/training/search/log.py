@@ -95,15 +95,14 @@ class SearchFolder:
         InputError
             If the folder holds another search or other files, or rows of the log cannot be read.
         """
-        now = json.loads(json.dumps(identity))
         file = self.path / _IDENTITY
         if not file.exists():
             if whole_files(self.path):
                 what = "the folder holds something other than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
-            write_whole(file, json.dumps(now, indent=2) + "\n")
+            write_whole(file, json.dumps(identity, indent=2) + "\n")
         what = "the folder holds another search"
-        require_same(_read_identity(file), now, what, str(file), _OTHER)
+        require_same(_read_identity(file), identity, what, str(file), _OTHER)
         log = self.path / POSITIONS
         self._rows = _read_rows(log) if log.exists() else {}
         # Without the line that a kill may have cut short.
