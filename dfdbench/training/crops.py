@@ -13,13 +13,14 @@ from torch import Tensor
 
 from dfdbench.blur.formation import LOBES, form_pair, kernel_size_of, law_of
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
-from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import Expansion
 
+#: What forms a patch where no track is drawn.
+CLEAN = Degradation(TRACKS["noise"], 0)
 #: What cross-entropy leaves out.
 IGNORED = -100
 
@@ -81,8 +82,8 @@ class PatchPlace:
         One of eight, where patches are not given in all of them.
     depth : tuple of float, optional
         Slope down, slope to the right and mean level, where patches are given other depths.
-    degradation : Degradation, optional
-        The track and its severity that form the patch, where these are drawn.
+    degradation : Degradation
+        The track and its severity that form the patch, if its depth is another.
     name : str
         Direction, gain and noise on the track follow from it. It begins with ``training``, which no
         pair's does, so that no noise of a data set is drawn again.
@@ -93,7 +94,7 @@ class PatchPlace:
     left: int
     orientation: int = 0
     depth: tuple[float, float, float] | None = None
-    degradation: Degradation | None = None
+    degradation: Degradation = CLEAN
     name: str = ""
 
 
@@ -125,7 +126,7 @@ class Redraw:
     @property
     def margin(self) -> int:
         """Pixels around a patch that its blur depends on, on any of the tracks."""
-        return max(margin_of(self.recipe, track) for track in (None, *self.tracks))
+        return max(margin_of(self.recipe, track) for track in (CLEAN, *self.tracks))
 
     def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
         """Draw a patch's slope down, its slope to the right and its mean level."""
@@ -215,7 +216,7 @@ class Cropper:
             depth = self.redraw.choose(random) if self.redraw else None
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
             tracks = self.redraw.tracks if self.redraw else ()
-            track = tracks[int(random.integers(len(tracks)))] if tracks else None
+            track = tracks[int(random.integers(len(tracks)))] if tracks else CLEAN
             name = f"training/{self.seed}/{step}/{number}"
             places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
@@ -229,16 +230,13 @@ class Cropper:
         if self.redraw is None or place.depth is None:
             return pixels[:, *around(0)].float(), levels[around(0)].long()
         track, recipe = place.degradation, self.redraw.recipe
-        margin = margin_of(recipe, track) if track else self._margin
+        margin = margin_of(recipe, track)
         infocus = pixels[:3, *around(margin)].permute(1, 2, 0).contiguous().numpy()
         truth = levels[around(margin)]
         depth = truth.clamp(min=0).byte().numpy()
         redrawn = self.redraw.levels(depth, place.depth)
-        if track:
-            infocus, defocus = form_pair(infocus, redrawn, recipe, track, place.name)
-        else:
-            defocus = synthesize(infocus, redrawn, recipe)
-        both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
+        pair = form_pair(infocus, redrawn, recipe, track, place.name)
+        both = torch.from_numpy(np.concatenate(pair, axis=2)).permute(2, 0, 1)
         found = torch.from_numpy(redrawn).long()
         found[truth == IGNORED] = IGNORED
         kept = slice(margin, margin + self.size)
@@ -260,10 +258,8 @@ def severities_of(names: Iterable[str]) -> tuple[Degradation, ...]:
     )
 
 
-def margin_of(recipe: BlurRecipe, track: Degradation | None = None) -> int:
-    """Return how many pixels around a patch its blur depends on, on a track if one is given."""
-    if track is None:
-        return recipe.kernel_size // 2
+def margin_of(recipe: BlurRecipe, track: Degradation) -> int:
+    """Return how many pixels around a patch its blur depends on, on a track."""
     formation = track.formation
     radius = kernel_size_of(law_of(recipe, formation), formation.layers) // 2
     return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)

@@ -154,7 +154,7 @@ def require_trainable(task: Task) -> dict[str, Any]:
             what = f"redraw_depth needs a blur recipe, which {why}"
             fix = "name one with --set recipe=published, or leave redraw_depth out"
             raise InputError(what, where=f"{manifest.short}, redraw_depth", fix=fix)
-        drawn = (None, *crops.severities_of(choices.tracks))
+        drawn = (crops.CLEAN, *crops.severities_of(choices.tracks))
         margin = max(crops.margin_of(recipe, track) for track in drawn)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     smallest = min(min(task.store.to_xarray(name)["depth"].shape[-2:]) for name in scenes)

@@ -85,7 +85,8 @@ class SearchFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._rows: dict[Place, LogRow] = {}
+        #: What trainings came to, as far as is known.
+        self.rows: dict[Place, LogRow] = {}
 
     def open(self, identity: Mapping[str, Any]) -> None:
         """Begin, or read what was done before.
@@ -104,21 +105,13 @@ class SearchFolder:
         what = "the folder holds another search"
         require_same(_read_identity(file), identity, what, str(file), _OTHER)
         log = self.path / POSITIONS
-        self._rows = _read_rows(log) if log.exists() else {}
+        self.rows = _read_rows(log) if log.exists() else {}
         # Without the line that a kill may have cut short.
-        write_whole(log, _as_csv(self._rows.values(), header=True))
-
-    def __getitem__(self, place: Place) -> LogRow | None:
-        """Return what is known of a particle in an iteration."""
-        return self._rows.get(place)
-
-    def __len__(self) -> int:
-        """Return how many trainings are known."""
-        return len(self._rows)
+        write_whole(log, _as_csv(self.rows.values(), header=True))
 
     def note(self, row: LogRow) -> None:
         """Keep what a training came to: once this returns, a kill does not lose it."""
-        self._rows[row.place] = row
+        self.rows[row.place] = row
         with (self.path / POSITIONS).open("a", encoding="utf-8") as file:
             file.write(_as_csv([row], header=False))
             file.flush()
@@ -139,7 +132,7 @@ class SearchFolder:
         """
         rows = []
         for number, position in enumerate(swarm.positions):
-            if row := self._rows.get((swarm.iteration, number)):
+            if row := self.rows.get((swarm.iteration, number)):
                 self._require_same(row, position)
                 rows.append(row)
         return rows

@@ -57,7 +57,7 @@ class SearchOutcome:
         known = [row.place for row in rows] + ([self.swarm.best_at] if self.swarm else [])
         log.forget(place for place in known if place != swarm.best_at)
         self.swarm = swarm
-        self.best = log[swarm.best_at] if np.isfinite(swarm.best_value) else None
+        self.best = log.rows.get(swarm.best_at) if np.isfinite(swarm.best_value) else None
         self.failures += [row for row in rows if row.failed]
         self.course.append(iteration_of(swarm, np.array([row.objective for row in rows])))
 
@@ -118,7 +118,7 @@ def run_search(
 
     def tell() -> None:
         if on_done:
-            on_done(len(log), (iterations + 1) * choices.particles)
+            on_done(len(log.rows), (iterations + 1) * choices.particles)
 
     def note(_: object, row: LogRow | None) -> None:
         if row is not None:
@@ -148,7 +148,7 @@ def run_search(
                 found.close(swarm, log)
         except TimeUpError:
             found.finished = False
-    found.trainings = len(log)
+    found.trainings = len(log.rows)
     return found
 
 
