@@ -155,10 +155,8 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
         text, where = errors.writable(str(value)), f"parameter {errors.writable(name)}"
         number = isinstance(value, float | np.floating)
         if (number and not math.isfinite(value)) or (isinstance(value, str) and text != value):
-            what, expected = (
-                "a parameter that no result can keep",
-                "finite numbers, and text in UTF-8",
-            )
+            what = "a parameter that no result can keep"
+            expected = "finite numbers, and text in UTF-8"
             problems.append(errors.Problem(what, where=where, expected=expected, got=text[:80]))
     errors.MethodError.raise_if(problems)
 
