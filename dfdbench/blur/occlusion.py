@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.light import Floats
-from dfdbench.blur.synthesis import Ints, reaches
+from dfdbench.blur.synthesis import Ints, reaches, require_kernels
 from dfdbench.system.compiled import compiled
 from dfdbench.system.vectors import LANES, all_of, load, plus, store, times, where_below
 
@@ -56,6 +56,11 @@ def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats)
     ndarray of float64
         Of the image's shape, not rounded.
 
+    Raises
+    ------
+    InputError
+        Where shapes do not fit one another, a depth has no kernel, or a kernel is not symmetric.
+
     Notes
     -----
     Let m_d be the mask of the pixels at depth d, K_d that depth's kernel and * a convolution. A
@@ -88,6 +93,7 @@ def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats)
     >>> composite_layers(image, depth, kernels)[2].round().tolist()
     [0.0, 0.0, 0.0, 0.0, 90.0, 90.0, 90.0, 90.0, 90.0]
     """
+    require_kernels(image, depth, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     colours = channels.shape[2]
     if colours > _COLOURS:

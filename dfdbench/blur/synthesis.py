@@ -31,6 +31,12 @@ def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -
     ndarray of float64
         Of the image's shape, not rounded.
 
+    Raises
+    ------
+    InputError
+        Where shapes do not fit one another, a pixel's level has no kernel, or a kernel is not
+        symmetric.
+
     Notes
     -----
     ``out[y, x] = sum over (j, i) of kernels[levels[y, x], j, i] * image[y + j - r, x + i - r]``
@@ -44,6 +50,7 @@ def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -
     >>> float(blur_by_level(image, np.zeros((5, 5), int), box)[2, 2].round(9))
     12.0
     """
+    require_kernels(image, levels, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = kernels.shape[1] // 2
     blurred = _gather(
@@ -63,6 +70,20 @@ def _padded_rows(channels: NDArray[Any], radius: int) -> Floats:
     rows = np.zeros((height, width * count + LANES), dtype=np.float64)
     rows[:, : width * count] = padded.reshape(height, -1)
     return rows
+
+
+def require_kernels(image: Floats, levels: NDArray[np.integer], kernels: Floats) -> None:
+    """Raise an InputError if an image cannot be blurred by these levels and kernels."""
+    wrong: dict[str, str] = {}
+    if image.ndim not in (2, 3) or image.shape[:2] != levels.shape or levels.size == 0:
+        wrong["levels"] = f"sizes differ, {image.shape[:2]} of the image and {levels.shape}"
+    if kernels.ndim != 3 or kernels.shape[1] != kernels.shape[2] or kernels.shape[1] % 2 == 0:
+        wrong["kernels"] = f"wrong shape {kernels.shape}, not (level, odd, odd)"
+    elif not all(np.array_equal(kernels, np.flip(kernels, axis)) for axis in (1, 2)):
+        wrong["kernels"] = "a kernel is not symmetric"
+    elif levels.size and not 0 <= levels.min() <= levels.max() < len(kernels):
+        wrong["levels"] = f"a level of {levels.min()}..{levels.max()} has no kernel"
+    InputError.raise_if(Problem(what, where=where) for where, what in wrong.items())
 
 
 def reaches(kernels: Floats) -> Ints:

@@ -1,5 +1,6 @@
 """Import what an entry names, and say what is wrong where that fails."""
 
+import ast
 import hashlib
 import importlib
 import importlib.util
@@ -79,6 +80,37 @@ def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any
     except Exception as error:
         what = "an attribute of the method cannot be read"
         raise error_of(what, f"{entry}: {name}", error) from error
+
+
+def near_entry(name: str) -> str:
+    """Return the entry that a name without a colon seems to mean; empty where there is none.
+
+    The file is looked for from the working directory; it is parsed, not imported.
+
+    Parameters
+    ----------
+    name : str
+        As ``mymodule.predict``, ``mymodule`` or ``folder/mymodule.py``.
+
+    Examples
+    --------
+    >>> near_entry("nosuchmodule.predict")
+    ''
+    """
+    is_file = name.endswith(".py")
+    module, _, attribute = name.rpartition(".")
+    for place, asked in ((name, ""),) if is_file else ((name, ""), (module, attribute)):
+        file = Path(place if is_file else place.replace(".", "/") + ".py")
+        try:
+            body = ast.parse(file.read_bytes()).body
+        except (OSError, SyntaxError, ValueError):
+            continue
+        kinds = (ast.FunctionDef, ast.ClassDef)
+        there = [part.name for part in body if isinstance(part, kinds) and part.name[0] != "_"]
+        for wanted in [asked] if asked else ["predict", *there]:
+            if wanted in there:
+                return f"{place}:{wanted}"
+    return ""
 
 
 def _import_module(name: str) -> ModuleType:

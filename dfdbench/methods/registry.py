@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.methods.importing import ONNX, error_of, import_entry
+from dfdbench.methods.importing import ONNX, error_of, import_entry, near_entry
 from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
@@ -281,8 +281,9 @@ def find_entry(name: str) -> str:
         return f"{name}:OnnxMethod"
     registered = registered_methods()
     if name not in registered:
+        near = near_entry(name)
         own = "a method of your own: file.py:function, module:function or model.onnx"
-        raise unknown_name("method", name, registered, own)
+        raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
     return registered[name]
 
 

@@ -202,7 +202,7 @@ def train(
     On a CPU, with the same number of threads, an interrupted and resumed training has the same
     losses, bit for bit, as an uninterrupted one.
     """
-    with writing_folder(folder, "training"):
+    with writing_folder(folder, "training", "--resume goes on where it stopped"):
         ended, seconds, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
         card = _card_of(learner, ended, seconds, log)
         save_weights(folder / WEIGHTS, learner.kept, card)

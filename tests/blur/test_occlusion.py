@@ -13,6 +13,7 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.blur.tracks import DISK
+from dfdbench.errors import InputError
 from dfdbench.simulation.raycast import View, look
 from tests.simulation.through_lens import demo_scene, through_lens
 
@@ -193,6 +194,14 @@ def test_a_grey_image_and_threads_at_work_at_once() -> None:
     with ThreadPoolExecutor(4) as pool:
         many = list(pool.map(lambda _: composite_layers(image, depth, kernels), range(8)))
     assert all(np.array_equal(one, alone) for one in many)
+
+
+def test_wrong_input_is_named() -> None:
+    image, depth = made_scene(5)
+    with pytest.raises(InputError, match="no kernel"):
+        composite_layers(image, depth, KERNELS[2.0][:100])
+    with pytest.raises(InputError, match="sizes differ"):
+        composite_layers(image[:9], depth, KERNELS[2.0])
 
 
 # Against a lens: the demo scenes, by rays through many points of it.

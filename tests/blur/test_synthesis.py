@@ -162,6 +162,12 @@ def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
     assert np.array_equal(grey, ours[..., 1])
 
 
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_kernel_that_leans_to_a_side_is_refused(axis: int) -> None:
+    with pytest.raises(InputError, match="a kernel is not symmetric"):
+        blur_by_level(IMAGE, LEVELS, np.roll(symmetric(5), 1, axis))
+
+
 @pytest.mark.parametrize("channels", [1, 3, 9])
 @pytest.mark.parametrize("shape", [(1, 1), (4, 37)])
 def test_sums_are_in_their_order_to_the_last_bit(shape: tuple[int, int], channels: int) -> None:

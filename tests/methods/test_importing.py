@@ -26,7 +26,11 @@ def test_a_file_and_a_module_give_the_same_method(module: Path) -> None:
         ("mine.py:number", "not a method"),
         ("broken:predict", "SyntaxError: invalid syntax (broken.py, line 1)"),
         ("needs.py:predict", "No module named 'nosuchpackage' (needs.py:1 in <module>)"),
-        ("mine.Named", "file.py:function, module:function or model.onnx"),
+        # A dot for a colon: told with what was meant.
+        ("mine.Named", "did you mean mine:Named?"),
+        ("mine", "did you mean mine:predict?"),
+        ("mine.py", "did you mean mine.py:predict?"),
+        ("broken.predict", "file.py:function, module:function or model.onnx"),
     ],
 )
 def test_what_cannot_be_imported_says_why(module: Path, name: str, told: str) -> None:
