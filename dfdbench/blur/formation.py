@@ -301,12 +301,10 @@ def blur(light: Floats, depth: Image, recipe: BlurRecipe, formation: Formation) 
             channels.append(blur(channel, depth, farther, each))
         return np.concatenate(channels, axis=-1)
     own = law_of(recipe, formation)
-    if formation.layers:
-        return composite_layers(light, depth, _kernels_by_depth(own, formation.exponent))
-    if formation.exponent == _GAUSSIAN:
+    if formation.exponent == _GAUSSIAN and not formation.layers:
         return blur_by_recipe(light, depth, own)
-    levels = np.asarray(own.level_of_depth(depth.astype(np.int64)))
-    return blur_by_level(light, levels, _kernels_by_level(own, formation.exponent))
+    kernels = _kernels_by_depth(own, formation.exponent, formation.layers)
+    return (composite_layers if formation.layers else blur_by_level)(light, depth, kernels)
 
 
 def _darkened(image: Floats, formation: Formation) -> Floats:
@@ -429,13 +427,7 @@ def _photograph(light: Floats, formation: Formation, key: tuple[str | int, ...])
 
 
 @lru_cache(maxsize=8)
-def _kernels_by_level(law: BlurRecipe, exponent: float) -> Floats:
-    return point_spread_functions(law.sigmas, law.kernel_size, exponent)
-
-
-@lru_cache(maxsize=8)
-def _kernels_by_depth(law: BlurRecipe, exponent: float) -> Floats:
-    size = kernel_size_of(law, layers=True)
-    kernels = without_tails(point_spread_functions(law.sigmas, size, exponent))
-    by_depth: Floats = kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]
-    return by_depth
+def _kernels_by_depth(law: BlurRecipe, exponent: float, layers: bool) -> Floats:
+    kernels = point_spread_functions(law.sigmas, kernel_size_of(law, layers), exponent)
+    kernels = without_tails(kernels) if layers else kernels
+    return np.asarray(kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))])

@@ -102,8 +102,8 @@ def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     """
     if not linear:
         return np.full(np.shape(grey), ROUNDING)
-    levels = np.arange(float(LEVELS))
-    return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(decode(levels) * LAST_LEVEL)))
+    widths = np.gradient(LINEAR * LAST_LEVEL)
+    return np.asarray(ROUNDING * np.interp(grey, np.arange(LEVELS), widths))
 
 
 # Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
@@ -137,17 +137,13 @@ class Alignment:
     gain: float
 
 
-def find_alignment(
-    infocus: NDArray[Any], defocus: NDArray[Any], white: float = 255, offset: float = 0
-) -> Alignment:
+def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float = 0) -> Alignment:
     """Return how a defocus image is moved and brightened against the in-focus image.
 
     Parameters
     ----------
     infocus, defocus : ndarray, shape (y, x, channel)
         Grey levels, or light.
-    white : float
-        At which value images are cut off.
     offset : float
         What the defocus image has besides.
 
@@ -170,7 +166,7 @@ def find_alignment(
     blurred = defocus.mean(axis=2, dtype=np.float64) - offset
     smooth = cv2.GaussianBlur(sharp, (0, 0), _SMOOTHING)
     inner = (slice(_BORDER, -_BORDER), slice(_BORDER, -_BORDER))
-    most = _BRIGHT * white
+    most = _BRIGHT * LAST_LEVEL
     known = (smooth < most) & (cv2.GaussianBlur(blurred, (0, 0), _SMOOTHING) < most)
     known = cv2.erode(known.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)[inner]
     if not known.any():

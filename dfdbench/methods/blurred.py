@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import Alignment, Array, aim_of, find_alignment, light_of, noise_of
 from dfdbench.methods.view_change import ViewChange
 
@@ -135,7 +134,7 @@ def aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray
     how = Alignment(0.0, 0.0, law.gain)
     if not (law.registered and law.even):
         seen = light_of(defocus, law.linear)
-        found = find_alignment(light, seen, LAST_LEVEL, law.offset)
+        found = find_alignment(light, seen, law.offset)
         how = Alignment(
             0.0 if law.registered else found.down,
             0.0 if law.registered else found.right,

@@ -70,7 +70,7 @@ class Part:
     def found(self, linear: bool) -> alignment.Alignment:
         """Return how the defocus image lies to the in-focus image."""
         images = alignment.light_of(self.infocus, linear), alignment.light_of(self.defocus, linear)
-        return alignment.find_alignment(*images, LAST_LEVEL)
+        return alignment.find_alignment(*images)
 
     def sample(self, way: Way, turned: bool = False) -> Sample:
         """Return what counts of it; `turned` moves the defocus image the wrong way."""
@@ -106,18 +106,18 @@ class Sample:
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
-# A place in an image; and what reads an in-focus image and the defocus images there.
-Region = tuple[slice, slice]
-Read = Callable[[TrainingPair, Region], tuple[Array, Sequence[Array]]]
-_ALL = (slice(None), slice(None))
+# What reads the in-focus image and the defocus images of a capture.
+Read = Callable[[TrainingPair], tuple[Array, Sequence[Array]]]
 
 
-def _of_pair(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
-    return capture.infocus[region], [capture.defocus[region]]
+def _of_pair(capture: TrainingPair) -> tuple[Array, Sequence[Array]]:
+    return capture.infocus, [capture.defocus]
 
 
 def parts_of(
-    captures: Sequence[TrainingPair], read: Read = _of_pair, changes: Sequence[ViewChange] = ()
+    captures: Sequence[TrainingPair],
+    read: Read = _of_pair,
+    changes: Sequence[ViewChange] = (ViewChange(),),
 ) -> list[list[Part]]:
     """Return the parts of each defocus image, less what is said to have changed in it.
 
@@ -130,14 +130,10 @@ def parts_of(
         capture = captures[place]
         region = part_of(capture.levels.shape, number, _SIDE)
         known = capture.levels[region], capture.valid[region]
-        if any(change.changes for change in changes):
-            # They are about the middle of the whole image.
-            infocus, images = read(capture, _ALL)
-            infocus = infocus[region]
-            images = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
-        else:
-            infocus, images = read(capture, region)
-        parts.append([_part(infocus, image, *known) for image in images])
+        infocus, images = read(capture)
+        # What changes is about the middle of the whole image.
+        images = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
+        parts.append([_part(infocus[region], image, *known) for image in images])
     return [_without_bare(each) for each in zip(*parts, strict=True)]
 
 
@@ -145,7 +141,7 @@ def _changes(captures: Sequence[TrainingPair], read: Read) -> list[ViewChange]:
     """Return what the camera changes in each defocus image beside the blur."""
     seen: list[list[Images]] = []
     for place in _places(len(captures), _VIEWS):
-        infocus, images = read(captures[place], _ALL)
+        infocus, images = read(captures[place])
         seen.append([Images.small(infocus, image) for image in images])
     return [find_change(each) for each in zip(*seen, strict=True)]
 
@@ -156,12 +152,7 @@ def _places(count: int, most: int = _PAIRS) -> list[int]:
 
 
 def _without_bare(parts: Sequence[Part]) -> list[Part]:
-    bare = _bare_levels(parts)
-    return [replace(part, counts=part.counts & ~bare[part.depth]) for part in parts]
-
-
-def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
-    """Return of which depth levels many pixels are seen, and hardly one with texture: (level,)."""
+    """Leave out depth levels of which many pixels are seen, and hardly one with texture."""
     pixels, textured = np.zeros(LEVELS), np.zeros(LEVELS)
     for part in parts:
         grey = part.infocus[..., 0].astype(np.float32)
@@ -169,7 +160,8 @@ def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
         texture = np.abs(narrow - wide) >= _LEAST_TEXTURE
         pixels += np.bincount(part.depth[part.counts], minlength=LEVELS)
         textured += np.bincount(part.depth[part.counts & texture], minlength=LEVELS)
-    return np.asarray((pixels >= _MANY_PIXELS) & (textured < _TEXTURED * pixels))
+    bare = (pixels >= _MANY_PIXELS) & (textured < _TEXTURED * pixels)
+    return [replace(part, counts=part.counts & ~bare[part.depth]) for part in parts]
 
 
 def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:
@@ -231,7 +223,9 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     the least difference is taken.
     """
     require_alike(pairs)
-    return _calibrate(pairs, _of_pair, _changes(pairs, _of_pair))[0]
+    (change,) = _changes(pairs, _of_pair)
+    (parts,) = parts_of(pairs, _of_pair, [change])
+    return _calibrated(parts, change)
 
 
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
@@ -247,20 +241,8 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
     require_alike(captures)
-    changes = _changes(captures, lambda one, _: view_and_blurred(one.stack))
-
-    def read(capture: TrainingPair, region: Region) -> tuple[Array, Sequence[Array]]:
-        # Where it is sharpest is told by the whole stack.
-        sharp, blurred = sharp_and_blurred(capture.stack, changes)
-        return sharp[region], [image[region] for image in blurred]
-
-    return _calibrate(captures, read, changes)
-
-
-def _calibrate(
-    captures: Sequence[TrainingPair], read: Read, changes: Sequence[ViewChange]
-) -> list[Calibration]:
-    parts = parts_of(captures, read, changes)
+    changes = _changes(captures, lambda one: view_and_blurred(one.stack))
+    parts = parts_of(captures, lambda one: sharp_and_blurred(one.stack, changes), changes)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
 
 

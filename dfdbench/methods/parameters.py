@@ -152,17 +152,12 @@ def _plain(value: Any) -> Any:
 def _require_kept(parameters: Mapping[str, Any]) -> None:
     problems = []
     for name, value in _leaves(parameters):
+        text, where = errors.writable(str(value)), f"parameter {errors.writable(name)}"
         number = isinstance(value, float | np.floating)
-        if number and not math.isfinite(value):
-            expected = "a finite number"
-        elif isinstance(value, str) and errors.writable(value) != value:
-            expected = "text in UTF-8"
-        else:
-            continue
-        what = f"a parameter that no result can keep: {errors.writable(str(value))[:80]}"
-        problems.append(
-            errors.Problem(what, where=f"parameter {errors.writable(name)}", expected=expected)
-        )
+        if (number and not math.isfinite(value)) or (isinstance(value, str) and text != value):
+            what = "a parameter that no result can keep"
+            expected = "finite numbers, and text in UTF-8"
+            problems.append(errors.Problem(what, where=where, expected=expected, got=text[:80]))
     errors.MethodError.raise_if(problems)
 
 

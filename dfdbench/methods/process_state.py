@@ -33,8 +33,9 @@ def process_kept() -> Iterator[None]:
     >>> "DFDBENCH_EXAMPLE" in os.environ, np.array(0.25)
     (False, array(0.25))
     """
-    folder = _working_directory()
-    environment = dict(os.environ)
+    environment, folder = dict(os.environ), ""
+    with contextlib.suppress(FileNotFoundError):
+        folder = os.getcwd()
     filters = list(warnings.filters)
     depth = sys.getrecursionlimit()
     threads = _threads()
@@ -43,15 +44,12 @@ def process_kept() -> Iterator[None]:
             yield
     finally:
         sys.setrecursionlimit(depth)
-        if folder and folder != _working_directory():
-            # A method may even have removed it.
-            with contextlib.suppress(FileNotFoundError):
-                os.chdir(folder)
-        for name in os.environ.keys() - environment.keys():
-            del os.environ[name]
-        for name, value in environment.items():
-            if os.environ.get(name) != value:
-                os.environ[name] = value
+        # A method may even have removed it.
+        with contextlib.suppress(FileNotFoundError):
+            os.chdir(folder)
+        if os.environ != environment:
+            os.environ.clear()
+            os.environ.update(environment)
         for name, number in _threads().items():
             if name in threads and threads[name] != number:
                 getattr(sys.modules[name], _THREADS[name][1])(threads[name])
@@ -81,13 +79,6 @@ def seeded(seed: int) -> Iterator[None]:
     finally:
         random.setstate(states[0])
         np.random.set_state(states[1])
-
-
-def _working_directory() -> str | None:
-    try:
-        return os.getcwd()
-    except FileNotFoundError:
-        return None
 
 
 def _threads() -> dict[str, int]:

@@ -6,7 +6,7 @@ import functools
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from difflib import get_close_matches
+from dataclasses import replace
 from importlib.resources import files
 from inspect import Parameter, signature
 from pathlib import Path
@@ -81,11 +81,9 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
         what, option = _OPTIONS[name]
         fix = f"leave out {option} (--param {name}=...)"
         return Problem(f"this method takes no {what}", where=entry, fix=fix)
-    near = get_close_matches(name, known)
-    fix = f"did you mean {' or '.join(near)}?" if near else ""
-    expected = "one of: " + ", ".join(known) if known else "no parameters"
-    expected = "" if near else expected
-    return Problem(f"unknown parameter {name}", where=entry, expected=expected, fix=fix)
+    if not known:
+        return Problem("unknown parameter", where=entry, expected="no parameters", got=name)
+    return replace(unknown_name("parameter", name, known).problems[0], where=entry)
 
 
 # Parameters that options of `predict` stand for, which nobody types by their names there.

@@ -6,17 +6,20 @@ and so does this module.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
+from dfdbench.system.strict import check_fields
 
 Floats = NDArray[np.float64]
 
 
 # Beyond, products of two numbers of a lens come to 0 or to infinity.
-_LEAST, _MOST = 1e-12, 1e12
+_Number = Annotated[float, Field(ge=1e-12, le=1e12)]
 
 
 @dataclass(frozen=True)
@@ -46,22 +49,17 @@ class ThinLens:
     10.58
     """
 
-    f_number: float
-    focal_length: float
-    focus_distance: float
-    pixel_size: float
+    f_number: _Number
+    focal_length: _Number
+    focus_distance: _Number
+    pixel_size: _Number
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem(f"not a number of {_LEAST} to {_MOST}", where=name, got=f"{value:g}")
-            for name, value in vars(self).items()
-            if not _LEAST <= value <= _MOST
-        ]
-        if not problems and self.focus_distance <= self.focal_length:
+        check_fields(self, "lens")
+        if self.focus_distance <= self.focal_length:
             what = f"no real image: the focus is within the focal length of {self.focal_length:g} m"
             got, fix = f"{self.focus_distance:g} m", "give both in metres: 0.05 for 50 mm"
-            problems = [Problem(what, where="focus_distance", got=got, fix=fix)]
-        InputError.raise_if(problems)
+            raise InputError(what, where="focus_distance", got=got, fix=fix)
 
     def blur_radius_far(self, distance: ArrayLike) -> Floats:
         """Return the blur of points beyond the focus, in metres on the sensor (Eq. 2.8 to 2.11).

@@ -200,7 +200,9 @@ def hold(path: Path, taken: DfdbenchError) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def writing_folder(folder: Path, what: str) -> Iterator[None]:
+def writing_folder(
+    folder: Path, what: str, again: str = "the same command goes on where it stopped"
+) -> Iterator[None]:
     """Lock an output folder for one writer, and turn OSErrors into ResultErrors.
 
     Parameters
@@ -209,6 +211,8 @@ def writing_folder(folder: Path, what: str) -> Iterator[None]:
         What is written; the lock is beside it.
     what : str
         What it is the folder of, as in "cannot write the run".
+    again : str
+        What goes on once there is room.
 
     Raises
     ------
@@ -231,7 +235,7 @@ def writing_folder(folder: Path, what: str) -> Iterator[None]:
         elsewhere = "choose another place with --out DIR"
         fix = room_or(elsewhere, error)
         if fix != elsewhere:
-            fix += "; the same command goes on where it stopped"
+            fix += f"; {again}"
         raise ResultError(
             f"cannot write the {what}", where=str(folder), got=reason_of(error), fix=fix
         ) from error

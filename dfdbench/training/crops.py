@@ -13,14 +13,14 @@ from torch import Tensor
 
 from dfdbench.blur.formation import LOBES, form_pair, kernel_size_of, law_of
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
-from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError
 from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import Expansion
 
+#: What forms a patch where no track is drawn.
+CLEAN = Degradation(TRACKS["noise"], 0)
 #: What cross-entropy leaves out.
 IGNORED = -100
 
@@ -82,8 +82,8 @@ class PatchPlace:
         One of eight, where patches are not given in all of them.
     depth : tuple of float, optional
         Slope down, slope to the right and mean level, where patches are given other depths.
-    degradation : Degradation, optional
-        The track and its severity that form the patch, where these are drawn.
+    degradation : Degradation
+        The track and its severity that form the patch, if its depth is another.
     name : str
         Direction, gain and noise on the track follow from it. It begins with ``training``, which no
         pair's does, so that no noise of a data set is drawn again.
@@ -94,7 +94,7 @@ class PatchPlace:
     left: int
     orientation: int = 0
     depth: tuple[float, float, float] | None = None
-    degradation: Degradation | None = None
+    degradation: Degradation = CLEAN
     name: str = ""
 
 
@@ -126,7 +126,7 @@ class Redraw:
     @property
     def margin(self) -> int:
         """Pixels around a patch that its blur depends on, on any of the tracks."""
-        return max(margin_of(self.recipe, track) for track in (None, *self.tracks))
+        return max(margin_of(self.recipe, track) for track in (CLEAN, *self.tracks))
 
     def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
         """Draw a patch's slope down, its slope to the right and its mean level."""
@@ -167,11 +167,6 @@ class Cropper:
         A step's patches follow from seed and step alone.
     redraw : Redraw, optional
         Gives patches another depth, and draws a track for each.
-
-    Raises
-    ------
-    InputError
-        If a patch is larger than an image.
     """
 
     images: TrainingImages
@@ -186,7 +181,6 @@ class Cropper:
         self._margin = self.redraw.margin if self.redraw else 0
         #: Rows and columns of each pair's images.
         self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in self.images.levels)
-        require_crops_fit(self.size, self.shapes, self._margin)
         self._expand = self.expansion == "eight"
         self._to_draw = (0, 4, 6, 2) if self.expansion == "basic" else tuple(range(8))
 
@@ -222,7 +216,7 @@ class Cropper:
             depth = self.redraw.choose(random) if self.redraw else None
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
             tracks = self.redraw.tracks if self.redraw else ()
-            track = tracks[int(random.integers(len(tracks)))] if tracks else None
+            track = tracks[int(random.integers(len(tracks)))] if tracks else CLEAN
             name = f"training/{self.seed}/{step}/{number}"
             places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
@@ -236,16 +230,13 @@ class Cropper:
         if self.redraw is None or place.depth is None:
             return pixels[:, *around(0)].float(), levels[around(0)].long()
         track, recipe = place.degradation, self.redraw.recipe
-        margin = margin_of(recipe, track) if track else self._margin
+        margin = margin_of(recipe, track)
         infocus = pixels[:3, *around(margin)].permute(1, 2, 0).contiguous().numpy()
         truth = levels[around(margin)]
         depth = truth.clamp(min=0).byte().numpy()
         redrawn = self.redraw.levels(depth, place.depth)
-        if track:
-            infocus, defocus = form_pair(infocus, redrawn, recipe, track, place.name)
-        else:
-            defocus = synthesize(infocus, redrawn, recipe)
-        both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
+        pair = form_pair(infocus, redrawn, recipe, track, place.name)
+        both = torch.from_numpy(np.concatenate(pair, axis=2)).permute(2, 0, 1)
         found = torch.from_numpy(redrawn).long()
         found[truth == IGNORED] = IGNORED
         kept = slice(margin, margin + self.size)
@@ -267,25 +258,11 @@ def severities_of(names: Iterable[str]) -> tuple[Degradation, ...]:
     )
 
 
-def margin_of(recipe: BlurRecipe, track: Degradation | None = None) -> int:
-    """Return how many pixels around a patch its blur depends on, on a track if one is given."""
-    if track is None:
-        return recipe.kernel_size // 2
+def margin_of(recipe: BlurRecipe, track: Degradation) -> int:
+    """Return how many pixels around a patch its blur depends on, on a track."""
     formation = track.formation
     radius = kernel_size_of(law_of(recipe, formation), formation.layers) // 2
     return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
-
-
-def require_crops_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:
-    """Raise an InputError if patches do not fit the smallest image with a margin around them.
-
-    Examples
-    --------
-    >>> require_crops_fit(20, [(24, 30)], margin=2)
-    """
-    fits = min(min(shape) for shape in shapes) - 2 * margin
-    if size > fits:
-        raise InputError(f"crops of {size} do not fit the images, at most {fits} do", where="crop")
 
 
 def oriented(image: Tensor, orientation: int) -> Tensor:

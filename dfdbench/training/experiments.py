@@ -260,22 +260,16 @@ def experiment_table(
     """
     rows, records = [], []
     for value, group in grouped(cards).items():
-        for statistic, of in _STATISTICS.items():
-            if len(group) == 1 and statistic != "mean":
-                continue
-            of_each = [card.scores_under(protocol) for card in group]
-            scores = {
-                metric: of([scores[metric] for scores in of_each])
-                for metric in METRICS
-                if all(metric in scores for scores in of_each)
-            }
-            named = "score" if len(group) == 1 else statistic
+        of_each = [card.scores_under(protocol) for card in group]
+        scored = [metric for metric in METRICS if all(metric in scores for scores in of_each)]
+        for statistic, of in (_STATISTICS if len(group) > 1 else {"score": fmean}).items():
+            scores = {metric: of([scores[metric] for scores in of_each]) for metric in scored}
             cells = (score_text(scores.get(metric)) for metric in METRICS)
-            rows.append((value or "all seeds", str(len(group)), named, *cells))
-            facts = {"value": value, "trainings": len(group), "statistic": named}
+            rows.append((value or "all seeds", str(len(group)), statistic, *cells))
+            facts = {"value": value, "trainings": len(group), "statistic": statistic}
             records.append({**facts, **scores, "protocol": protocol})
-    some = cards[0][1] if cards else None
-    notes = [f"{some.method} on {some.dataset}, protocol {protocol}"] if some else []
+    some = cards[0][1]
+    notes = [f"{some.method} on {some.dataset}, protocol {protocol}"]
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
     heading = experiment.varies.replace("_", " ") or "value"
     columns = (heading, "trainings", "", *(metric.heading for metric in METRICS.values()))

@@ -77,7 +77,7 @@ class Task:
             "trained_on": self.trained_on,
             "seed": self.seed,
             "start": weights_sha256(self.start) if self.start else None,
-            "configuration": self.configuration.model_dump(),
+            "configuration": self.configuration.model_dump(mode="json"),
         }
 
 
@@ -147,9 +147,6 @@ def require_trainable(task: Task) -> dict[str, Any]:
         fix = "give --weights FILE, trained with normalization batch"
         raise InputError(what, where="normalization", fix=fix)
     margin = 0
-    if choices.tracks and not choices.redraw_depth:
-        what = "tracks form only patches whose depth is redrawn"
-        raise InputError(what, where="tracks", fix="add --set redraw_depth=true")
     if choices.redraw_depth:
         if recipe is None:
             manifest = task.store.manifest
@@ -157,11 +154,13 @@ def require_trainable(task: Task) -> dict[str, Any]:
             what = f"redraw_depth needs a blur recipe, which {why}"
             fix = "name one with --set recipe=published, or leave redraw_depth out"
             raise InputError(what, where=f"{manifest.short}, redraw_depth", fix=fix)
-        drawn = (None, *crops.severities_of(choices.tracks))
+        drawn = (crops.CLEAN, *crops.severities_of(choices.tracks))
         margin = max(crops.margin_of(recipe, track) for track in drawn)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
-    shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
-    crops.require_crops_fit(choices.crop, shapes, margin)
+    smallest = min(min(task.store.to_xarray(name)["depth"].shape[-2:]) for name in scenes)
+    if choices.crop > (fits := smallest - 2 * margin):
+        what = f"crops of {choices.crop} do not fit the images, at most {fits} do"
+        raise InputError(what, where="crop")
     return architecture
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -18,10 +16,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from dfdbench.errors import InputError, ResultError, reason_of, room_or
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.system.files import hold, read_as, whole_files, write_whole
+from dfdbench.system.files import read_as, whole_files, write_whole, writing_folder
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.tables.render import as_csv
@@ -193,25 +191,21 @@ def train(
     Raises
     ------
     InputError
-        If the checkpoint is damaged or of another training, or another training writes there.
+        If the checkpoint is damaged or of another training.
     DivergedError
         If the loss became NaN or infinite.
     ResultError
-        If the folder cannot be written.
+        If the folder cannot be written, or another training is writing it.
 
     Notes
     -----
     On a CPU, with the same number of threads, an interrupted and resumed training has the same
     losses, bit for bit, as an uninterrupted one.
     """
-    try:
+    with writing_folder(folder, "training", "--resume goes on where it stopped"):
         ended, seconds, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
         card = _card_of(learner, ended, seconds, log)
         save_weights(folder / WEIGHTS, learner.kept, card)
-    except OSError as error:
-        fix = room_or("choose another place with --out DIR; --resume goes on", error)
-        what = f"cannot write the training: {reason_of(error)}"
-        raise ResultError(what, where=str(folder), fix=fix) from error
     return TrainingOutcome(folder / WEIGHTS, card, log)
 
 
@@ -233,30 +227,29 @@ def _drive(
         late = max_seconds is not None and seconds >= max_seconds
         return learner.ended or (learner.time_up if late else "")
 
-    with place.held():
-        if fresh:
-            place.clear()
-        if place.started:
-            state, log = place.load(learner.identity)
-            seconds = state.pop("seconds")
-            learner.restore(state)
-        else:
-            # Report a folder that cannot be written now, not after the first minute.
+    if fresh:
+        place.clear()
+    if place.started:
+        state, log = place.load(learner.identity)
+        seconds = state.pop("seconds")
+        learner.restore(state)
+    else:
+        # Report a folder that cannot be written now, not after the first minute.
+        save()
+    saved = time.monotonic()
+    begin = saved - seconds
+    while not ended():
+        rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
+        log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
+        if on_step:
+            on_step(learner.step, learner.steps)
+        now = time.monotonic()
+        seconds = now - begin
+        if scores := learner.scores(bool(ended())):
+            log.scores.append({"step": learner.step, **scores})
+        if ended() or now - saved >= _SAVE_SECONDS:
             save()
-        saved = time.monotonic()
-        begin = saved - seconds
-        while not ended():
-            rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
-            log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
-            if on_step:
-                on_step(learner.step, learner.steps)
-            now = time.monotonic()
-            seconds = now - begin
-            if scores := learner.scores(bool(ended())):
-                log.scores.append({"step": learner.step, **scores})
-            if ended() or now - saved >= _SAVE_SECONDS:
-                save()
-                saved = now
+            saved = now
     return ended(), seconds, log
 
 
@@ -332,13 +325,6 @@ class TrainingFolder:
         """True if a training left anything here, even only a log."""
         return any((self.path / name).exists() for name in _OWN)
 
-    def held(self) -> AbstractContextManager[None]:
-        """Lock it for one training; raise an InputError if another process is at one there."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        fix = "wait for it to end, or choose another folder with --out"
-        taken = InputError("another training writes here", where=str(self.path), fix=fix)
-        return hold(self.path.with_name(f".{self.path.name}.lock"), taken)
-
     def clear(self) -> None:
         """Remove the files of an earlier training, and no others."""
         for name in _OWN:
@@ -352,7 +338,7 @@ class TrainingFolder:
         for name, rows in zip(_TABLES, (log.losses, log.scores, log.levels), strict=True):
             _write(self.path / name, rows)
         content = io.BytesIO()
-        saved = {"identity": _as_json(identity), "log": vars(log), "state": dict(state)}
+        saved = {"identity": dict(identity), "log": vars(log), "state": dict(state)}
         torch.save(saved, content)
         body = content.getvalue()
         write_whole(self.path / _CHECKPOINT, body + hashlib.sha256(body).digest())
@@ -374,17 +360,12 @@ class TrainingFolder:
         saved = torch.load(io.BytesIO(body), weights_only=True)
         fix = "repeat the earlier command, choose another folder with --out, or --fresh"
         what = "the checkpoint is of another training"
-        require_same(saved["identity"], _as_json(identity), what, str(path), fix)
+        require_same(saved["identity"], identity, what, str(path), fix)
         return saved["state"], Log(**saved["log"])
 
     def write_patches(self, rows: list[Row]) -> None:
         """Write how often patches were drawn from each pair."""
         _write(self.path / _PATCHES, rows)
-
-
-def _as_json(identity: Mapping[str, Any]) -> dict[str, Any]:
-    # Tuples become lists, so that both sides of a comparison have the same types.
-    return dict(json.loads(json.dumps(identity)))
 
 
 def _write(path: Path, rows: list[Row]) -> None:

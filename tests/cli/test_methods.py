@@ -119,6 +119,6 @@ def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_pat
     dfdbench.fine("predict", *images, "--method", "net.onnx", "--no-align", "--out", "depth.npy")
     assert np.load("depth.npy").shape == (64, 80)
     dfdbench.refused("no such parameter", f"{export} --param tile=64 --param device=cpu")
-    dfdbench.refused("reads a volume of costs", "export-onnx volume-net --out net.onnx")
+    dfdbench.refused("is no network of pairs", "export-onnx volume-net --out net.onnx")
     Path("net.toml").unlink()
-    dfdbench.refused("has no description", "check-method net.onnx")
+    dfdbench.refused("the model's description", "check-method net.onnx")

@@ -118,12 +118,13 @@ def test_what_is_no_configuration(tmp_path: Path) -> None:
         assert word in str(caught.value)
     # A switch is no number.
     for name in ("steps", "crop", "noise", "filters", "sampling_size"):
-        with pytest.raises(InputError, match=f"{name}(.|\\n)*not true or false"):
+        with pytest.raises(InputError, match=f"{name}(.|\\n)*got True"):
             read_configuration("published", {name: True})
     for said, changes in (
         ("needs steps", {"schedule": "cosine"}),
         ("F-02-02", {"filters": "F-99"}),
         ("whose depth is redrawn", {"recipe": "text"}),
+        ("whose depth is redrawn", {"tracks": ["noise"]}),
         (r"any of noise, psf.*got nois", {"tracks": ["nois"]}),
     ):
         with pytest.raises(InputError, match=said):

@@ -16,11 +16,7 @@ from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.system.files import write_whole
 
 EXPORTED = ("u-net", "dfd-net")
-# Why others are not.
-_READS = {
-    "stack-net": "reads a stack of any length, not a pair",
-    "volume-net": "reads a volume of costs, not images",
-}
+
 # What onnxruntime 1.20 and any later one reads.
 _OPERATORS = 17
 _DESCRIPTION = """\
@@ -103,18 +99,14 @@ def _require_writable(method: str, path: Path) -> None:
         fix = "pip install 'dfdbench[onnx]'"
         raise InputError("the package onnx is not installed", where="export-onnx", fix=fix)
     if method not in EXPORTED:
-        reads = _READS.get(method, "is not a network")
-        expected = " or ".join(EXPORTED)
-        raise InputError(f"{method} {reads}", where="export-onnx", expected=expected)
+        what, expected = f"{method} is no network of pairs of images", " or ".join(EXPORTED)
+        raise InputError(what, where="export-onnx", expected=expected)
     if path.suffix != ".onnx":
         raise InputError("not the name of an ONNX file", where=str(path), fix="NAME.onnx")
-    if path.exists():
-        fix = "name another: --out NAME.onnx"
-        raise InputError("a file of that name is there", where=str(path), fix=fix)
-    description = path.with_suffix(".toml")
-    if description.exists():
-        what, fix = "the description would replace a file of another use", "choose another name"
-        raise InputError(what, where=str(description), fix=fix)
+    for file in (path, path.with_suffix(".toml")):
+        if file.exists():
+            fix = "name another: --out NAME.onnx"
+            raise InputError("a file of that name is there", where=str(file), fix=fix)
 
 
 class _Levels(nn.Module):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
+from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.tables.table import Table
 
 Matrix = NDArray[np.float64]
@@ -102,7 +103,7 @@ def count_clusters(
     samples: Sequence[Pair],
     seed: int = 0,
     tuning: Tuning = "own",
-    on_map: Callable[[int, int], None] | None = None,
+    on_sample: OnDone | None = None,
 ) -> Counts:
     """Count the different winners of a map for each sample and layer, and for noise beside it.
 
@@ -118,19 +119,18 @@ def count_clusters(
         Of the maps and the noise.
     tuning : {"own", "neighbours"}
         See `dfdbench.training.reduction.counts.winners`.
-    on_map : callable, optional
-        Called with (maps done, maps to do).
+    on_sample : callable, optional
+        Called with (samples done, samples to do).
 
     Raises
     ------
     InputError
-        If a sample cannot be counted on, with its name and the layers.
+        If a sample cannot be counted on, with its name and the layer.
     """
     filters: dict[int, int] = {}
     found: dict[int, list[int]] = {layer: [] for layer in TAPS}
     noise: dict[int, list[int]] = {layer: [] for layer in TAPS}
-    done = 0
-    for number, pair in enumerate(samples):
+    for number, pair in enumerate(one_by_one(samples, on_sample)):
         images = store.read(pair)
         tapped = tap(network, images.infocus, images.defocus, f"{pair.id}, ")
         for layer, (products, pixels) in tapped.items():
@@ -139,9 +139,6 @@ def count_clusters(
             random = noise_gram(len(products), pixels, np.random.default_rng((*own, 1)))
             for counts, gram in ((found, products), (noise, random)):
                 counts[layer].append(np.unique(winners(gram, own, tuning)).size)
-            done += 1
-            if on_map:
-                on_map(done, len(samples) * len(TAPS))
     return Counts(filters, found, noise, tuple(pair.id for pair in samples))
 
 
@@ -214,12 +211,10 @@ def tap(
         network(image)
     # Modules are called in their own order, which need not be that of the layers.
     found = {layer: found[layer] for layer in TAPS}
-    what, fix = "fewer pixels than filters in a feature map", "take larger images"
-    InputError.raise_if(
-        Problem(f"{what}, {pixels} of {len(gram)}", where=f"{place}layer {layer}", fix=fix)
-        for layer, (gram, pixels) in found.items()
-        if pixels < len(gram)
-    )
+    for layer, (gram, pixels) in found.items():
+        if pixels < len(gram):
+            what = f"fewer pixels than filters in a feature map, {pixels} of {len(gram)}"
+            raise InputError(what, where=f"{place}layer {layer}", fix="take larger images")
     return found
 
 

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -19,6 +19,7 @@ from dfdbench.methods.networks.weights import Card, build_network, count_paramet
 from dfdbench.metrics.metric import METRICS, RANKED_BY
 from dfdbench.results.wording import NOTHING, score_text, seconds_text
 from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import OnDone
 from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table, grouped
@@ -87,7 +88,7 @@ def reduce_weights(
     seed: int = 0,
     tuning: counting.Tuning = "own",
     device: torch.device | None = None,
-    on_map: Callable[[int, int], None] | None = None,
+    on_sample: OnDone | None = None,
 ) -> Reduction:
     """Count the different outputs of each layer of a trained DfD-Net, and cut its widths so (6.2).
 
@@ -109,8 +110,8 @@ def reduce_weights(
         Of the maps, see `dfdbench.training.reduction.counts.count_clusters`.
     device : torch.device, optional
         If the network runs, by default the processor.
-    on_map : callable, optional
-        Called with (maps done, maps to do).
+    on_sample : callable, optional
+        Called with (samples done, samples to do).
 
     Raises
     ------
@@ -122,7 +123,7 @@ def reduce_weights(
     network, card = load_weights(weights, "dfd-net")
     network = network.to(device or torch.device("cpu"))
     counts = counting.count_clusters(
-        network, store, counting.samples_of(store, split), seed, tuning, on_map
+        network, store, counting.samples_of(store, split), seed, tuning, on_sample
     )
     base = tuple(int(width) for width in card.architecture["filters"])
     by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}

@@ -85,7 +85,8 @@ class SearchFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._rows: dict[Place, LogRow] = {}
+        #: What trainings came to, as far as is known.
+        self.rows: dict[Place, LogRow] = {}
 
     def open(self, identity: Mapping[str, Any]) -> None:
         """Begin, or read what was done before.
@@ -95,31 +96,22 @@ class SearchFolder:
         InputError
             If the folder holds another search or other files, or rows of the log cannot be read.
         """
-        now = json.loads(json.dumps(identity))
         file = self.path / _IDENTITY
         if not file.exists():
             if whole_files(self.path):
                 what = "the folder holds something other than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
-            write_whole(file, json.dumps(now, indent=2) + "\n")
+            write_whole(file, json.dumps(identity, indent=2) + "\n")
         what = "the folder holds another search"
-        require_same(_read_identity(file), now, what, str(file), _OTHER)
+        require_same(_read_identity(file), identity, what, str(file), _OTHER)
         log = self.path / POSITIONS
-        self._rows = _read_rows(log) if log.exists() else {}
+        self.rows = _read_rows(log) if log.exists() else {}
         # Without the line that a kill may have cut short.
-        write_whole(log, _as_csv(self._rows.values(), header=True))
-
-    def __getitem__(self, place: Place) -> LogRow | None:
-        """Return what is known of a particle in an iteration."""
-        return self._rows.get(place)
-
-    def __len__(self) -> int:
-        """Return how many trainings are known."""
-        return len(self._rows)
+        write_whole(log, _as_csv(self.rows.values(), header=True))
 
     def note(self, row: LogRow) -> None:
         """Keep what a training came to: once this returns, a kill does not lose it."""
-        self._rows[row.place] = row
+        self.rows[row.place] = row
         with (self.path / POSITIONS).open("a", encoding="utf-8") as file:
             file.write(_as_csv([row], header=False))
             file.flush()
@@ -140,7 +132,7 @@ class SearchFolder:
         """
         rows = []
         for number, position in enumerate(swarm.positions):
-            if row := self._rows.get((swarm.iteration, number)):
+            if row := self.rows.get((swarm.iteration, number)):
                 self._require_same(row, position)
                 rows.append(row)
         return rows
@@ -286,7 +278,7 @@ class Evaluation:
 
         Raises
         ------
-        InputError
+        ResultError
             If another process is at the same training.
         """
         if self.threads is not None:
@@ -295,12 +287,9 @@ class Evaluation:
             return self._trained_and_scored(*particle)
         except TimeUpError:
             return None
-        except DivergedError as error:
-            problem = error.problems[0]
-            why = f"diverged: {problem.what}, {problem.where}"
-        except MethodError as error:
-            # Its last step broke the weights, after a loss that was still a number.
-            why = f"diverged: {error.problems[0].what}"
+        except (DivergedError, MethodError) as error:
+            # The last step may break the weights, after a loss that was still a number.
+            why = f"diverged: {error.problems[0].what}, {error.problems[0].where}"
         except (MemoryError, RuntimeError) as error:
             # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
             text = str(error).partition("\n")[0][:200]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from dfdbench.blur.recipe import LEVELS
+from dfdbench.blur.recipe import LEVELS, KernelSize
 from dfdbench.errors import InputError
 from dfdbench.methods.networks import choices
 from dfdbench.methods.networks.architectures import ACTIVATIONS
@@ -57,6 +57,9 @@ def _names() -> tuple[str, ...]:
 COMPONENTS = _names()
 
 
+_Side = Annotated[int, Field(multiple_of=4)]
+
+
 class Bounds(Record):
     """What a particle may describe; by default what Tables C.1 and C.3 allow.
 
@@ -71,17 +74,14 @@ class Bounds(Record):
     """
 
     width: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(le=512)]] = (8, 512)
-    kernel: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(le=9)]] = (1, 9)
-    crop: tuple[Annotated[int, Field(ge=12)], Annotated[int, Field(le=64)]] = (12, 64)
+    kernel: tuple[KernelSize, Annotated[KernelSize, Field(le=9)]] = (1, 9)
+    crop: tuple[Annotated[_Side, Field(ge=12)], Annotated[_Side, Field(le=64)]] = (12, 64)
 
     @model_validator(mode="after")
     def _fit(self) -> Bounds:
         for name, (low, high) in self:
             if low > high:
                 raise ValueError(f"{name}: the lower bound first, got {low}:{high}")
-        for name, rest, step in (("kernel", 1, 2), ("crop", 0, 4)):
-            if any(number % step != rest for number in getattr(self, name)):
-                raise ValueError(f"{name}: {'odd numbers' if rest else f'multiples of {step}'}")
         return self
 
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from dfdbench.system.parallel import Pool
 from dfdbench.system.text import toml_text
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
-from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search import particle as pso
 from dfdbench.training.search.log import PARTS, Evaluation, LogRow, SearchFolder, TimeUpError
 from dfdbench.training.search.search_plan import SearchPlan
@@ -59,7 +57,7 @@ class SearchOutcome:
         known = [row.place for row in rows] + ([self.swarm.best_at] if self.swarm else [])
         log.forget(place for place in known if place != swarm.best_at)
         self.swarm = swarm
-        self.best = log[swarm.best_at] if np.isfinite(swarm.best_value) else None
+        self.best = log.rows.get(swarm.best_at) if np.isfinite(swarm.best_value) else None
         self.failures += [row for row in rows if row.failed]
         self.course.append(iteration_of(swarm, np.array([row.objective for row in rows])))
 
@@ -120,7 +118,7 @@ def run_search(
 
     def tell() -> None:
         if on_done:
-            on_done(len(log), (iterations + 1) * choices.particles)
+            on_done(len(log.rows), (iterations + 1) * choices.particles)
 
     def note(_: object, row: LogRow | None) -> None:
         if row is not None:
@@ -150,7 +148,7 @@ def run_search(
                 found.close(swarm, log)
         except TimeUpError:
             found.finished = False
-    found.trainings = len(log)
+    found.trainings = len(log.rows)
     return found
 
 
@@ -252,15 +250,9 @@ def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
 
 def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
     """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
-    fields = TrainingConfiguration.model_fields
     found = plan.configuration_of(pso.particle_at(best.position))
-    named = ("filters", "kernels", "activations", "normalized", "crop", "crops_per_step")
-    content: dict[str, Any] = {
-        name: value
-        for name, value in found.model_dump(mode="json").items()
-        if name in named or (value is not None and getattr(found, name) != fields[name].default)
-    }
+    content = toml_text(found.model_dump(mode="json", exclude_defaults=True))
     return (
         f"# Found by a particle swarm on {plan.store.manifest.stem}, objective "
-        f"{best.objective:.6g},\n# selected on {plan.selected_on}.\n{toml_text(content)}"
+        f"{best.objective:.6g},\n# selected on {plan.selected_on}.\n{content}"
     )

@@ -98,7 +98,7 @@ def test_what_is_proposed_is_what_was_measured() -> None:
 
 def test_one_pair_that_seems_moved_is_asked_about_and_moves_no_other() -> None:
     pairs = [(f"scene {seed}", photograph(seed, SHAPE)) for seed in range(3)]
-    still = [(name, sharp, cv2.GaussianBlur(sharp, (0, 0), 1.2)) for name, sharp in pairs]
+    still = [(name, sharp, moved(cv2.GaussianBlur(sharp, (0, 0), 1.2))) for name, sharp in pairs]
     sharp = photograph(3, SHAPE)
     odd = np.rint(moved(cv2.GaussianBlur(sharp, (0, 0), 1.2), scale=1.006)).astype(np.uint8)
     found = matching_of([*still, ("desk", sharp, odd)])

@@ -46,12 +46,12 @@ def test_the_median_level_is_exported_too(tmp_path: Path, small_demo: Dataset) -
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     (tmp_path / "taken.toml").write_text("of another use")
     refused: list[tuple[str, str, Any, str]] = [
-        ("stack-net", "a.onnx", None, "reads a stack of any length"),
-        ("volume-net", "a.onnx", None, "reads a volume of costs"),
-        ("sgm", "a.onnx", None, "is not a network"),
+        ("stack-net", "a.onnx", None, "is no network of pairs"),
+        ("volume-net", "a.onnx", None, "is no network of pairs"),
+        ("sgm", "a.onnx", None, "is no network of pairs"),
         ("u-net", "a.pt", None, "not the name of an ONNX file"),
         ("u-net", "a.onnx", "mean", "no such readout"),
-        ("u-net", "taken.onnx", None, "would replace a file of another use"),
+        ("u-net", "taken.onnx", None, "a file of that name is there"),
     ]
     for method, name, readout, says in refused:
         with pytest.raises(InputError, match=says):

@@ -15,9 +15,8 @@ from tests.methods.networks.test_architectures import SMALL
 
 
 def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: Path) -> None:
-    choices = TrainingConfiguration(
-        narrow=8, crop=16, noise=2, tracks=("noise",), minimum_learning_rate=1e-9
-    )
+    rare = {"redraw_depth": True, "tracks": ("noise",), "minimum_learning_rate": 1e-9}
+    choices = TrainingConfiguration.model_validate({"narrow": 8, "crop": 16, "noise": 2, **rare})
     small = save_small(tmp_path / "w.safetensors")
     assert 0 < reduce.seconds_an_image({"mine": small}, tiny_store, "cpu")["mine"] < 30
     found = reduce.reduce_weights(small, tiny_store, choices)

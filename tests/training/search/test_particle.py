@@ -62,8 +62,8 @@ def test_bounds_make_the_box_smaller_and_what_are_none_is_told() -> None:
     assert sides["rows_8"] == sides["columns_48"] == (1, 2)
     assert (sides["crop"], sides["activation_entry"]) == ((0, 3), (0, 5))
     for name, ends, said in (
-        ("kernel", "2:9", "odd numbers"),
-        ("crop", "12:30", "multiples of 4"),
+        ("kernel", "2:9", "expected odd"),
+        ("crop", "12:30", "multiple of 4"),
         ("width", "9:8", "lower bound first"),
         ("width", "8", "field is missing"),
         ("kernel", "1:11", "9 or less"),
