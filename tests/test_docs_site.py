@@ -210,7 +210,7 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
         for one in rows_of(made("board").board_page(leaderboard(tmp_path)))
         for row in one["rows"]
     ]
-    assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
+    assert (row["given"], row["seconds"]) == ("training pairs", 2.0)
 
 
 def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(

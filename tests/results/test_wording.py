@@ -9,7 +9,8 @@ def test_a_row_says_what_its_method_was_told() -> None:
         ({}, "nothing"),
         ({"uses": ["recipe"]}, "the blur"),
         # What is handed over on a track is that there is no recipe.
-        ({"uses": ["recipe"], "fitted_on": "demo-1@law-2, split train"}, "blur fitted"),
+        ({"uses": ["recipe"], "fitted_on": "demo-1@law-2, split train"}, "training pairs"),
+        ({"entry": "dfdbench.methods.sgm:X", "fitted_on": "demo-1, split train"}, "blur fitted"),
         ({"parameters": {"recipe": "published"}}, "the blur"),
         ({"parameters": {"recipe": "text"}}, "another blur"),
         ({"uses": ["training_mean"], "trained_on": "demo-1, split train"}, "mean depth"),
