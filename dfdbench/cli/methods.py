@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from dfdbench.evaluation.map_files import KeptMaps
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
 
-# So large a share of pixels at one end of the levels is worth a word.
-_MANY = 0.3
 #: What an ONNX file keeps of a network's parameters.
 KEPT = "weights or readout"
 
@@ -131,7 +129,6 @@ def _predict_pair(
 
     from dfdbench.evaluation.map_files import write_depth
     from dfdbench.evaluation.predict import read_images
-    from dfdbench.optics.sharpness import laplacian_energy
 
     sharp, blurred = read_images(images)
     with progress("estimating depth", "nothing was written"):
@@ -146,9 +143,8 @@ def _predict_pair(
     gaps = np.count_nonzero(np.isnan(estimate.depth))
     if gaps:
         say(f"no answer    in {gaps} of {estimate.depth.size} pixels, NaN there")
-    _say_if_odd(estimate, predictor.unit)
-    if laplacian_energy(blurred) > laplacian_energy(sharp):
-        say("odd          the second photograph is the sharper one: are the two swapped?")
+    for text in estimate.odd:
+        say(f"odd          {text}")
     held = {"levels": "the file holds levels times 256", "metres": "the file holds millimetres"}
     inside = f" ({held[predictor.unit]})" if out.suffix.lower() == ".png" else ""
     show(
@@ -166,18 +162,6 @@ def _predict_pair(
         from dfdbench.figures.runs import predicted_figure
 
         save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
-
-
-def _say_if_odd(estimate: Estimate, unit: str) -> None:
-    import numpy as np
-
-    from dfdbench.blur.recipe import LAST_LEVEL
-
-    at_ends = max(np.mean(estimate.depth <= 0), np.mean(estimate.depth >= LAST_LEVEL))
-    if unit == "levels" and at_ends > _MANY:
-        share = f"{100 * at_ends:.0f} % of the pixels are at one end of the levels"
-        what = "the blur is not that of these photographs, or the blurred one is named first"
-        say(f"odd          {share}: {what}")
 
 
 def _predict_folder(

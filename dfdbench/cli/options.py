@@ -94,7 +94,9 @@ Cache = Annotated[
         help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
-Workers = Annotated[int | None, Option(min=1, max=1024, help="Number; default: one a core.")]
+Workers = Annotated[
+    int | None, Option(min=1, max=1024, help="How many at once; default: one per core.")
+]
 Scheduler = Annotated[
     str | None, Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786.")
 ]

@@ -30,15 +30,12 @@ def train_command(
     dataset: Annotated[
         str | None,
         Option(
-            help="A data set's name, or a store's path or URL; stack-net and volume-net: rendered "
-            "rooms.",
-            show_default="middlebury",
+            help="A data set's name, or a store's path or URL; default: middlebury, and rendered "
+            "rooms for stack-net and volume-net.",
             autocompletion=data_sets,
         ),
     ] = None,
-    split: Annotated[
-        str | None, Option(help="The split to train on.", show_default="train")
-    ] = None,
+    split: Annotated[str | None, Option(help="The split to train on; default: train.")] = None,
     fold: Annotated[
         str | None, Option(help="Train on all scenes but this fold's, or this scene.")
     ] = None,
@@ -258,7 +255,7 @@ Weights = Annotated[
     str | None, Option(metavar="FILE", help="Start from these, a file or a shipped name.")
 ]
 MaxTime = Annotated[str | None, Option(metavar="30m", help="Stop then: 90s, 30m, 1h30m.")]
-Threads = Annotated[int | None, Option(min=1, max=MOST_THREADS, help="Default: one a core.")]
+Threads = Annotated[int | None, Option(min=1, max=MOST_THREADS, help="Default: one per core.")]
 Device = Annotated[str, Option(help="auto, cpu, cuda or mps.")]
 
 

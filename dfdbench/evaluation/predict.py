@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources import captured_images, image_files, matching
 from dfdbench.datasets.captured_files import CapturedFiles
@@ -35,6 +37,7 @@ from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import Facts, find_entry, load_method
 from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
+from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_folder import read_store_place
 from dfdbench.tables.table import counted
@@ -43,6 +46,8 @@ if TYPE_CHECKING:
     import xarray
 
 Image = NDArray[np.uint8]
+# So large a share of the pixels at one end of the levels is odd.
+_MANY = 0.3
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
 Camera = str | os.PathLike[str] | Mapping[str, Any] | Blur
 
@@ -63,12 +68,15 @@ class Estimate:
     sigma : ndarray of float32, shape (y, x), or None
         The standard deviation that the method gives each pixel, in the unit of the depth; None
         where it gives none.
+    odd : tuple of str
+        What looks like a mistake, in words.
     """
 
     depth: DepthMap
     seconds: float
     found: str = ""
     sigma: DepthMap | None = None
+    odd: tuple[str, ...] = ()
 
 
 class DepthPredictor:
@@ -232,6 +240,7 @@ class DepthPredictor:
             what = f"{self.method.name} needs a focal stack, and this is a pair"
             raise MethodError(what, fix="name a folder of stacks: STACK/stack.json and its images")
         infocus, defocus = _as_photograph(infocus), _as_photograph(defocus)
+        swapped = laplacian_energy(defocus) > laplacian_energy(infocus)
         if infocus.dtype != defocus.dtype:
             got = f"{infocus.dtype} and {defocus.dtype}"
             raise InputError("the photographs have different types of pixels", got=got)
@@ -256,7 +265,20 @@ class DepthPredictor:
                 found = "; ".join((*needed.found, *needed.open))
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
-        return self._answer(*self.method.called_on(pair), found)
+        estimate = self._answer(*self.method.called_on(pair), found)
+        return replace(estimate, odd=_oddities(estimate.depth, self.unit, swapped))
+
+
+def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:
+    odd = []
+    at_ends = max(np.mean(depth <= 0), np.mean(depth >= LAST_LEVEL))
+    if unit == "levels" and at_ends > _MANY:
+        share = f"{100 * at_ends:.0f} % of the pixels are at one end of the levels"
+        what = "the blur is not that of these photographs, or the blurred one is named first"
+        odd.append(f"{share}: {what}")
+    if swapped:
+        odd.append("the second photograph is the sharper one: are the two swapped?")
+    return tuple(odd)
 
 
 def predict(
@@ -309,8 +331,10 @@ def predict(
         got = counted(len(images), "image") if several else type(images).__name__
         expected = "(capture.infocus, capture.defocus), two files, or capture.stack"
         raise InputError("neither two photographs nor a stack", expected=expected, got=got)
-    sharp, blurred = read_images(images)
-    return predictor(sharp, blurred).depth
+    estimate = predictor(*read_images(images))
+    for text in estimate.odd:
+        warnings.warn(text, stacklevel=2)
+    return estimate.depth
 
 
 def read_images(images: Iterable[Image | Path | str]) -> list[Image]:

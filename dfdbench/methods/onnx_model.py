@@ -180,7 +180,7 @@ def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
             yield Problem(f"cannot give {node.name}", where=str(path), expected=expected, got=shape)
         elif node.name in about.inputs and not _takes(node.shape, parts, about.channels):
             expected = f"{about.layout} with {about.channels} channels, as {file.name} says"
-            what, fix = f"{node.name} is other", f"mend layout or colour in {file.name}"
+            what, fix = f"{node.name} has another shape", f"correct layout or colour in {file.name}"
             yield Problem(what, where=str(path), expected=expected, got=shape, fix=fix)
 
 
@@ -239,7 +239,7 @@ class _Network:
         shape = [math.prod(sizes[c] for c in p.strip("()")) for p in _PARTS.findall(about.layout)]
         arranged = normal.transpose(["SHWC".index(letter) for letter in order]).reshape(shape)
         if any(isinstance(n, int) and n != s for n, s in zip(node.shape, shape, strict=True)):
-            what, fix = f"the model takes another size as {name}", "export it with free sizes"
+            what, fix = f"the model takes one size of {name} alone", "export it with free sizes"
             raise MethodError(what, expected=str(node.shape), got=str(shape), fix=fix)
         return np.ascontiguousarray(arranged, _NUMBERS[node.type])
 

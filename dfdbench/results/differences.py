@@ -230,7 +230,7 @@ def difference_table(first: Result, second: Result, protocol: str, names: Sequen
         notes.append("The depth maps are the same in both runs, to the last digit.")
     a, b = names or (method_label(first.method), method_label(second.method))
     title = f"A: {a}, B: {b}; {dataset.heading}, {protocol}"
-    interval = f"B less A, {intervals.interval_name(count)}"
+    interval = f"B minus A, {intervals.interval_name(count)}"
     columns = ("metric", "pairs", interval, "B better", "B worse", "same")
     rules = frozenset(before for before, row in enumerate(rows, -1) if row[0])
     return Table(title, columns, tuple(rows), "lllrrr", tuple(notes), rules, tuple(records))
@@ -262,7 +262,7 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
         rows.append((pair, score_text(a), score_text(b), f"{by:+.4f}"))
         records.append({"pair": pair, "a": a, "b": b, "difference": by})
     title = f"pairs that changed most in {find_metric(metric).title}"
-    columns = ("pair", "A", "B", "B less A")
+    columns = ("pair", "A", "B", "B minus A")
     return Table(title, columns, tuple(rows), "lrrr", records=tuple(records))
 
 

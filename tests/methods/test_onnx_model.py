@@ -158,7 +158,9 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     description.write_text('infocus = "a"\ndefocus = "c"\ndepth = "depth"\ncolour = "grey"\n')
     told = problems(mean)
     assert len(told) == 4
-    for problem, says in zip(told, ("input", "output", "besides: b", "a is other"), strict=True):
+    for problem, says in zip(
+        told, ("input", "output", "besides: b", "a has another shape"), strict=True
+    ):
         assert says in problem, told
     description.write_text('infocus = "a"\nlayout = "NCHX"\nmean = [1.0, 2.0]\nscale = 0.0\n')
     assert problems(mean) == [f"field is missing ({description}: depth)"]
@@ -170,7 +172,7 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
     description.write_text(PAIR + "colour = 3\nsize = 4\n")
     assert len(problems(mean)) == 2
     description.write_text(PAIR + 'layout = "NHWC"\n')
-    assert all("Fix: mend layout or colour in mean.toml" in text for text in problems(mean))
+    assert all("Fix: correct layout or colour in mean.toml" in text for text in problems(mean))
 
 
 def test_damaged_files_are_named(mean: str) -> None:
@@ -200,7 +202,7 @@ def test_a_model_of_one_size_says_so_of_another(tmp_path: Path) -> None:
     name = written(path, lambda a, b: (a + b).mean(1) / 2, PAIR, shape, shape, free=False)
     method = load_method(name, {}, {})
     assert method(SHARP[:8, :9], BLURRED[:8, :9]).shape == (8, 9)
-    with pytest.raises(MethodError, match="another size"):
+    with pytest.raises(MethodError, match="takes one size of a alone"):
         method(SHARP, BLURRED)
 
 

@@ -402,6 +402,10 @@ def _rows(
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
         return
     in_order, by_number = list(there), {number: path for path, number in there.items()}
+    # An image that is missing is named with as many digits as the others.
+    place = f"{{{IMAGE}}}"
+    least = min((len(PurePosixPath(path).stem) for path in there), default=0)
+    digits = least - len(PurePosixPath(pattern).stem) + len(place)
     named = set()
     for index, row in enumerate(rows):
         try:
@@ -409,7 +413,7 @@ def _rows(
                 path = _filled(pattern, row)
             elif IMAGE in row:
                 number = int(row[IMAGE])
-                path = by_number.get(number, pattern.replace(f"{{{IMAGE}}}", row[IMAGE]))
+                path = by_number.get(number, pattern.replace(place, row[IMAGE].zfill(digits)))
             else:
                 path = in_order[index]
         except ValueError as error:

@@ -183,7 +183,7 @@ def test_a_table_that_fits_no_images_is_told(stacks: Path) -> None:
     places = {"WHERE": str(stacks / "desk/focus.csv"), "FOLDER": str(stacks)}
     for rows, said in (
         (["1,1", "2,2"], "images that the table does not tell of: desk/f_003.png (WHERE)"),
-        (["1,1", "2,2", "3,4", "4,8"], "a file is missing (FOLDER/desk/f_4.png)"),
+        (["1,1", "2,2", "3,4", "4,8"], "a file is missing (FOLDER/desk/f_004.png)"),
         (["1,1", "2,2", "3,2"], "two images are focused at 2 (WHERE)"),
         (["1,1", "2,2", "3,far"], "focus_distance is 'far', and not a number above 0"),
         (["1,1", "2,2", "3,0.04"], "focus_distance 0.04 m is not beyond the focal length, 0.05 m"),
