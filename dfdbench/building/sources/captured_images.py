@@ -1,9 +1,10 @@
 """One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +18,7 @@ from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.methods.view_change import ViewChange
+from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.optics.sharpness import laplacian_energy
 
 #: Units that depth files are written in, in metres: metres, centimetres, millimetres, tenths of
@@ -31,6 +33,8 @@ _UNITS = {
 }
 # A median that misses the bounds by no more than this factor is of a scene, not of a unit.
 _NEARBY = 1.5
+# A stack has so many images or more; sharpness is averaged over a square of so many pixels.
+_FEWEST, _NEAR = 3, 31
 
 
 def depth_of(
@@ -305,6 +309,38 @@ def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:
     if laplacian_energy(defocus) <= laplacian_energy(infocus):
         return ()
     return (f"{where}: the defocus image is the sharper one, are the two swapped?",)
+
+
+def misordered(
+    name: str, found: CapturedImages, told: Sequence[Mapping[str, float]], in_metres: bool
+) -> tuple[str, ...]:
+    """Return a warning if a stack is sharp where its depth map says that it is out of focus.
+
+    Parameters
+    ----------
+    name : str
+        The capture's, for the warning.
+    found : CapturedImages
+        The stack, and its depth.
+    told : sequence of mapping of str to float
+        What is known of each image: its ``focus_depth`` or ``focus_distance``.
+    in_metres : bool
+        Whether depth is in metres; levels grow with nearness.
+    """
+    focus = np.array([image["focus_depth"] for image in told])
+    if np.isnan(focus).all():
+        focus = np.array([image["focus_distance"] for image in told]) * (1 if in_metres else -1)
+    stack = found.images[np.isfinite(focus)]
+    if len(stack) < _FEWEST:
+        return ()
+    greys = (image.mean(axis=2, dtype=np.float32) for image in stack)
+    sharp = np.stack([cv2.blur(abs(cv2.Laplacian(grey, -1)), (_NEAR, _NEAR)) for grey in greys])
+    most, sharpest = sharp.max(axis=0), focus[np.isfinite(focus)][sharp.argmax(axis=0)]
+    known = np.isfinite(found.depth) & (most > np.median(most))
+    if not correlation(found.depth[known], sharpest[known]) < AGAINST:
+        return ()
+    what = "the images are sharp where depth says they are not"
+    return (f"{name}: {what}: is the table of focus in the wrong order?",)
 
 
 def _kept(crop: Crop | None, shape: tuple[int, ...], where: str) -> tuple[slice, slice]:

@@ -13,7 +13,8 @@ import numpy as np
 
 from dfdbench.building.fetching import check_checksum, sha256
 from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, laid_out
-from dfdbench.building.sources.captured_images import CapturedImages, captured_images, in_unit_of
+from dfdbench.building.sources import captured_images as made
+from dfdbench.building.sources.captured_images import CapturedImages
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
@@ -105,7 +106,7 @@ class FolderScenes(Whole):
                 depth = self._named("depth", pair)
                 truth = self._file(depth) if depth else None
                 about = self._manifest.depth
-                captured[pair] = captured_images(photographs, truth, self._files, about)
+                captured[pair] = made.captured_images(photographs, truth, self._files, about)
         kinds = {
             pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
             for pair, found in captured.items()
@@ -145,7 +146,11 @@ class FolderScenes(Whole):
             for number, how in enumerate(found.found, 1):
                 if how:
                     notes[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
-        warnings = tuple(text for found in captured.values() for text in found.warnings)
+        warnings: tuple[str, ...] = ()
+        for pair, found in captured.items():
+            told = [image.facts for image in taken[pair]]
+            odd = made.misordered(pair.id, found, told, depth.kind == "metres")
+            warnings += (*found.warnings, *odd)
         roles = tuple(image.role for image in next(iter(taken.values())))
         return SceneImages(
             images, known.astype(np.float32), available, ImageFacts(roles, **facts), notes, warnings
@@ -201,7 +206,7 @@ class FolderScenes(Whole):
             focus = f"focus_distance {facts['focus_distance']:g} m"
             raise ValueError(f"{focus} is not beyond the focal length, {focal_length:g} m")
         focused = np.array(facts["focus_depth"])
-        facts["focus_depth"] = float(in_unit_of(focused, self._files, self._manifest.depth))
+        facts["focus_depth"] = float(made.in_unit_of(focused, self._files, self._manifest.depth))
         role = values.get("role") or "defocus"
         if role not in ROLES:
             raise ValueError(f"role {role} is neither {' nor '.join(ROLES)}")

@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.captured_images import CapturedImages, captured_images, depth_of
+from dfdbench.blur.formation import focus_levels, form_stack
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.building.sources.captured_images import (
+    CapturedImages,
+    captured_images,
+    depth_of,
+    misordered,
+)
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
@@ -143,3 +150,18 @@ def test_files_may_hold_levels() -> None:
     for wrong in (256.0, 1.5, -1.0):
         with pytest.raises(SourceError, match="no depth levels"):
             depth_of(np.array([[wrong, 3]]), files(depth_unit=None), plain, "d.png")
+
+
+@pytest.mark.parametrize("in_metres", [True, False])
+def test_a_stack_in_the_wrong_order_is_warned_of(in_metres: bool) -> None:
+    levels = np.tile(np.linspace(0, 255, 120).astype(np.uint8), (90, 1))
+    noise = np.random.default_rng(0).integers(0, 256, (90, 120, 3)).astype(np.uint8)
+    stack = form_stack(noise, levels, RECIPES["published"], 5)
+    depth = 600 - levels.astype(np.float32) if in_metres else levels.astype(np.float32)
+    found = CapturedImages(stack, depth, (), ())
+    told = [{"focus_depth": np.nan, "focus_distance": 600.0 - f} for f in focus_levels(5)]
+    assert misordered("desk", found, told, in_metres) == ()
+    unknown = [{"focus_depth": np.nan, "focus_distance": np.nan}] * 3
+    assert misordered("desk", found, [*told[:2:-1], *unknown], in_metres) == ()
+    (warning,) = misordered("desk", found, told[::-1], in_metres)
+    assert warning.startswith("desk: the images are sharp where depth says they are not")
