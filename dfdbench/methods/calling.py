@@ -195,9 +195,17 @@ def check_answer(
         raise ValueError("returned None; expected depth levels: is a `return` missing?")
     if not isinstance(returned, tuple):
         return _checked_depth(returned, shape, unit), None
+    if any(isinstance(part, Mapping) for part in returned):
+        got = "returned a depth map and numbers; expected the depth map alone"
+        fix = "keep numbers in the method's attribute `numbers`, from which a result takes them"
+        raise ValueError(f"{got}: {fix}")
+    # A tuple of two rows is no depth map that anyone returns.
     if len(returned) != 2:
-        got = f"returned a tuple of {len(returned)}"
-        raise ValueError(f"{got}; expected depth, or a tuple (depth, sigma)")
+        try:
+            return _checked_depth(returned, shape, unit), None
+        except ValueError as error:
+            got = f"returned a tuple of {len(returned)}"
+            raise ValueError(f"{got}; expected depth, or a tuple (depth, sigma)") from error
     depth = _checked_depth(returned[0], shape, unit)
     answered = ~np.isnan(depth)
     with np.errstate(over="ignore"):

@@ -431,15 +431,18 @@ def check_learned(returned: Any, entry: str) -> Learned:
     problems = []
     for name, value in returned.items():
         array = _as_numbers(value)
-        if array is None or not isinstance(name, str) or not name:
-            wrong = f"cannot be kept: a {type(value).__name__}"
+        where = f"{entry}: fit, {name!r}"
+        if not isinstance(name, str) or not name:
+            what = f"what the fit learned has no text as name: {name!r}"
+            problems.append(Problem(what, where=f"{entry}: fit"))
+        elif array is None:
+            what = f"what the fit learned cannot be kept: a {type(value).__name__}"
+            problems.append(Problem(what, where=where, expected=_EXPECTED))
         elif array.size and not np.isfinite(array).any():
-            wrong = f"is not finite: {array.flat[0]}"
+            what = f"what the fit learned is not finite: {array.flat[0]}"
+            problems.append(Problem(what, where=where))
         else:
             learned[name] = array if array.ndim else array.item()
-            continue
-        what, where = f"what the fit learned {wrong}", f"{entry}: fit, {name!r}"
-        problems.append(Problem(what, where=where, expected=_EXPECTED))
     MethodError.raise_if(problems)
     return learned
 

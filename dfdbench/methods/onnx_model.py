@@ -13,9 +13,9 @@ import onnxruntime
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.method import Image
-from dfdbench.system.files import read_as, read_text_as
+from dfdbench.system.files import read_as, read_text
 from dfdbench.system.strict import Positive, StrictRecord, problems_of
 from dfdbench.system.text import parse_toml
 from dfdbench.tables.table import listed
@@ -142,15 +142,20 @@ def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
 
 
 def _read_description(file: Path) -> Description:
-    what = "the model's description"
-    fix = "docs/methods.md shows how to write it; dfdbench export-onnx writes one of ours"
-    text = read_text_as(MethodError, file, what, fix)
     try:
-        about = Description.model_validate(parse_toml(text))
+        said = parse_toml(read_text(file))
+        about = Description.model_validate(said)
     except ValidationError as error:
-        raise MethodError.of(problems_of(error, "wrong value", file=file)) from error
-    except ValueError as error:
-        raise MethodError(f"cannot read {what}: {error}", where=str(file), fix=fix) from error
+        problems = problems_of(error, "wrong value", file=file)
+        if not said.keys() & {"infocus", "defocus", "stack"}:
+            problems.insert(0, Problem("no input is named", where=str(file), fix=_INPUTS))
+        raise MethodError.of(problems) from error
+    except FileNotFoundError as error:
+        fix = "write it: docs/methods.md shows how; dfdbench export-onnx writes one of ours"
+        raise MethodError("the model has no description", where=str(file), fix=fix) from error
+    except (OSError, ValueError) as error:
+        what = f"cannot read the model's description: {reason_of(error)}"
+        raise MethodError(what, where=str(file)) from error
     MethodError.raise_if(about.contradictions(file))
     return about
 

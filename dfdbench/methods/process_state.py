@@ -33,9 +33,8 @@ def process_kept() -> Iterator[None]:
     >>> "DFDBENCH_EXAMPLE" in os.environ, np.array(0.25)
     (False, array(0.25))
     """
-    environment, folder = dict(os.environ), ""
-    with contextlib.suppress(FileNotFoundError):
-        folder = os.getcwd()
+    folder = _working_directory()
+    environment = dict(os.environ)
     filters = list(warnings.filters)
     depth = sys.getrecursionlimit()
     threads = _threads()
@@ -44,12 +43,15 @@ def process_kept() -> Iterator[None]:
             yield
     finally:
         sys.setrecursionlimit(depth)
-        # A method may even have removed it.
-        with contextlib.suppress(FileNotFoundError):
-            os.chdir(folder)
-        if os.environ != environment:
-            os.environ.clear()
-            os.environ.update(environment)
+        if folder and folder != _working_directory():
+            # A method may even have removed it.
+            with contextlib.suppress(FileNotFoundError):
+                os.chdir(folder)
+        for name in os.environ.keys() - environment.keys():
+            del os.environ[name]
+        for name, value in environment.items():
+            if os.environ.get(name) != value:
+                os.environ[name] = value
         for name, number in _threads().items():
             if name in threads and threads[name] != number:
                 getattr(sys.modules[name], _THREADS[name][1])(threads[name])
@@ -79,6 +81,13 @@ def seeded(seed: int) -> Iterator[None]:
     finally:
         random.setstate(states[0])
         np.random.set_state(states[1])
+
+
+def _working_directory() -> str | None:
+    try:
+        return os.getcwd()
+    except FileNotFoundError:
+        return None
 
 
 def _threads() -> dict[str, int]:

@@ -1,5 +1,7 @@
 """A measured lens: its blur by voltage step and distance, and pairs of steps."""
 
+import csv
+import math
 from dataclasses import dataclass
 from itertools import combinations, groupby
 from pathlib import Path
@@ -7,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError, SourceError
+from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.files import read_text_as, shipped
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
@@ -113,7 +115,7 @@ def read_lens_table(path: Path | None = None) -> LensTable:
     Raises
     ------
     SourceError
-        If it cannot be read.
+        With every problem of the file.
 
     Examples
     --------
@@ -131,28 +133,41 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     Raises
     ------
     SourceError
-        If it is none.
+        With every problem of the text.
     """
-    heading, *rows = [line for line in text.splitlines() if line.strip()] or [""]
-    first, *cells = heading.split(",")
-    if first.strip() != "step" or len(cells) < 2 or not rows:
+    heading, *rows = [row for row in csv.reader(text.splitlines()) if row] or [[""]]
+    if not rows or heading[0].strip() != "step" or len(heading) < 3:
         raise SourceError("not a lens table", where=where, expected=_LAYOUT)
-    try:
-        distances = np.array(cells, np.float64)
-        table = np.loadtxt(rows, np.int64, delimiter=",", ndmin=2, comments=None)
-    except ValueError as error:
-        got = str(error).partition(";")[0]
-        raise SourceError("not a lens table", where=where, expected=_LAYOUT, got=got) from error
-    steps, radius = table[:, 0], table[:, 1:]
-    if radius.shape[1] != distances.size:
-        what = f"{table.shape[1]} cells under a heading of {1 + distances.size}"
-        raise SourceError(what, where=where)
+    problems: list[Problem] = []
+    distances = _numbers(heading[1:], f"{where}: heading", problems)
+    table = []
+    for line, row in enumerate(rows, start=2):
+        place = f"{where}: line {line}"
+        if len(row) != len(heading):
+            what = f"{len(row)} cells under a heading of {len(heading)}"
+            problems.append(Problem(what, where=place))
+        elif numbers := _numbers(row, place, problems):
+            if not all(number.is_integer() for number in numbers):
+                problems.append(Problem("not whole steps and pixels", where=place, got=str(row)))
+            table.append([int(number) for number in numbers])
+    steps = [row[0] for row in table]
     for what, values in (("distances", distances), ("voltage steps", steps)):
-        if not (np.diff(values) > 0).all():
-            raise SourceError(f"{what} do not ascend", where=where, got=str(values.tolist()))
-    if not (min(distances[0], table.min()) >= 0 and max(distances[-1], table.max()) <= _MOST):
-        raise SourceError(f"not numbers of 0 to {_MOST}", where=where)
-    return LensTable(tuple(steps.tolist()), tuple(distances.tolist()), radius)
+        if sorted(set(values)) != list(values):
+            problems.append(Problem(f"{what} do not ascend", where=where, got=str(values)))
+    SourceError.raise_if(problems)
+    radius = np.array([row[1:] for row in table], np.int64)
+    return LensTable(tuple(steps), tuple(distances), radius)
+
+
+def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in cells]
+    except ValueError:
+        numbers = [math.nan]
+    if all(0 <= number <= _MOST for number in numbers):
+        return numbers
+    problems.append(Problem(f"not numbers of 0 to {_MOST}", where=where, got=",".join(cells)))
+    return []
 
 
 def pair_difference(table: LensTable, first: int, second: int, near: float, far: float) -> StepPair:

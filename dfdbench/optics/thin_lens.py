@@ -58,7 +58,10 @@ class ThinLens:
         check_fields(self, "lens")
         if self.focus_distance <= self.focal_length:
             what = f"no real image: the focus is within the focal length of {self.focal_length:g} m"
-            got, fix = f"{self.focus_distance:g} m", "give both in metres: 0.05 for 50 mm"
+            got, fix = (
+                f"{self.focus_distance:g} m",
+                "focus beyond it; a lens file has lengths in metres, 0.05 for 50 mm",
+            )
             raise InputError(what, where="focus_distance", got=got, fix=fix)
 
     def blur_radius_far(self, distance: ArrayLike) -> Floats:

@@ -4,19 +4,17 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from scipy import ndimage
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.errors import InputError, SourceError, reason_of
+from dfdbench.errors import InputError, Problem, SourceError, reason_of
 from dfdbench.system.array_files import UNREADABLE, load_array
 from dfdbench.system.files import LARGEST_ARRAY, read_text_as, read_whole, shipped
-from dfdbench.system.strict import problems_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -293,19 +291,10 @@ def _nearest(values: NDArray[Kind], height: int, width: int) -> NDArray[Kind]:
 
 
 _OS1 = "realworld-1/os1_beams.csv"
+#: The columns that are read, and how large their numbers may be; no scan has more columns.
+_LIMITS = {"altitude_deg": 90, "azimuth_deg": 360, "azimuth_index": 2**16}
 _HEADER = 8
-_TOLD = 3  # wrong values of a calibration
 _FARTHEST = np.iinfo(np.int32).max
-
-
-class _Beam(BaseModel):
-    altitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
-    # No scan has more columns.
-    azimuth_index: Annotated[int, Field(ge=-(2**16), le=2**16)]
-
-
-_BEAMS = TypeAdapter(Annotated[list[_Beam], Field(min_length=1)])
 
 
 def read_ranges(path: Path) -> NDArray[np.int32]:
@@ -327,7 +316,8 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
     Raises
     ------
     SourceError
-        If the header disagrees with the length, or the values are not ranges.
+        If the header disagrees with the length, the bytes are big-endian, or the values are not
+        ranges.
     """
     try:
         array = load_array(path) if path.suffix == ".npy" else _decode(path)
@@ -385,24 +375,50 @@ def read_beams(path: Path | None = None) -> Beams:
     where = str(path or _OS1)
     file = path or shipped("manifests") / _OS1
     text = read_text_as(SourceError, file, "the beam calibration")
-    try:
-        beams = _BEAMS.validate_python(list(csv.DictReader(text.splitlines())))
-    except ValidationError as error:
-        # Of a damaged file all beams may be wrong.
-        problems = problems_of(error, "wrong value", file=where)[:_TOLD]
-        raise SourceError.of(problems) from error
-    columns = zip(*((b.altitude_deg, b.azimuth_deg, b.azimuth_index) for b in beams), strict=True)
-    altitude, azimuth, index = map(np.array, columns)
-    return Beams(altitude, azimuth, index)
+    reader = csv.DictReader(text.splitlines())
+    rows = list(reader)
+    if not rows or not {*_LIMITS} <= {*(reader.fieldnames or ())}:
+        raise SourceError(f"no rows with the columns {', '.join(_LIMITS)}", where=where)
+    problems: list[Problem] = []
+    found = [_column(rows, name, where, problems) for name in _LIMITS]
+    SourceError.raise_if(problems)
+    return Beams(np.array(found[0]), np.array(found[1]), np.array(found[2], np.int64))
+
+
+def _column(
+    rows: list[dict[str, str]], name: str, where: str, problems: list[Problem]
+) -> list[float]:
+    """Return a column's numbers within its limit; one problem covers all that are not."""
+    numbers, wrong = [], []
+    for line, row in enumerate(rows, start=2):
+        try:
+            numbers.append(float(row[name]) if name.endswith("_deg") else int(row[name]))
+            if not abs(numbers[-1]) <= _LIMITS[name]:
+                raise ValueError
+        except (TypeError, ValueError):
+            wrong.append(line)
+    if wrong:
+        more = f", and {len(wrong) - 1} more lines" if len(wrong) > 1 else ""
+        kind = "degrees" if name.endswith("_deg") else "whole numbers"
+        what = f"{name} is not {kind} up to {_LIMITS[name]}"
+        got = rows[wrong[0] - 2][name] or "nothing"
+        problems.append(Problem(what, where=f"{where}: line {wrong[0]}{more}", got=got))
+    return numbers
 
 
 def _decode(path: Path) -> NDArray[np.int32]:
     content = read_whole(path, LARGEST_ARRAY)
     if len(content) < _HEADER:
         raise SourceError("the range file has no header of 8 bytes", where=str(path))
-    rows, columns = map(int, np.frombuffer(content, "<u4", 2))
-    if _HEADER + 4 * rows * columns != len(content):
-        what = f"the header of {rows} x {columns} ranges disagrees with the file's length"
-        fix = "copy it again; it holds uint32 rows, uint32 columns, int32 ranges, little-endian"
-        raise SourceError(what, where=str(path), fix=fix)
-    return np.frombuffer(content, "<i4", offset=_HEADER).reshape(rows, columns)
+    little, big = (tuple(map(int, np.frombuffer(content, f"{order}u4", 2))) for order in "<>")
+    if _length(little) == len(content):
+        return np.frombuffer(content, "<i4", offset=_HEADER).reshape(little)
+    if _length(big) == len(content):
+        fix = "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian"
+        raise SourceError("the range file is big-endian", where=str(path), fix=fix)
+    what = f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length"
+    raise SourceError(what, where=str(path), fix="copy the file again")
+
+
+def _length(shape: tuple[int, ...]) -> int:
+    return _HEADER + 4 * shape[0] * shape[1]

@@ -264,11 +264,13 @@ def read_registration(path: Path) -> Floats:
         what = f"too few pairs of points: {_LEAST_PAIRS} or more [[pairs]] are needed, or a matrix"
         raise SourceError(what, where=where)
     source, target = np.array([(pair.lidar, pair.image) for pair in content.pairs]).swapaxes(0, 1)
+    for key, points in (("lidar", source), ("image", target)):
+        if len(np.unique(points, axis=0)) < len(points):
+            raise SourceError("two pairs share a point", where=f"{where}: {key}")
     fitted, _ = cv2.findHomography(source, target, 0)
-    shared = any(len(np.unique(points, axis=0)) < len(points) for points in (source, target))
     flat = any(np.linalg.matrix_rank(p - p[0], tol=1e-6) < 2 for p in (source, target))
-    if shared or flat or fitted is None or not np.isfinite(fitted).all():
-        raise SourceError("two pairs share a point, or all points lie on one line", where=where)
+    if flat or fitted is None or not np.isfinite(fitted).all():
+        raise SourceError("the points lie on one line: no surface has them", where=where)
     return np.asarray(fitted, np.float64)
 
 

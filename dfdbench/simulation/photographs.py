@@ -8,14 +8,25 @@ import skimage.data
 import skimage.io
 
 from dfdbench.blur.light import Floats
+from dfdbench.errors import SourceError
 
 GAMMA = 2.2
 
 
 @cache
 def photograph(name: str) -> Floats:
-    """Return a photograph as linear reflectance, shape (y, x, 3), 0 to 1."""
-    image = skimage.io.imread(Path(skimage.data.__file__).parent / f"{name}.png")
+    """Return a photograph as linear reflectance, shape (y, x, 3), 0 to 1.
+
+    Raises
+    ------
+    SourceError
+        If this scikit-image does not ship it.
+    """
+    path = Path(skimage.data.__file__).parent / f"{name}.png"
+    if not path.exists():
+        fix = "pip install --force-reinstall scikit-image"
+        raise SourceError("a photograph of scikit-image is missing", where=str(path), fix=fix)
+    image = skimage.io.imread(path)
     if image.ndim == 2:
         image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
     # The photographs are gamma-encoded: light is linear.

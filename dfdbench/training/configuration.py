@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import torch
-from pydantic import Field, Strict, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.errors import InputError, Problem
@@ -14,7 +14,7 @@ from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
 from dfdbench.system.files import read_as
-from dfdbench.system.strict import Positive, StrictRecord, problems_of
+from dfdbench.system.strict import Positive, Record, problems_of
 from dfdbench.system.text import parse_toml
 
 Count = Annotated[int, Field(ge=1)]
@@ -24,17 +24,15 @@ _NARROWEST = 128
 _ONE_A_FILTER = Field(min_length=len(SIZED), max_length=len(SIZED))
 _ONE_A_SITE = Field(min_length=len(SITES), max_length=len(SITES))
 _Beta = Annotated[float, Field(ge=0, lt=1)]
-# Neither TOML nor JSON has tuples.
-_LISTS_TOO = Strict(False)
 #: Rows and columns of a filter, or one number for both.
-_Size = int | Annotated[tuple[int, int], _LISTS_TOO]
+_Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
 _OF_DFD_NET = ("sampling_size", "first_activation", "kernels", "activations")
 #: Processors without one of these compute bf16 in steps: training takes twenty times as long.
 _BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
 
-class TrainingConfiguration(StrictRecord):
+class TrainingConfiguration(Record):
     """All choices of a training but the data and the seed.
 
     Defaults are the thesis's (5.2). Its text does not say how many patches make a step: 28 is what
@@ -122,14 +120,14 @@ class TrainingConfiguration(StrictRecord):
     redraw_depth: bool = False
     recipe: Literal["published", "text"] | None = None
     tilt: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 1.0
-    tracks: Annotated[tuple[str, ...], _LISTS_TOO] = ()
+    tracks: tuple[str, ...] = ()
     unknown: Literal["level", "ignore"] = "level"
     initial_filters: Literal["random", "differences"] = "random"
     normalization: Literal["batch", "fixed"] = "batch"
     label_width: Annotated[float, Field(ge=0, le=64, allow_inf_nan=False)] = 0.0
     learning_rate: Positive = 1e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
-    betas: Annotated[tuple[_Beta, _Beta], _LISTS_TOO] = (0.5, 0.99)
+    betas: tuple[_Beta, _Beta] = (0.5, 0.99)
     decay_prelu: bool = True
     schedule: Literal["dlib", "cosine"] = "dlib"
     patience: Annotated[int, Field(ge=10)] = 2500
@@ -142,15 +140,25 @@ class TrainingConfiguration(StrictRecord):
     evaluate_every: Count = 2500
     evaluate_pairs: Count = 6
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_switch(cls, value: Any, info: ValidationInfo) -> Any:
+        # Python takes true for 1.
+        default = cls.model_fields[str(info.field_name)].default
+        switch = isinstance(default, bool) or info.field_name == "normalized"
+        if isinstance(value, bool) and not switch:
+            raise ValueError("a number or a name, not true or false")
+        return value
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
+        if self.recipe and not self.redraw_depth:
+            raise ValueError("recipe is of patches whose depth is redrawn: redraw_depth = true")
         for name in self.tracks:
             if name not in OF_PATCHES:
                 raise ValueError(f"tracks: any of {', '.join(OF_PATCHES)}, got {name}")
-        if (self.recipe or self.tracks) and not self.redraw_depth:
-            raise ValueError("recipe and tracks need patches whose depth is redrawn: redraw_depth")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
         if self.activations and self.first_activation != "prelu":

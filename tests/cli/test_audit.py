@@ -6,11 +6,12 @@ import jsonschema
 import pytest
 
 from dfdbench.blur.law import law_of_fields
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record import load_result
 from tests.cli.command import Command
-from tests.conftest import TINY_TOML
+from tests.conftest import TINY_TOML, store_of
 
 
 def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
@@ -63,8 +64,14 @@ def test_a_run_of_another_split_has_no_bound(dfdbench: Command, uneven: str) -> 
 
 
 @pytest.mark.slow
-def test_the_bound_is_kept_for_each_pair(dfdbench: Command, demo_store: Dataset) -> None:
-    dfdbench.fine(f"audit difficulty {demo_store.path} --split Market --bound --out out")
+def test_the_bound_stands_beside_runs_of_a_store(dfdbench: Command, demo_store: Dataset) -> None:
+    demo = str(demo_store.path)
+    for name, method in (("good", "s-transform"), ("bad", "constant")):
+        dfdbench.fine("run --split Market --dataset", demo, "--method", method, "--out", name)
+    bound = ("audit difficulty", demo, "--split", "Market", "--bound")
+    shown = dfdbench.fine(*bound, "--result", "bad", "--result", "good/result.json", "--out", "out")
+    assert shown.out.index("least error") < shown.out.index("s-transform")
+    assert shown.out.index("s-transform") < shown.out.index("constant")
     kept = json.loads(Path("out/bound.json").read_text())
     assert len(law_of_fields(kept["law"]).sigmas) == 256
     rows = kept["rows"]
@@ -181,3 +188,21 @@ def test_a_mistake_is_told(dfdbench: Command, uneven: str) -> None:
         ("difficulty STORE --result none", "add --bound"),
     ):
         dfdbench.refused(told, "audit " + words.replace("STORE", uneven))
+
+
+@pytest.mark.slow
+def test_the_thesis_found_the_same(dfdbench: Command, shared_data: Path, tmp_path: Path) -> None:
+    """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
+    manifest, middlebury = find_manifest("middlebury-default"), str(tmp_path / "middlebury.zarr")
+    store_of(manifest, shared_data / "middlebury", tmp_path / "middlebury.zarr")
+    fold = dfdbench.facts("audit coverage", middlebury, "--fold", "K03", status=1)
+    ranges = sorted(fold["ranges"], key=lambda item: -item["share"])
+    largest = [(item["first"], item["last"], next(iter(item["scenes"]))) for item in ranges[:2]]
+    assert largest == [(36, 39, "Midd2"), (56, 56, "Midd1")]
+    each = dfdbench.facts(f"audit coverage {middlebury} --each scene", status=1)["records"]
+    uncovered = sorted(name for name in each if each[name]["shares"]["thesis"] > 0.01)
+    assert " ".join(uncovered) == (
+        "Art Baby2 Bowling1 Bowling2 Cloth2 Lampshade1 Laundry Midd1 Midd2 Monopoly Reindeer"
+    )
+    proposed = dfdbench.facts(f"audit split {middlebury} --test-scenes 3")
+    assert (proposed["choices"], proposed["covered"]) == (2925, 141)

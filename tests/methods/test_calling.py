@@ -24,7 +24,7 @@ def test_a_bad_answer_is_said_not_scored() -> None:
         (np.zeros((4, 6), bool), "bool"),
         ([[1, 2], [3]], "no array"),
         (np.ma.masked_less(np.arange(24).reshape(4, 6), 3), "3 masked pixels"),
-        ((np.zeros((4, 6)), {"energy": 1.0}), "sigma of object values"),
+        ((np.zeros((4, 6)), {"energy": 1.0}), "attribute `numbers`"),
         ((np.zeros((4, 6)), 3), "sigma of shape (); expected (4, 6), one number a pixel"),
         ((np.zeros((4, 6)), np.eye(4, 6)), "sigma of 0 to 1; expected finite numbers above 0"),
         ((np.zeros((4, 6)), np.full((4, 6), np.nan)), "sigma of nan to nan"),

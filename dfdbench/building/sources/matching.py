@@ -297,9 +297,9 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     gain = max(map(abs, gains))
     align, moved = _proposed([*moves.values()])
     far = {name: move.at_corners(shape) for name, (move, shape) in moves.items()}
-    if align == "none" and far and max(far.values()) > _STILL:
+    count = sum(corner > _STILL for corner in far.values())
+    if align == "none" and 0 < count < len(far):
         name = max(far, key=far.__getitem__)
-        count = sum(corner > _STILL for corner in far.values())
         problems.append(
             f"whether {count} of {len(far)} pairs moved, as the others did not: {name} by "
             f"{far[name]:.1f} pixels?"

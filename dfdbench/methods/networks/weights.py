@@ -12,7 +12,7 @@ import torch
 from pydantic import Field, ValidationError
 from torch import Tensor, nn
 
-from dfdbench.errors import MethodError, reason_of
+from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.methods.networks.stack import StackNet
 from dfdbench.methods.networks.volume import VolumeNet
@@ -137,12 +137,15 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     )
     if weights is None:
         raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)
-    where = str(weights)
-    if where in shipped:
+    where, got = str(weights), "nothing of that name"
+    if not isinstance(weights, str | Path):
+        where, got = "parameter weights", str(weights)
+    elif where in shipped:
         return shipped[where]
-    if Path(where).is_file():
-        return Path(where)
-    got = "something that is no regular file" if Path(where).exists() else "nothing of that name"
+    elif Path(weights).is_file():
+        return Path(weights)
+    elif Path(weights).exists():
+        got = "something that is no regular file"
     raise MethodError("no such weights", where=where, expected="a file", got=got, fix=fix)
 
 
@@ -216,17 +219,25 @@ def _read_card(text: str, path: Path) -> Card:
 def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
     expected = {name: _outline(tensor) for name, tensor in network.state_dict().items()}
     found = {name: _outline(tensor) for name, tensor in tensors.items()}
-    for name in sorted(expected.keys() | found.keys()):
-        wanted, got = expected.get(name, "nothing"), found.get(name, "nothing")
-        where = f"{path}: {name}"
-        if got != wanted:
-            what = "weights do not fit the architecture of their card"
-            raise MethodError(what, where=where, expected=wanted, got=got)
-        if not bool(tensors[name].isfinite().all()):
-            fix = "train again, with a lower learning_rate"
-            raise MethodError("the weights hold nan or infinity", where=where, fix=fix)
-        if name.endswith(_VARIANCE) and bool((tensors[name] < 0).any()):
-            raise MethodError("the weights hold a variance below 0", where=where, fix=_AGAIN)
+    if expected != found:
+        names = sorted(expected.keys() | found.keys())
+        differ = [name for name in names if expected.get(name) != found.get(name)]
+        raise MethodError.of(
+            Problem(
+                "weights do not fit the architecture of their card", where=f"{path}: {name}",
+                expected=expected.get(name, "nothing"), got=found.get(name, "nothing"),
+            )
+            for name in differ[:5]
+        )  # fmt: skip
+    broken = sorted(name for name, tensor in tensors.items() if not bool(tensor.isfinite().all()))
+    variances = [name for name in tensors if name.endswith(_VARIANCE)]
+    negative = [name for name in variances if bool((tensors[name] < 0).any())]
+    if negative:
+        where = f"{path}: {negative[0]}"
+        raise MethodError("the weights hold a variance below 0", where=where, fix=_AGAIN)
+    if broken:
+        what = f"the weights hold nan or infinity in {', '.join(broken[:3])}"
+        raise MethodError(what, where=str(path), fix="train again, with a lower learning_rate")
 
 
 def _outline(tensor: Tensor) -> str:
@@ -235,16 +246,40 @@ def _outline(tensor: Tensor) -> str:
 
 def card_as_markdown(card: Card) -> str:
     """Return the card as a page for people."""
-    said = card.model_dump(exclude={"schema_version"}, exclude_defaults=True)
-    rows = [f"| {name.replace('_', ' ')} | {_as_text(value)} |" for name, value in said.items()]
+    rows = {
+        "method": card.method,
+        "architecture": _as_text(card.architecture),
+        "parameters": f"{card.parameters:,}",
+        "trained on": card.trained_on,
+        "started from": card.started_from or "random weights",
+        "data set": ", fingerprint ".join(filter(None, (card.dataset, card.fingerprint))),
+        "recipe": card.recipe or "none: captured defocus",
+        "seed": str(card.seed),
+        "steps": f"{card.steps:,}, ended by {card.ended_by}",
+        "time": f"{card.seconds / 60:.1f} minutes",
+        "machine": ", ".join(f"{name} {value}" for name, value in card.environment.items()),
+        "configuration": _as_text(card.configuration),
+        f"scores on {card.scored_on}": _scores_as_text(card.scores) or "–",
+    } | {
+        f"under the protocol `{protocol}`": _scores_as_text(scores)
+        for protocol, scores in card.further_scores.items()
+    }
+    lines = [f"| {name} | {value} |" for name, value in rows.items()]
+    others = " where no other is named" if card.further_scores else ""
     head = f"# {card.method}, {card.trained_on}\n\n| | |\n|:---|:---|"
-    note = "Scores are means over pairs, under the protocol `thesis` where no other is named."
-    return "\n".join([head, *rows, f"\n{note} Written by `dfdbench train`.\n"])
+    note = (
+        f"Scores are means over pairs under the protocol `thesis`{others}. Written by "
+        "`dfdbench train`."
+    )
+    return "\n".join([head, *lines, f"\n{note}\n"])
 
 
-def _as_text(value: Any) -> str:
-    if isinstance(value, dict):
-        return "; ".join(f"{name} {_as_text(each)}" for name, each in value.items())
-    if isinstance(value, list | tuple):
-        return " ".join(map(_as_text, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _scores_as_text(scores: dict[str, float]) -> str:
+    return ", ".join(f"{name.upper()} {value:.4f}" for name, value in scores.items())
+
+
+def _as_text(values: dict[str, Any]) -> str:
+    return "; ".join(
+        f"{name} {' '.join(map(str, value)) if isinstance(value, (list, tuple)) else value}"
+        for name, value in values.items()
+    )

@@ -17,8 +17,8 @@ from dfdbench.training.task import Task, require_trainable, task_of
 
 #: Of the search's record.
 VERSION = 1
-#: Choices that a particle makes; its filters that halve and double have 2 x 2.
-VARIED = ("filters", "first_activation", "kernels", "activations", "normalized", "sampling_size")
+#: Choices that a particle makes.
+VARIED = ("filters", "first_activation", "kernels", "activations", "normalized")
 #: Of the training scenes, held out to select on.
 _HELD_OUT = 1 / 5
 
@@ -197,6 +197,9 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
     if base.crop not in pso.PATCHES:
         known = ", ".join(map(str, pso.PATCHES))
         problems.append(Problem(f"crop is {base.crop}, not one of {known}", where="crop"))
+    if base.sampling_size != 2:
+        what = "particles have filters of 2 x 2 that halve and double"
+        problems.append(Problem(what, where="sampling_size"))
     InputError.raise_if(problems)
 
 

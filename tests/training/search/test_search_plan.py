@@ -54,7 +54,7 @@ def test_what_cannot_be_searched_is_told(tiny_store: Dataset) -> None:
     for choice, value, said in (
         ("filters", "pso", "chooses this itself"),
         ("crop", 68, "crop is 68"),
-        ("sampling_size", 3, "chooses this itself"),
+        ("sampling_size", 3, "2 x 2"),
     ):
         with pytest.raises(InputError, match=said):
             small_plan(tiny_store, {choice: value})
