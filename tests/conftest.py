@@ -126,9 +126,8 @@ test_scenes = ["Three"]
 )
 
 # The same scenes in the site's default lighting alone, as the set middlebury-default.
-TINY_DEFAULT_TOML = "\n\n".join(
-    block for block in TINY_TOML.split("\n\n") if "[[exclusions]]" not in block
-)
+_BLOCKS = TINY_TOML.split("\n\n")
+TINY_DEFAULT_TOML = "\n\n".join(block for block in _BLOCKS if "[[exclusions]]" not in block)
 for _old, _new in {
     "pair_count = 11\ndefault_lighting = { illumination = 1, exposure = 1 }": "pair_count = 6",
     "view = [1, 5]\nillumination = [1]\nexposure = [0, 1]": "view = [1, 5]",

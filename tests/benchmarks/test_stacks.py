@@ -32,10 +32,8 @@ method = load(sys.argv[1], **({"recipe": None} if fitted else {}))
 stack = large_stack()
 if fitted:
     levels = np.arange(256)
-    laws = [
-        BlurLaw(tuple(0.3 + 0.01 * abs(levels - focus)), noise=(1.0,))
-        for focus in np.linspace(20, 235, COUNT)
-    ]
+    widths = [0.3 + 0.01 * abs(levels - focus) for focus in np.linspace(20, 235, COUNT)]
+    laws = [BlurLaw(tuple(each), noise=(1.0,)) for each in widths]
     none = np.zeros(256)
     method.calibrations = tuple(Calibration(law, none, none, none) for law in laws)
 (getattr(method, "from_stack", method))(stack)

@@ -121,4 +121,4 @@ def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_pat
     dfdbench.refused("no such parameter", f"{export} --param tile=64 --param device=cpu")
     dfdbench.refused("is no network of pairs", "export-onnx volume-net --out net.onnx")
     Path("net.toml").unlink()
-    dfdbench.refused("the model's description", "check-method net.onnx")
+    dfdbench.refused("has no description", "check-method net.onnx")

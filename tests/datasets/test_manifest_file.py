@@ -12,9 +12,8 @@ coordinates = { view = [5], exposure = [1] }
 pairs = 1
 reason = "for the test"
 """
-SCALED = TINY_TOML.replace(
-    "[table]", '[depth.scale]\nlaw = "inverse"\nnear = 0.5\nfar = 5.0\n\n[table]'
-)
+METRES = '[depth.scale]\nlaw = "inverse"\nnear = 0.5\nfar = 5.0\n\n[table]'
+SCALED = TINY_TOML.replace("[table]", METRES)
 LINE = 'infocus = "{scene}/sharp.png"'
 IMAGES = 'images = "{scene}/f_{image}.png"'
 SCALE = "[depth.scale]\nnear = 0.5\nfar = 5.0\n"

@@ -20,11 +20,8 @@ _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _ASK = {"socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "socket.sendto"}
 _FIRST = "os.mkdir os.remove os.rmdir os.truncate os.chmod os.chown os.utime shutil.rmtree"
 _SECOND = "os.link os.symlink shutil.move"
-_PATHS: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(_FIRST.split(), (0,)),
-    **dict.fromkeys(_SECOND.split(), (1,)),
-}
-_PATHS["os.rename"] = (0, 1)
+_PATHS: dict[str, tuple[int, ...]] = {"os.rename": (0, 1), **dict.fromkeys(_FIRST.split(), (0,))}
+_PATHS |= dict.fromkeys(_SECOND.split(), (1,))
 
 
 class Guard:
@@ -76,11 +73,8 @@ class Guard:
         """Watch from here on; without limits where something is called for the first time."""
         self.refused.clear()
         self.folder = folder.resolve()
-        data = next(
-            int(line.split()[1]) * 1024
-            for line in Path("/proc/self/status").read_text().splitlines()
-            if line.startswith("VmData")
-        )
+        status = Path("/proc/self/status").read_text()
+        data = 1024 * int(status.partition("VmData:")[2].split()[0])
         used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
         most = resource.RLIM_INFINITY
         resource.setrlimit(resource.RLIMIT_DATA, (data + MEMORY if limited else most, most))

@@ -54,10 +54,8 @@ def test_only_monotonic_differences_are_ranked() -> None:
 
 def test_the_shipped_table_is_released() -> None:
     folder = resources.files("dfdbench.manifests").joinpath("realworld-1")
-    hashes = {
-        hashlib.sha256(folder.joinpath(name).read_bytes()).hexdigest()
-        for name in ("lens_blur_radius_px.csv", "os1_beams.csv")
-    }
+    names = ("lens_blur_radius_px.csv", "os1_beams.csv")
+    hashes = {hashlib.sha256(folder.joinpath(name).read_bytes()).hexdigest() for name in names}
     assert hashes == {
         "b6e50e10caded2d8b86f7bed51660132225a9b6cb9a3b68ca866abb31f3662c9",
         "2e07edc50f84a03b92201be5a9e620fa59cfd6ac5c8807c7b39706acd36db76c",

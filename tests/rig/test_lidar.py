@@ -115,66 +115,55 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
     assert lidar.read_ranges(path).tolist() == [[1500, 1]]
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_a_damaged_scan_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "lidar_rng_00000.bin"
+    for content, said in (
         (b"", "no header"),
         (np.array([64, 2048], "<u4").tobytes() + b"\0" * 400, "disagrees with the file"),
         (np.array([1, 2], "<u4").tobytes() + b"\0" * 12, "disagrees with the file"),
         (np.array([1, 2], ">u4").tobytes() + np.array([7, 8], ">i4").tobytes(), "big-endian"),
         (np.array([1, 2, 7], "<u4").tobytes() + np.array([-8], "<i4").tobytes(), "not ranges"),
         (np.array([0, 0], "<u4").tobytes(), "not ranges"),
-    ],
-)
-def test_a_damaged_scan_is_told(tmp_path: Path, content: bytes, said: str) -> None:
-    path = tmp_path / "lidar_rng_00000.bin"
-    path.write_bytes(content)
-    with pytest.raises(SourceError, match=said) as error:
-        lidar.read_ranges(path)
-    assert str(path) in str(error.value)
-
-
-def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
-    # The second would be another range in 32 bits.
-    for array, told in ((np.zeros(2), "whole numbers"), (np.full(2, 2**32 + 15), "not ranges")):
-        np.save(tmp_path / "a.npy", array[np.newaxis])
-        with pytest.raises(SourceError, match=told):
-            lidar.read_ranges(tmp_path / "a.npy")
-    (tmp_path / "b.npy").write_bytes(b"no array")
-    with pytest.raises(SourceError, match="not a NumPy array"):
-        lidar.read_ranges(tmp_path / "b.npy")
+    ):
+        path.write_bytes(content)
+        with pytest.raises(SourceError, match=said) as error:
+            lidar.read_ranges(path)
+        assert str(path) in str(error.value)
     with pytest.raises(SourceError, match="cannot read"):
         lidar.read_ranges(tmp_path / "none.bin")
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
-        ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
-        ("beam,altitude_deg,azimuth_deg,azimuth_index\n", "no rows with the columns"),
-        ("altitude_deg,azimuth_deg,azimuth_index\nnan,3.1,18\n", "not degrees up to 90"),
-        ("altitude_deg,azimuth_deg,azimuth_index\n900,3.1,18\n", "not degrees up to 90"),
-        (
-            f"altitude_deg,azimuth_deg,azimuth_index\n1,2,{10**30}\n1,2,{10**30}\n",
-            r"not whole numbers up to 65536 \(.*: line 2, and 1 more lines\)",
-        ),
-    ],
-)
-def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str) -> None:
+def test_an_array_must_hold_ranges_as_its_head_says(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    # The second would be another range in 32 bits.
+    for array, told in ((np.zeros(2), "whole numbers"), (np.full(2, 2**32 + 15), "not ranges")):
+        np.save(path, array[np.newaxis])
+        with pytest.raises(SourceError, match=told):
+            lidar.read_ranges(path)
+    np.save(path, np.ones((64, 64), np.int64))
+    content = path.read_bytes()
+    for shape in ("(99999999, 99999999)", "(2, 9", "(2, -9)", None):
+        head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+        whole = content[:10] + head.ljust(117) + b"\n" + content[128:]
+        path.write_bytes(whole if shape else b"no array")
+        with pytest.raises(SourceError, match="not a NumPy array"):
+            lidar.read_ranges(path)
+
+
+def test_a_damaged_calibration_is_reported(tmp_path: Path) -> None:
+    head = "altitude_deg,azimuth_deg,azimuth_index\n"
+    more = r"not whole numbers up to 65536 \(.*: line 2, and 1 more lines\)"
     path = tmp_path / "beams.csv"
-    path.write_text(text)
-    with pytest.raises(SourceError, match=said):
-        lidar.read_beams(path)
+    for text, said in (
+        (f"beam,{head}0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
+        ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
+        (f"beam,{head}", "no rows with the columns"),
+        (f"{head}nan,3.1,18\n", "not degrees up to 90"),
+        (f"{head}900,3.1,18\n", "not degrees up to 90"),
+        (f"{head}1,2,{10**30}\n1,2,{10**30}\n", more),
+    ):
+        path.write_text(text)
+        with pytest.raises(SourceError, match=said):
+            lidar.read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
         lidar.read_beams(tmp_path / "none.csv")
-
-
-@pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9", "(2, -9)"])
-def test_a_head_that_claims_what_the_file_does_not_hold(tmp_path: Path, shape: str) -> None:
-    np.save(tmp_path / "a.npy", np.ones((64, 64), np.int64))
-    content = (tmp_path / "a.npy").read_bytes()
-    head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
-    (tmp_path / "a.npy").write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
-    with pytest.raises(SourceError, match="not a NumPy array"):
-        lidar.read_ranges(tmp_path / "a.npy")

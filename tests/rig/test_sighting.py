@@ -18,10 +18,8 @@ TRUE = Pose(0.8, -0.5, 1.2)
 #: In pixels of the frame: the board's left, right, upper and lower side.
 LEFT, UPPER = RIG.project(np.array([-HALF, -HALF, DISTANCE]))
 RIGHT, LOWER = RIG.project(np.array([HALF, HALF, DISTANCE]))
-SIDES = [
-    np.array(line)
-    for line in ([1.0, 0.0, -LEFT], [-1.0, 0.0, RIGHT], [0.0, 1.0, -UPPER], [0.0, -1.0, LOWER])
-]
+LINES = [1.0, 0.0, -LEFT], [-1.0, 0.0, RIGHT], [0.0, 1.0, -UPPER], [0.0, -1.0, LOWER]
+SIDES = [np.array(line) for line in LINES]
 #: An edge of the board's texture, well within it.
 TEXTURE = np.array([1.0, 0.0, -(LEFT + 60)])
 
