@@ -63,7 +63,7 @@ def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -
 
 
 def _padded_rows(channels: NDArray[Any], radius: int) -> Floats:
-    """Return rows with their edge pixels repeated, and padding for vectors that run past the end."""
+    """Return rows with edge pixels repeated, and padding for vectors that run past the end."""
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
     height, width, count = padded.shape
     rows = np.zeros((height, width * count + LANES), dtype=np.float64)

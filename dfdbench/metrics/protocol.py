@@ -250,7 +250,7 @@ def find_protocol(name: str) -> Protocol:
 
 
 def title_of(label: str) -> str:
-    """Return the name of a result's protocol in tables: without version, if it is released."""
+    """Return how tables name a result's protocol: without a version, if it is a released one."""
     return RELEASED[label].name if label in RELEASED else label
 
 
