@@ -1,4 +1,4 @@
-"""Split a run's errors by covered, scarce and missing level, to tell data faults from the method's."""
+"""Split a run's errors by covered, scarce and missing level: is it the data or the method."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence

@@ -229,8 +229,7 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
 
 
 def draw_transfer(axis: Axes, means: pd.DataFrame, most: float | None = None) -> AxesImage:
-    """Draw the matrix of `transfer_figure`; `most` is the ratio to the own score at the last
-    colour."""
+    """Draw the matrix of `transfer_figure`; the last colour is `most` times the own score."""
     shares = means.to_numpy() / np.diag(means)
     most = most or float(np.nanmax(shares))
     image = axis.imshow(shares, vmin=1, vmax=most, cmap="cividis_r")
