@@ -140,7 +140,7 @@ class SideRecord(Record):
 class RangeRecord(Record):
     """Neighbouring levels with one verdict and the same criteria.
 
-    `share` is the share of the test's known pixels; `scenes` splits up the range's test pixels.
+    `share` is that of the test's known pixels; `scenes` divides the range's test pixels.
     """
 
     first: int
@@ -159,11 +159,11 @@ class RangeRecord(Record):
 
 
 class CoverageRecord(Record):
-    """The complete result of a comparison.
+    """A comparison in full.
 
-    `shares` are shares of the test's known pixels by verdict and by criterion; `expanded_shares`
-    are the uncovered ones if both sides are seen as random crops. `covered` says whether the share
-    that `criterion` finds is at most `allowed_share`; if there are leaks, it is never true.
+    `shares` are shares of the test's known pixels by verdict and by criterion, `expanded_shares`
+    the uncovered ones if both sides are seen as random crops. `covered` says whether the share
+    that `criterion` finds is at most `allowed_share`; with leaks it is never true.
     """
 
     format: Literal["dfdbench coverage"] = "dfdbench coverage"

@@ -27,14 +27,14 @@ _T = TypeVar("_T")
 _R = TypeVar("_R", bound=Record)
 _Fingerprints = TypeAdapter(dict[str, list[str]])
 RESULTS = "results"
-#: The fingerprints that data sets must have if they are built identically everywhere.
+#: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
 _TRACKS = (*TRACKS.values(), *STACKS.values())
 _LABELS = (CLEAN, *(label for track in _TRACKS for label in track.labels))
 
 
 def leaderboard_folder() -> Path:
-    """Return ``leaderboard`` in the working directory if in a clone, else the shipped copy.
+    """Return ``leaderboard`` in the working directory, a clone's root; elsewhere what is shipped.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class RowRun(Record):
         ]
 
     def columns(self) -> Iterator[tuple[str, Sequence[object]]]:
-        """Yield the lists with one entry per pair, with their names."""
+        """Yield the lists that have a place for each pair, with their names."""
         yield from (("seconds", self.seconds), ("prediction_sha256", self.prediction_sha256))
         yield from self.numbers.items()
         for protocol, columns in self.scores.items():
@@ -181,7 +181,7 @@ class Row(Record):
                 raise ValueError(f"{run.label}: {field}: {first['msg']}") from error
 
     def method_of(self, run: RowRun) -> record.MethodRecord:
-        """Return the method of a run: the row's, with the run's own differences."""
+        """Return the method of a run: the row's, but for what differs."""
         return _with(self.method, run.method)
 
     @property
@@ -197,7 +197,7 @@ class Row(Record):
 
     @functools.cached_property
     def results(self) -> tuple[record.Result, ...]:
-        """The runs, each as a separate result; errors of pairs are not kept."""
+        """The runs, each as a result of its own; errors of pairs are not kept."""
         return tuple(map(self._result, self.runs))
 
     def clean_results(self) -> Iterator[record.Result]:
@@ -205,7 +205,7 @@ class Row(Record):
         return (self._result(run) for run in self.runs if run.label == CLEAN)
 
     def results_on(self, fingerprint: str) -> Iterator[record.Result]:
-        """Yield only the results on these data, since most rows are on many tracks."""
+        """Yield the results on these data only, since most rows are on many tracks."""
         return (self._result(run) for run in self.runs if run.fingerprint == fingerprint)
 
     def _result(self, run: RowRun) -> record.Result:
@@ -247,13 +247,13 @@ class Row(Record):
         return any(wording.knew_blur(self.method_of(run), run.label) for run in self.runs)
 
     def is_of(self, card: Card) -> bool:
-        """Return whether a card describes the row's method."""
+        """Return whether a card is of the row's method."""
         method = self.method
         same = card.is_of(method.name, method.entry, method.parameters)
         return same and card.given_blur == self.given_blur
 
     def place(self, folder: Path, name: str) -> Path:
-        """Return the path of the row of the card `name` in a leaderboard's folder."""
+        """Return where the row of the card `name` is in a leaderboard's folder."""
         return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
 
 
@@ -272,14 +272,14 @@ def _manifest_of(dataset: str) -> Manifest:
 
 
 def row_of(results: Sequence[record.Result], suites: Sequence[str]) -> Row:
-    """Combine runs of one method on one split into a row.
+    """Return runs of one method on one split as a row.
 
     Parameters
     ----------
     results : sequence of Result
-        On clean images, on tracks, or both; at most one of each label and protocol.
+        On clean images, on tracks, or both; of one label and protocol at most one.
     suites : sequence of str
-        The rankings that the row takes part in.
+        The rankings that the row stands in.
     """
     order = sorted(results, key=lambda result: _LABELS.index(result.dataset.degradation))
     first = order[0]
@@ -305,7 +305,7 @@ def _run_of(result: record.Result, first: record.Result) -> RowRun:
         metrics, found = metrics_of(label), [pair.scores.get(label, {}) for pair in pairs]
         columns = {name: [each.get(name) for each in found] for name in metrics}
         scored = {name for each in found for name in each}
-        # Leave out metrics added after the run was scored.
+        # A younger metric that the run was not scored by is left out.
         younger = {name for name, metric in metrics.items() if metric.younger}
         scores[label] = {k: v for k, v in columns.items() if k in scored or k not in younger}
     return RowRun(
@@ -335,7 +335,7 @@ def _other(own: Record, shared: Record) -> dict[str, Any]:
 
 
 def row_text(row: Row) -> str:
-    """Format a row's file: JSON with a line per column, so that diffs are readable."""
+    """Return a row's file: JSON with a line for each column, so that changes can be read."""
     return _text(json.loads(row.model_dump_json(exclude_defaults=True)), "") + "\n"
 
 
@@ -352,7 +352,7 @@ def _text(value: Any, indent: str) -> str:
 
 
 def read_row(path: Path) -> Row:
-    """Read a row's file, wherever it is, and check its fields and pairs.
+    """Read a row's file, wherever it is; its fields are checked, and its pairs.
 
     Raises
     ------
@@ -373,13 +373,13 @@ def read_row(path: Path) -> Row:
 
 @functools.lru_cache(maxsize=64)
 def _pairs_of(dataset: str, split: str) -> tuple[tuple[Pair, ...], list[str], list[dict[str, int]]]:
-    """Return a split's pairs, their names and places; cached, since many rows share them."""
+    """Return a split's pairs, their names and places; many rows share them."""
     pairs = _manifest_of(dataset).pairs(split)
     return pairs, [pair.id for pair in pairs], [pair.at for pair in pairs]
 
 
 def require_pairs(row: Row, where: str) -> None:
-    """Refuse a row that does not cover exactly the pairs of a released data set's split.
+    """Refuse a row that is not on all pairs of a released data set's split.
 
     Raises
     ------
@@ -400,7 +400,7 @@ _FIX = "write it with `dfdbench run ... --submit`"
 
 
 def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
-    """Yield a problem for each way in which a row's data or method are not the stated ones."""
+    """Yield a problem for each way in which a row is not of released data and of its own method."""
     if row.manifest_sha256 != row.manifest.sha256:
         what = f"made from another manifest than {row.dataset}"
         yield Problem(what, where=f"{where}: manifest_sha256", fix=_FIX)
@@ -412,7 +412,7 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
             fix = f"build {name} and run it again: `dfdbench build {name}`"
             yield Problem(f"run on other data than {name}", where=place, fix=fix)
     name = row.method.name
-    # Finding registered methods takes a while, and none can take a built-in name.
+    # Asking what packages offer takes a while, and no package takes a built-in name.
     entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
     if not row.method.scored and entry and wording.without_folder(entry) != row.method.entry:
         what = f"{row.method.name} is another method here: {wording.without_folder(entry)}"
@@ -436,7 +436,7 @@ def known_fingerprints(folder: Path) -> dict[str, list[str]]:
 
 
 def read_list(path: Path, kind: TypeAdapter[_T], what: str) -> _T | None:
-    """Return the contents of a list in the leaderboard's folder, or None if there is none.
+    """Return what a list in the leaderboard's folder holds; None if there is none.
 
     Raises
     ------
@@ -460,7 +460,7 @@ def training_problems(
     trained_on : str or None
         What the method says about itself.
     weights_sha256 : str or None
-        Hash of the weights; a method without weights cannot have memorised a scene.
+        Of the weights; a method without any has learnt no scene by heart.
     dataset, split : str
         What is tested; the data set by the name and version of its manifest.
     where : str
