@@ -82,14 +82,14 @@ def run_method(
     warnings: Sequence[str] = (),
     on_pair: OnPair | None = None,
 ) -> RunDone:
-    """Evaluate a method on a split; go on where an earlier call was stopped.
+    """Evaluate a method on a split, resuming an earlier call that was stopped.
 
-    An earlier call of the same run has the same data, method (its modules and the files it opened),
-    parameters, versions and processor architecture; any other run is set aside.
+    A call is of the same run if it has the same data, method (its modules and the files it opened),
+    parameters, versions and processor architecture. Any other run is set aside.
 
-    A method with a fit is fitted first, before anything is written, or is given what it learned
-    in an earlier call of the same run. The first pair is run twice, to see whether the answers are
-    the same; its time is that of the first call.
+    A method with a fit is fitted first, before anything is written, or gets what it learned in an
+    earlier call of the same run. The first pair is run twice to check that the answers are the
+    same; its time is that of the first call.
 
     Parameters
     ----------
