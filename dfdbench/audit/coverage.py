@@ -44,7 +44,7 @@ class Criterion(StrEnum):
 
 @dataclass(frozen=True)
 class Rule:
-    """When a level of the test, and when the whole test, is not covered.
+    """When a level of the test counts as uncovered, and when the test counts as covered.
 
     Parameters
     ----------

@@ -278,7 +278,7 @@ def verify(
 
 
 def _opened(results: Sequence[Result], path: Path) -> list[Dataset]:
-    """Open the data sets of runs as built here, and name all that are not."""
+    """Open the data sets of runs as built here; the error names all that are not built."""
     stores, problems = list[Dataset](), list[Problem]()
     for dataset in (result.dataset for result in results):
         where, fix = f"{path}: {dataset.degradation}", f"dfdbench build {dataset.name}"

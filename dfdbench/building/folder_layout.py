@@ -15,7 +15,7 @@ from dfdbench.errors import InputError, SourceError, reason_of
 #: Words in the path of a depth file.
 DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
-# The guess is wrong if there are more kinds of files than this, or more kinds of depth.
+# The guess is wrong if there are more kinds of depth than this or, without depth, kinds of files.
 _MOST_GROUPS = 10
 _ROLES = 3
 # How many kinds of files we name that are not read.

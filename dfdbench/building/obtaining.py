@@ -166,7 +166,7 @@ def voltage_pair_sets(
     InputError
         If one is not such a pair; if a set is not built and no folder of captures is named.
     SourceError
-        If the captures have no voltage steps of a pair at all.
+        If the captures lack a pair's voltage steps altogether.
     """
     steps = {
         pair: steps_of(pair, "-", "--values", "as 141-129,140-130") for pair in map(str, pairs)

@@ -244,7 +244,7 @@ def group_figures(
     Returns
     -------
     dict of str to Figure
-        Figures by what groups the pairs.
+        By the property that groups the pairs.
     """
     labels = scene_labels(scenes)
     if not labels or not any(result.evaluated for result in results.values()):

@@ -259,7 +259,7 @@ def list_tiles(kinds, rows, near, bounds, tile, shape, view, items, nears):  # t
     Notes
     -----
     A plane maps tile and lens projectively. So what holds for rays between the corners of both
-    holds for all: which edge of a surface they miss, and that they meet it. Surfaces that begin
+    holds for all: past which edge of a surface they pass, or that they meet it. Surfaces that begin
     behind one that every ray of a tile meets are left out.
     """
     height, width = shape

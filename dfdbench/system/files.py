@@ -175,7 +175,7 @@ def _replace(path: Path, content: str | bytes) -> None:
 def hold(path: Path, taken: DfdbenchError) -> Iterator[None]:
     """Lock a file while the block runs; raise `taken` if another process has locked it.
 
-    The lock ends with its process, and then the file is removed.
+    The lock ends with its process, and the file is removed with the lock.
     """
     # Absolute, because the block may change the working directory.
     place = os.path.abspath(path)

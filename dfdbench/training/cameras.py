@@ -267,7 +267,7 @@ class CameraLearner(Trainee, Generic[E]):
         self._bf16 = precision_for(cpu)[0] == "bf16"
 
     def learn(self, spent: float = 0.0) -> tuple[float, float]:
-        """Do one step, at this share of the time; return its learning rate and its loss."""
+        """Do one step, given the share of time spent; return its learning rate and its loss."""
         part = max(self.step / self._total, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)

@@ -109,7 +109,7 @@ class Redraw:
     lowest, highest : int
         The limits of a patch's mean level.
     tilt : float
-        The steepest slope added along rows and columns, in levels a pixel.
+        The steepest slope added along rows and columns, in levels per pixel.
     unknown : int
         The level that stays as it is.
     tracks : tuple of Degradation

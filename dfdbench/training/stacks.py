@@ -29,8 +29,8 @@ CAMERAS, EVERY = 27, 8
 _PLANES, _RAYS, _SHAPE = 10, 32, (288, 384)
 # The number of the first camera; no scene's camera has these numbers.
 _FIRST = 7000
-# The ranges of the focus in dioptres, how far a distance may deviate from even spacing, in steps,
-# the factor of the drawn f-number, and the share of the view that is visible.
+# The ranges of the nearest and the farthest focus in dioptres, how far a distance may deviate from
+# even spacing, in steps, the factor of the drawn f-number, and the share of the view that is seen.
 _NEAR, _FAR, _JITTER, _STOPS, _VIEW = (1.1, 1.9), (0.1, 0.5), 0.3, (0.5, 1.2), (0.6, 1.0)
 # This many of five cameras have no colour error: three colours take three times as long.
 _PLAIN = 4

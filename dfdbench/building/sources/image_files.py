@@ -30,8 +30,7 @@ _ORIENTATION = 0x0112
 _FULL = 16
 # Red, green, blue and opacity: an array with more channels is not a picture.
 _MOST_CHANNELS = 4
-# If a file uses no more than these bits, the camera more likely has no more than that it saw
-# nothing bright.
+# If all values fit into this many bits, the camera likely has no more; dark scenes are rarer.
 _CONVERTERS = (8, 10, 12)
 # By EXIF orientation: whether the image is mirrored left to right, and the quarter turns
 # anticlockwise that then make it upright.

@@ -240,8 +240,8 @@ def network_table(plan: SearchPlan, best: LogRow) -> Table:
 
 
 def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
-    # The sites after this layer's convolution; before layer 1 there is no convolution, as after
-    # layer 5.
+    # The site after this layer's convolution; the last one, after layer 5, stands alone before
+    # layer 1.
     sites = dict(zip((52, 48, 40, 32, 24, 20, 12, 8, 5), range(len(SITES)), strict=True))
     if layer not in sites:
         return "", ""
