@@ -40,12 +40,12 @@ class NewManifest:
 
     Parameters
     ----------
-    The name of its file, ``NAME-1.toml``.
-        Its file's name, ``NAME-1.toml``.
+    name : str
+        The name of its file, ``NAME-1.toml``.
     toml : str
         Its text.
-    In words: what was found, and what a person has to fill in.
-        In words: what was found, and what a person has to say.
+    found, open : tuple of str
+        In words: what was found, and what a person has to fill in.
     """
 
     name: str

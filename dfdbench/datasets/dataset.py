@@ -52,8 +52,9 @@ class Dataset:
 
     Raises
     ------
-    If there is no store, it is not a dfdbench store or is incomplete, its attributes were edited,
-    or it was built from a manifest that differs from the released one of that name.
+    StoreError
+        If there is no store, it is not a dfdbench store or is incomplete, its attributes were
+        edited, or it was built from a manifest that differs from the released one of that name.
     """
 
     def __init__(self, place: Place) -> None:
