@@ -364,7 +364,7 @@ def bound_table(
 ) -> Table:
     """Return the least NRMSE by window, root mean squares over captures, and runs by name.
 
-    A run counts on the bound's captures; if it lacks a score of one, it is only named.
+    Runs are scored on the bound's captures; a run that lacks a score on any is only named.
     """
     least = {
         window: _root_mean_square(

@@ -149,7 +149,7 @@ class Capture:
         facts, count = self.facts, len(self.images)
         near, far = self.about.ends
         known = {name: np.broadcast_to(getattr(facts, name), count) for name in BY_IMAGE}
-        import xarray  # a run of pairs has no need of it
+        import xarray  # a run of pairs does not need it
 
         return xarray.DataArray(
             self.images,

@@ -27,7 +27,7 @@ class DepthScale(StrictRecord):
     near, far : float
         The distances at both ends, in metres.
     near_level, far_level : int
-        Their levels; 255 and 1 where brighter is nearer and level 0 unknown.
+        Their levels: 255 and 1 if brighter is nearer and level 0 is unknown.
 
     Examples
     --------

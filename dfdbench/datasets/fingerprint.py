@@ -56,7 +56,7 @@ def scene_digests(scene: xarray.Dataset) -> dict[str, str]:
 
 
 def variable_digest(variable: xarray.DataArray) -> str:
-    """Return the digest of one variable or coordinate of a scene, as of `array_digest`."""
+    """Return the digest of one variable or coordinate of a scene, by `array_digest`."""
     dimensions = tuple(map(str, variable.dims))
     return array_digest(str(variable.name), dimensions, np.asarray(variable.values))
 

@@ -243,7 +243,7 @@ def _bounds(scene: Scene, surface: int, reach: float, focus: float) -> Floats:
         return np.full(8, np.inf)
     visible = [hull[ahead]]
     if not ahead.all():
-        # Where the hull leaves the space in front of the lens.
+        # Add the points at which the hull leaves the space in front of the lens.
         near, far = hull[~ahead, np.newaxis], hull[np.newaxis, ahead]
         share = (CLOSEST - near[..., 2:]) / (far[..., 2:] - near[..., 2:])
         visible.append((near + share * (far - near)).reshape(-1, 3))

@@ -39,7 +39,7 @@ def depth_of(
 ) -> NDArray[np.float32]:
     """Return a depth file's values in the unit of the set, NaN if unknown.
 
-    Depths nearer than near or farther than far count as unknown. Whole numbers give whole levels; a
+    Depths before `near` or beyond `far` count as unknown. Whole numbers give whole levels; a
     file with fractions keeps them.
 
     Parameters
