@@ -47,7 +47,7 @@ class Facts:
     folder : Path
         The folder with the files.
     roles : dict of str to Group
-        The files of ``infocus``, ``defocus`` and ``depth``; for stacks, ``images`` and ``metadata``.
+        The files of ``infocus``, ``defocus`` and ``depth``; for stacks ``images`` and ``metadata``.
     shapes : dict
         Rows and columns of the photographs of each scene that was inspected.
     files : dict of str to str

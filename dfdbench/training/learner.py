@@ -254,7 +254,7 @@ class Learner(Trainee):
         return tasks.mean_scores(self.network, store, pairs, self.device, readout=readout)
 
     def levels(self) -> list[Row]:
-        """Return how often each depth level was trained on, and how often training pairs have it."""
+        """Return how often each depth level was trained on, and occurs in the training pairs."""
         counts = zip(self.trained.tolist(), self.present.tolist(), strict=True)
         return [
             {"level": level, "trained": trained, "present": present}
