@@ -101,10 +101,10 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
 
     Notes
     -----
-    Numbers that a result is to keep, an energy for example, are read after the call from the
-    method's attribute ``numbers``, a mapping of at most 100 names to what the last call came to.
+    Numbers for the result, such as an energy, are read after the call from the method's attribute
+    ``numbers``, which maps at most 100 names to the values of the last call.
 
-    What the method changes of the process is put back: see `process_kept`.
+    Changes that the method makes to the process are undone: see `process_kept`.
 
     Examples
     --------

@@ -15,19 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
-# Largest sum of absolute differences between a label's kernel and what stands for it: at most
+# Largest sum of absolute differences between a label's kernel and the sum that replaces it: at most
 # 0.013 grey levels where black meets white, a hundredth of that in photographs.
 KERNEL_TOLERANCE = 1e-4
 
-# Weight of the factors' own size in the fit of the kernels. Without it they grow to hundreds and
-# float32 rounding with them; with it they stay below 6 and the fit is nearly as good.
+# Weight of the factors' size in the fit of the kernels. Without it they, and float32 rounding with
+# them, grow to hundreds. With it they stay below 6 and the fit is nearly as good.
 RIDGE = 1e-6
 
-# Added before a cost is cut down to an integer. Flat areas have integer costs, which rounding
-# must not put just below themselves.
+# Added before a cost is truncated to an integer. Flat areas have integer costs, which rounding must
+# not push just below the integer.
 ROUNDING = np.float32(2**-13)
 
-# Taps below this part of a kernel's whole cannot change a float32 sum of 8-bit values.
+# Taps below this share of a kernel's sum cannot change a float32 sum of 8-bit values.
 NEGLIGIBLE = 1e-9
 
 Array = NDArray[Any]
@@ -180,9 +180,9 @@ def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def planes_of(kernels: Array) -> NDArray[np.float64]:
-    """Build 2-D kernels as rows of 1-D ones: their quadrant counts for all, by symmetry."""
+    """Build 2-D kernels from rows of 1-D ones; by symmetry one quadrant represents all four."""
     radius = kernels.shape[1] // 2
-    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    # In sums over the kernel, a tap off an axis also counts for its mirror images.
     half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
     return np.asarray(np.einsum("ia,ib->iab", half, half).reshape(len(half), -1))
 
