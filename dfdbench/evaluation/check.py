@@ -309,7 +309,7 @@ def _try_writing(method: Method, pair: Capture) -> Check:
 
 #: The shape of the images to warm up on.
 _SHAPE = (24, 40)
-#: Entries of methods that are only networks, for which numba has nothing to compile.
+#: Entries of mere networks, which numba does not compile, and of a method that needs PyTorch too.
 _LEARNED = ("dfdbench.methods.learned:", "dfdbench.methods.stack_net:")
 _VOLUME = "dfdbench.methods.volume_net:"
 

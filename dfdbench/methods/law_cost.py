@@ -189,11 +189,10 @@ def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: in
 
 
 def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
-    """Return how badly a law explains a pair, whatever its depth: about 1 if only noise is left.
+    """Return how badly a law explains a pair, whatever its depth, in units of the law's noise.
 
-    For each pixel of a corner it takes the squared residual of the best of some levels, in units of
-    the law's noise, and returns the root of the median. Since the best level is chosen, pure noise
-    gives less than 1.
+    It takes the squared residual of the best of some levels at each pixel of a corner, and returns
+    the root of the median. Since the best level is chosen, pure noise gives less than 1.
     """
     some = np.arange(0, LAST_LEVEL + 1, _COARSE)
     corner = blurred_by(law, infocus, defocus, some).part(slice(_CORNER), slice(_CORNER))
