@@ -2,7 +2,7 @@
 
 import lazy_loader
 
-# Names come when they are asked for: the command line starts with this, and must start quickly.
+# Names are imported on first use, so that the command line starts quickly.
 _attached, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 

@@ -1,4 +1,4 @@
-"""Start the command line, quickly: ``dfdbench`` and ``python -m dfdbench``."""
+"""Start the command line quickly: ``dfdbench`` and ``python -m dfdbench``."""
 
 import os
 import sys
@@ -11,10 +11,10 @@ error: not enough memory or threads
 
 
 def main() -> None:
-    """Load and run the command line; Ctrl-C ends it with status 130, at any time."""
+    """Load and run the command line; Ctrl-C ends it with status 130 at any time."""
     _open_what_is_closed()
     try:
-        # Imported here: it takes a second, in which Ctrl-C must not show a traceback.
+        # Imported here because it takes a second, during which Ctrl-C must not show a traceback.
         from dfdbench.cli import main as run
 
         run()
@@ -22,7 +22,7 @@ def main() -> None:
         print("stopped", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (MemoryError, RuntimeError, ImportError, OSError) as error:
-        # Here, because a library may run out of memory while it is imported.
+        # Caught here because a library may run out of memory while it is imported.
         from dfdbench.errors import is_lack_of_memory
 
         if not is_lack_of_memory(error):
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def _open_what_is_closed() -> None:
-    # The next file to be opened would take a closed stream's place, and be printed into.
+    # Otherwise the next file opened would get a closed stream's number, and we would print into it.
     for name, access in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_RDWR)

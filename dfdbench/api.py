@@ -1,4 +1,4 @@
-"""The public functions and what they return; `import dfdbench` brings them."""
+"""The public functions and what they return; `import dfdbench` exports them."""
 
 import shutil
 import tempfile
@@ -35,7 +35,7 @@ from dfdbench.system.parallel import Pool, Shown, Threads
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted, listed
 
-#: The file in a run's folder that has all of its tables.
+#: The file in a run's folder that holds all of its tables.
 TABLES = "tables.md"
 Progress = Callable[[int, int], None]
 
@@ -54,49 +54,50 @@ def build(
     cache: Path | str | None = None,
     shown: Shown = lambda what: nullcontext(),
 ) -> Dataset:
-    """Build a data set; what was fetched or finished before is kept.
+    """Build a data set, reusing what was fetched or finished before.
 
     Parameters
     ----------
     name : str
         A data set's name or a manifest's path; ``NAME@TRACK-SEVERITY`` for a track.
     source : Path or str, optional
-        The folder with the files; by default Middlebury's are downloaded, and demo is made.
+        The folder with the files; by default Middlebury's are downloaded and demo is generated.
     store : str, Path or UPath, optional
-        Where to build, a path or a URL; by default the cache.
+        Where to build, as a path or URL; by default the cache.
     recipe : str, optional
-        A blur recipe in place of the manifest's: ``published`` or ``text``.
+        A blur recipe that replaces the manifest's: ``published`` or ``text``.
     steps : tuple of int, optional
-        In-focus and defocus voltage step of captured pairs.
+        The in-focus and the defocus voltage step of captured pairs.
     mirrors : sequence of str
-        Addresses to download from before the site.
+        Addresses to try before the original site.
     offline : bool
         Use only what was fetched before.
     seed : int, optional
-        Of ``unseen`` and ``unseen-stack``: what the rooms are drawn from, 0 if not given.
+        The seed of the rooms, for ``unseen`` and ``unseen-stack``; by default 0.
     workers : int, optional
-        How many threads; by default one per processor core.
+        The number of threads; by default one per processor core.
     cache : Path or str, optional
         The cache folder.
     shown : callable
-        Shows progress: entered with what is done, it gives a callable (done, total).
+        Shows progress: called with the name of a step, it returns a context manager that gives a
+        callable (done, total).
 
     Returns
     -------
     Dataset
-        The data set. What is missing or looks odd is warned about.
+        The data set. Warnings name whatever is missing or looks odd.
 
     Raises
     ------
     UnknownNameError, ManifestError, SourceError, InputError
-        If there is no such data set, or its files cannot be had or read.
+        If there is no such data set, or its files cannot be obtained or read.
 
     Examples
     --------
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
-    # Here: what reads and fetches files takes longer to import than a short run takes.
+    # Imported here because it takes longer to import than a short run takes.
     from dfdbench.building.obtaining import build_dataset
 
     report = build_dataset(
@@ -121,7 +122,7 @@ def build(
 
 
 def list_datasets(cache: Path | str | None = None) -> pd.DataFrame:
-    """Return the data sets that come with the package, a row each.
+    """Return the data sets that come with the package, one per row.
 
     Examples
     --------
@@ -143,7 +144,7 @@ def list_datasets(cache: Path | str | None = None) -> pd.DataFrame:
 
 
 def list_methods() -> pd.DataFrame:
-    """Return the registered methods: what each is, and where it is defined.
+    """Return the registered methods: what each one is and where it is defined.
 
     Examples
     --------
@@ -156,14 +157,15 @@ def list_methods() -> pd.DataFrame:
 
 
 def load_method(name: str, **parameters: Any) -> Method:
-    """Return a method: call it with an in-focus and a defocus image, or with a stack.
+    """Return a method, which you call with an in-focus and a defocus image, or with a stack.
 
     Parameters
     ----------
     name : str
         A registered name, ``file.py:attribute``, ``module:attribute`` or ``model.onnx``.
     **parameters
-        The method's; ``recipe`` may be a blur recipe's name, fields, TOML file or object.
+        The method's parameters; ``recipe`` may be a blur recipe's name, fields, TOML file or
+        object.
 
     Raises
     ------
@@ -182,14 +184,14 @@ def load_method(name: str, **parameters: Any) -> Method:
 
 
 def _check_for_board(split: str, limit: int | None = None) -> Callable[..., None]:
-    """Return the check of a store and a method that a run for the leaderboard begins with.
+    """Return the check of store and method that a leaderboard run begins with.
 
     Raises
     ------
     InputError
-        If there can be no row of such a run.
+        If the leaderboard would not take such a run.
     """
-    # Few runs are for the leaderboard, whose libraries take as long to import as a short run.
+    # Few runs are for the leaderboard, and its libraries take as long to import as a short run.
     from dfdbench.board.submission import require_fit_to_submit, require_submittable
 
     require_submittable(limit)
@@ -219,40 +221,40 @@ def run(
     Parameters
     ----------
     method : str or callable
-        A registered name, ``module:attribute``, ``file.py:attribute``; or the thing itself: a
-        function of two RGB images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255,
-        shape (y, x), a class of such objects, or one of them. It may be defined in a notebook.
+        A registered name, ``module:attribute`` or ``file.py:attribute``; or a function of two RGB
+        images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255, shape (y, x); or a
+        class whose instances are called that way, or an instance. It may be defined in a notebook.
     dataset : str or Dataset
         A data set's name, a store's path or URL, or an open data set.
     split : str
         A split, a fold, a scene, or ``"all"``.
     parameters : mapping
-        Given to the method: to a class when it is constructed, to a function at each call.
+        Passed to a class when it is constructed, and to a function at each call.
     protocol : str, optional
         The protocol of the run's tables; by default the data set's first.
     limit : int, optional
-        Only the first pairs, so many; there are no averages then.
+        Run only this many pairs, the first ones; there are then no averages.
     seed : int
         For methods that draw random numbers.
     out : Path or str, optional
-        A folder that keeps result and depth maps; a run that was stopped goes on there, unless
+        The folder for the result and the depth maps. A run that was stopped resumes there, unless
         only this process knows the method. By default a temporary folder, which lasts as long as
-        what is returned.
+        the returned run.
     keep_predictions : bool
         Keep the depth maps; figures need them.
     fresh : bool
         Evaluate all pairs anew.
     fitted : Run, Path or str, optional
-        A run or its folder: use what its fit learned, on this camera or another, and fit nothing
-        here.
+        A run or its folder: use what its fit learned, on this camera or another, and do not fit
+        again.
     pool : Pool, optional
-        Other processes to evaluate pairs in, several at once; times are then not comparable.
+        Processes that evaluate several pairs at once; times are then not comparable.
     for_board : bool
-        Refuse before the run what the leaderboard would refuse.
+        Raise before the run if the leaderboard would refuse it.
     cache : Path or str, optional
         The cache folder.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do, the mean score of those done, as text).
+        Called with the number of pairs done, the number to do, and the mean score so far as text.
 
     Raises
     ------
@@ -261,9 +263,9 @@ def run(
     UnknownNameError
         If there is no such method, data set, split or protocol.
     InputError
-        If `limit` is no whole number from 1, or `out` holds something else.
+        If `limit` is not a whole number from 1, or `out` holds something else.
     MethodError
-        If the method cannot be loaded or fitted. What it raises on a pair is in that pair's record.
+        If the method cannot be loaded or fitted. An error on a pair goes into that pair's record.
 
     Examples
     --------
@@ -316,13 +318,13 @@ def run_tracks(
     dataset : str
         The name of a data set with synthetic blur, without a track.
     tracks : sequence of str, optional
-        Which; by default all.
+        The tracks to run on; by default all.
     given_blur : bool
         Give the method each track's blur; the row then has no rank.
     protocol : str
         The protocol of the run's table.
     source : Path, optional
-        The data set's files, to build what is not built.
+        The data set's files, needed if a track is not built yet.
     on_result : callable
         Called with each label, ``clean`` or ``TRACK-SEVERITY``, and its result.
     shown : callable
@@ -331,9 +333,9 @@ def run_tracks(
     Raises
     ------
     StoreError
-        If a data set is not built and cannot be made here.
+        If a data set is not built and cannot be built here.
     DfdbenchError
-        As of `run`.
+        As for `run`.
 
     Examples
     --------
@@ -345,7 +347,7 @@ def run_tracks(
     plain.scenes_of(split)
     protocol = plan.protocol_on(plain, protocol)
     labels = evaluate.labels_of(tracks)
-    # What cannot be run is said before anything is built or run for long.
+    # Fail before anything is built or run for long.
     if isinstance(method, str):
         registry.find_entry(method)
     options = plan.RunOptions(keep_predictions=False, seed=seed)
@@ -382,8 +384,7 @@ def tune(
 ) -> pd.DataFrame:
     """Try parameters on training captures, by cross-validation over their groups.
 
-    No test capture is looked at. What the fits of our methods choose by themselves, they choose
-    in each fold anew.
+    It looks at no test capture. Our methods repeat in each fold whatever their fit chooses.
 
     Parameters
     ----------
@@ -400,13 +401,13 @@ def tune(
     Returns
     -------
     pandas.DataFrame
-        A row a combination, the best first: the means of the metrics, indexed by the parameters.
+        One row per combination, the best first: the metrics' means, indexed by the parameters.
 
     Raises
     ------
     InputError
-        If there is nothing to try, `limit` is no whole number from 1, or fewer groups
-        than the four folds.
+        If there is nothing to try, if `limit` is not a whole number from 1, or if there are fewer
+        than four groups, one for each fold.
     MethodError
         If the method does not take a parameter, or fails.
 
@@ -435,15 +436,15 @@ def run_transfer(
 ) -> Transfer:
     """Fit a method on each data set and test every fit on all of them.
 
-    Rendered sets of several seeds have a camera each, so that this asks what a fit is worth
-    behind another camera. What a stopped call has done is taken over.
+    Rendered sets of different seeds have different cameras, so this shows what a fit is worth on
+    another camera. A call that was stopped resumes in the same folder.
 
     Parameters
     ----------
     method, split, parameters, seed, cache
-        As for `run`. The method has a fit that returns what it learned.
+        As for `run`. The method needs a fit that returns what it learned.
     datasets : sequence of str or Dataset
-        Two or more, built.
+        Two or more built data sets.
     protocol : str
         The protocol of the table.
     out : Path or str, optional
@@ -456,9 +457,9 @@ def run_transfer(
     Raises
     ------
     InputError
-        If there are not two data sets, or one is named twice.
+        If there are fewer than two data sets, or one is named twice.
     DfdbenchError
-        As of `run`.
+        As for `run`.
 
     Examples
     --------
@@ -473,7 +474,7 @@ def run_transfer(
                 f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
             )
             raise InputError(what, where="datasets")
-        # What cannot be run is said before anything is run for long.
+        # Fail before anything is run for long.
         for store in stores.values():
             store.manifest.scenes_of(split)
             plan.protocol_on(store.manifest, protocol)
@@ -520,16 +521,16 @@ def score(
     dataset, split, protocol, for_board, cache, on_pair
         As for `run`.
     unit : {"levels", "metres"}
-        What the files hold.
+        The unit of the files.
     method : str, optional
-        What tables call it; by default the folder's name.
+        The method's name in tables; by default the folder's name.
     out : Path or str, optional
         Where the result goes; by default a new temporary folder.
 
     Raises
     ------
     ResultError
-        With everything that is wrong with the files.
+        If files are missing or invalid; it lists every problem.
     """
     if for_board:
         _check_for_board(split)
@@ -558,7 +559,7 @@ def _opened(dataset: str | Dataset, cache: Path | str | None) -> Dataset:
 def _folder(
     out: Path | str | None, *inputs: Path | str | None, replaces: bool = True
 ) -> Iterator[Path]:
-    """Give a run's folder: the one named, or a temporary one, which goes if the run fails."""
+    """Give the run's folder: `out`, or a temporary one, which is removed if the run fails."""
     if out is not None:
         yield output_place(out, *inputs, replaces=replaces)
         return
@@ -571,7 +572,7 @@ def _folder(
 
 
 def _require_some(result: Result) -> None:
-    """Stop before the next track where a method fails on every pair of this one."""
+    """Raise if a method failed on every pair of a track, so that the next one is not run."""
     errors = {pair.error for pair in result.pairs}
     if all(pair.status == "failed" for pair in result.pairs):
         what = f"it failed on every pair of {result.dataset.name}: {listed(errors, most=1)}"
@@ -610,7 +611,7 @@ def _run_of(
 def compare(
     *runs: Run | Path | str, protocol: str | None = None, dataset: str | None = None, most: int = 10
 ) -> Comparison:
-    """Compare runs on the same data with the first of them, pair by pair.
+    """Compare each run with the first one, pair by pair, on the same data.
 
     Parameters
     ----------
@@ -621,14 +622,14 @@ def compare(
     dataset : str, optional
         The store's path, if it is not where the runs found it.
     most : int
-        How many changed pairs are listed.
+        How many changed pairs to list at most.
 
     Raises
     ------
     InputError
-        If there are not two, or something is neither a run nor a folder.
+        If there are fewer than two runs, or something is neither a run nor a folder.
     ResultError
-        If they are on different data or splits.
+        If the runs are on different data or splits.
 
     Examples
     --------
@@ -644,19 +645,19 @@ def compare(
 
 
 def open_run(path: Path | str, dataset: str | None = None) -> Run:
-    """Open what ``dfdbench run`` or ``dfdbench tracks`` left in a folder.
+    """Open the run that ``dfdbench run`` or ``dfdbench tracks`` left in a folder.
 
     Parameters
     ----------
     path : Path or str
-        A run's folder or its ``result.json``; the folder of a run on tracks.
+        A run's folder or its ``result.json``, or the folder of a run on tracks.
     dataset : str, optional
         The store's path, if it is not where the run found it.
 
     Raises
     ------
     ResultError
-        If there is no run, or its result is damaged.
+        If there is no run there, or its result is damaged.
 
     Examples
     --------

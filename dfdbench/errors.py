@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
-# Longer than any name or path that somebody would read.
+# Longer than any name or path that somebody would want to read.
 _LONG_WORD = re.compile(r"\S{300,}")
-# More than anyone reads: the attribute `problems` has them all.
+# Nobody reads more; the attribute `problems` has them all.
 _MOST_SHOWN = 200
 _NO_MEMORY = re.compile(
     "can't start new thread|failed to map segment|not enough memory|cannot allocate memory", re.I
 )
-# All control characters but the tab and the line's end.
+# All control characters except tab and line feed.
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
@@ -27,16 +27,16 @@ class Problem:
     what : str
         The problem in a few words.
     where : str
-        The file, field or pair that it is about.
+        The file, field or pair concerned.
     expected, got : str
-        What was wanted and what was found, if `what` does not say so.
+        What was expected and what was found, if `what` does not say so.
     fix : str
         What the user can do about it.
 
     Notes
     -----
-    As text it is one sentence, and a second one for the fix. Words that are too long to read are
-    cut in the middle, and characters that would steer a terminal are spelt out.
+    As text it is one sentence, and a second one for the fix. Very long words are cut in the
+    middle, and control characters are spelt out.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Problem:
 
 
 def steering_nothing(text: str) -> str:
-    r"""Return a text with the characters that would steer a terminal spelt out.
+    r"""Return a text with its control characters, which a terminal would obey, spelt out.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def steering_nothing(text: str) -> str:
 
 
 def writable(text: str) -> str:
-    r"""Return a text with what no file can hold, a lone surrogate, spelt out.
+    r"""Return a text with lone surrogates, which no file can hold, spelt out.
 
     Examples
     --------
@@ -84,14 +84,14 @@ def writable(text: str) -> str:
 
 
 class DfdbenchError(Exception):
-    """A mistake that a user can mend; carries every problem that was found.
+    """A mistake that a user can fix; it carries every problem that was found.
 
     Parameters
     ----------
     what : str
         The problem in a few words.
     where, expected, got, fix : str
-        As of a `Problem`.
+        As for a `Problem`.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class DfdbenchError(Exception):
 
     @classmethod
     def of(cls, problems: Problem | Iterable[Problem]) -> Self:
-        """Return the error that tells of one problem, or of several together."""
+        """Return the error for one problem, or for several together."""
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
         error = cls(found[0].what if found else "")
         error.problems = found
@@ -121,7 +121,7 @@ class DfdbenchError(Exception):
 
     @classmethod
     def raise_if(cls, problems: Iterable[Problem]) -> None:
-        """Raise the error of several problems together, if there is any."""
+        """Raise one error for all problems, if there are any."""
         if found := tuple(problems):
             raise cls.of(found)
 
@@ -135,16 +135,16 @@ class DfdbenchError(Exception):
         return "\n".join([f"{len(self.problems)} problems:", *numbered])
 
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[tuple[Problem, ...]]]:
-        # Exceptions travel between processes by their arguments: send the problems, not the text.
+        # Exceptions are pickled by their arguments: send the problems, not the text.
         return type(self).of, (self.problems,)
 
 
 class InputError(DfdbenchError, ValueError):
-    """An array or a number handed to a function is not what it takes."""
+    """An invalid argument, such as an array of the wrong shape or a number out of range."""
 
 
 class UnknownNameError(DfdbenchError, LookupError):
-    """A name of a data set, scene, split, protocol or method that is not known."""
+    """An unknown name of a data set, scene, split, protocol or method."""
 
 
 class ManifestError(DfdbenchError):
@@ -168,7 +168,7 @@ class ResultError(DfdbenchError):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> UnknownNameError:
-    """Return the error for an unknown name: the near misses are named, or all names.
+    """Return the error for an unknown name; it lists the near misses, or else all known names.
 
     Parameters
     ----------
@@ -177,9 +177,9 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     name : str
         The name that was given.
     known : iterable of str
-        Every name that would have been right.
+        Every valid name.
     fix : str, optional
-        What to do, where it is more than to choose another name.
+        What else the user can do, apart from choosing another name.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     unknown scene: expected one of: Art, Books, Reindeer, got Xylophone
     """
     choices = sorted(known)
-    # Of short names one letter is much.
+    # In a short name one letter makes a large difference.
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5 if len(name) < 4 else 0.55)
     near.sort(key=lambda each: (-difflib.SequenceMatcher(None, each, name).ratio(), each))
     if not near:
@@ -198,7 +198,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     return UnknownNameError(
         what=f"unknown {kind}",
-        # Nobody reads thirty names where one is near.
+        # Nobody reads thirty names if one is near.
         expected="" if near else "one of: " + ", ".join(choices),
         got=name,
         fix=" ".join(part for part in (hint, fix) if part),
@@ -206,7 +206,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
 
 
 def reason_of(error: BaseException) -> str:
-    """Return why a file could not be read or written, in the system's words where it has some.
+    """Return why a file could not be read or written, in the system's words if it has any.
 
     Examples
     --------
@@ -230,21 +230,21 @@ def is_lack_of_memory(error: BaseException | None) -> bool:
         return False
     if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
         return True
-    # Each library has its own words for it.
+    # Each library words it differently.
     return bool(_NO_MEMORY.search(str(error))) or is_lack_of_memory(
         error.__cause__ or error.__context__
     )
 
 
 def room_or(elsewhere: str, error: BaseException) -> str:
-    """Return what to do where a file could not be written: make room only where there is none.
+    """Return what to do if a file could not be written; suggest making room only on a full disk.
 
     Parameters
     ----------
     elsewhere : str
-        How another place is named.
+        How to choose another place, such as ``"choose another folder"``.
     error : BaseException
-        Why it could not.
+        Why the file could not be written.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""How a command ends: every exit status, and what it means."""
+"""The exit statuses of commands, and what they mean."""
 
 DONE, NO, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
-#: As docs/scripts.md shows them.
+#: Shown in docs/scripts.md.
 STATUSES = {
     DONE: "done, or the reader of a pipe (`head`) has enough",
     NO: "done, and the answer is no: pairs or trials failed, a store or row differs, a test is not "

@@ -19,9 +19,9 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     """Pairs as tensors, whole or cropped at random places.
 
     Items are dictionaries: ``infocus`` and ``defocus``, uint8 (channel, y, x); ``depth``, uint8
-    (y, x), depth levels; ``valid``, bool (y, x), where they are known. It may be used with any
-    number of a ``DataLoader``'s workers, persistent ones too: the crops do not depend on them.
-    Whole images of several sizes make a batch with ``collate_fn=TorchPairs.collate``.
+    (y, x), depth levels; ``valid``, bool (y, x), True where the depth is known. A ``DataLoader``
+    may have any number of workers, persistent ones too: the crops do not depend on them. To batch
+    whole images of different sizes, pass ``collate_fn=TorchPairs.collate``.
 
     Parameters
     ----------
@@ -30,16 +30,16 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     split : str
         A split, a fold, a scene, or ``"all"``.
     crop : int, optional
-        Rows and columns of the crops; whole images by default.
+        Side of the square crops, in pixels; whole images by default.
     seed : int
-        Of the places of the crops.
+        The seed of the crops' positions.
     store, cache
-        Where the data set lies; see `dfdbench.datasets.dataset.open_dataset`.
+        Where the data set is; see `dfdbench.datasets.dataset.open_dataset`.
 
     Raises
     ------
     InputError
-        Where a crop is larger than the images.
+        If the crop is larger than an image.
 
     Examples
     --------
@@ -92,21 +92,21 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         return item | {"images": first} | {name: torch.from_numpy(known[name]) for name in known}
 
     def set_epoch(self, epoch: int) -> None:
-        """Crop at other places: those of this epoch, a number from 0; set it between epochs."""
+        """Crop at this epoch's positions (epochs count from 0); call it between epochs."""
         self._epoch.fill_(epoch)
 
     @staticmethod
     def collate(items: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
-        """Return one batch of items whose sizes differ, for a ``DataLoader``'s ``collate_fn``.
+        """Return one batch of items of different sizes, for a ``DataLoader``'s ``collate_fn``.
 
-        Images and depth maps are filled up with zeros, at the bottom and on the right, to the
-        largest of the batch. There ``valid`` is False, so that a loss over the known pixels
-        leaves them out.
+        Images and depth maps are padded with zeros, at the bottom and on the right, to the
+        largest height and width in the batch. ``valid`` is False there, so a loss over the known
+        pixels leaves the padding out.
 
         Parameters
         ----------
         items : sequence of dict
-            As this data set gives them.
+            Items of this data set.
 
         Returns
         -------

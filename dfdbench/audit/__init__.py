@@ -1,1 +1,1 @@
-"""Is the test fair: depths, coverage, leaks, splits, difficulty."""
+"""Check whether a test is fair: depths, coverage, leaks, splits, difficulty."""

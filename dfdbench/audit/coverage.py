@@ -1,4 +1,4 @@
-"""Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
+"""Find the depth levels of a test that its training lacks: verdicts, a JSON record, and tables."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -44,19 +44,19 @@ class Criterion(StrEnum):
 
 @dataclass(frozen=True)
 class Rule:
-    """When a level of the test is not covered, and when the test is.
+    """When a level of the test counts as uncovered, and when the test counts as covered.
 
     Parameters
     ----------
     criterion : Criterion
-        `thesis`: the test has more pixels of the level than training (5.4.2), so that a missing
-        level is always among them. `density`: the level is too dense in the test for its density in
-        training. `either` applies both.
+        `thesis`: the test has more pixels of the level than training (5.4.2), which includes every
+        missing level. `density`: the level is too dense in the test for its density in training.
+        `either` applies both.
     allowed_share : float
         Share of the test's known pixels that may be on uncovered levels.
     density_factor : float
-        The level's share of the test's known pixels exceeds this many times its share of the
-        training set's.
+        A level is too dense if its share of the test's known pixels exceeds its share of the
+        training set's by more than this factor.
     density_floor : float
         Levels with a smaller share of the test raise no alarm.
 
@@ -69,7 +69,7 @@ class Rule:
     -----
     The thesis compares counts, so its criterion weakens as the test shrinks: for the published
     split it strikes at about 404 / 54 = 7.5 times the density of training. The density criterion
-    keeps to about that for tests of any size.
+    keeps to about this factor for tests of any size.
     """
 
     criterion: Criterion = Criterion.either
@@ -101,7 +101,7 @@ class Rule:
         return np.asarray(by_density if criterion is Criterion.density else by_count | by_density)
 
 
-#: The rule where nothing else is asked for.
+#: The default rule.
 USUAL = Rule()
 
 
@@ -133,7 +133,7 @@ class SideRecord(Record):
 
     @property
     def label(self) -> str:
-        """The data set's name in tables and figures; simulated captures say so."""
+        """The data set's name in tables and figures; simulated sets are marked."""
         return simulated_label(self.dataset, self.simulated)
 
 
@@ -236,7 +236,7 @@ def compare_depths(
 
 
 def as_json(record: CoverageRecord) -> str:
-    """Return a record as its file has it."""
+    """Format a record as its JSON file."""
     return record.model_dump_json(indent=1) + "\n"
 
 

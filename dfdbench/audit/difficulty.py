@@ -1,4 +1,4 @@
-"""How hard a test is: how small a step in depth its blur shows, and the least error it allows."""
+"""Measure how hard a test is: the smallest depth step its blur shows, the least possible error."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,11 +26,11 @@ from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, grouped, percent
 
-#: A step that is a useful depth difference: an eighth of the range that 256 levels span.
+#: A useful depth difference: an eighth of the range that 256 levels span.
 COARSE = 32
 #: The steps tried, in depth levels.
 STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
-#: Stands for no step that is seen.
+#: Means that no step is visible.
 UNSEEN = LEVELS
 _SEEN = (
     "a step is seen where the defocus pixel, as stored in whole grey levels, differs in some "
@@ -46,9 +46,9 @@ class Difficulty:
     Parameters
     ----------
     step : ndarray of int64, shape (y, x)
-        The smallest of `STEPS` that is seen, nearer and farther; or `UNSEEN`.
+        The smallest of `STEPS` that is visible, nearer and farther; or `UNSEEN`.
     valid : ndarray of bool, shape (y, x)
-        True where the depth is known; only these count.
+        True where the depth is known; only these pixels count.
     """
 
     step: NDArray[np.int64]
@@ -65,7 +65,8 @@ class Difficulty:
 def median_step(parts: Sequence[Difficulty]) -> int | None:
     """Return the median step over the known pixels of some pairs.
 
-    One of `STEPS`, or `UNSEEN` if no step is seen for most pixels; None without a known pixel.
+    It is one of `STEPS`, or `UNSEEN` if no step is visible for most pixels; None without known
+    pixels.
     """
     steps = np.concatenate([part.step[part.valid] for part in parts])
     return int(np.percentile(steps, 50, method="inverted_cdf")) if steps.size else None
@@ -80,9 +81,9 @@ def smallest_step(
 ) -> Difficulty:
     """Find the smallest level step that each pixel's blur shows.
 
-    The in-focus image is blurred at each pixel's own level and at levels a step nearer and
-    farther. A step is seen if the defocus pixel, as stored in whole grey levels, differs in some
-    channel by more than the noise from both. At the ends of the scale only one of the two exists.
+    The in-focus image is blurred at each pixel's own level and at levels a step nearer and farther.
+    A step is visible if the defocus pixel, as stored in whole grey levels, differs from both in
+    some channel by more than the noise. At the ends of the scale only one of the two exists.
 
     Parameters
     ----------
@@ -95,19 +96,19 @@ def smallest_step(
     recipe : BlurRecipe
         How the defocus image was made.
     noise : int
-        Grey levels that a difference must exceed; by default any difference counts.
+        How many grey levels a difference must exceed; by default any difference counts.
 
     Raises
     ------
     InputError
-        If noise is not a whole number from 0 up.
+        If noise is not a whole number of at least 0.
 
     Notes
     -----
-    In a synthetic pair each defocus pixel is made from the in-focus image and its own depth
-    alone (Eq. 3.1 to 3.4). So what is not seen here is in no pixel of the pair: a method can
-    only guess it from the depth around. Both sides must differ: a level that looks like one of
-    its neighbours cannot be told from it.
+    In a synthetic pair each defocus pixel is made from the in-focus image and its own depth alone
+    (Eq. 3.1 to 3.4). So a step that is not visible here is in no pixel of the pair: a method can
+    only guess it from the depth around. Both sides must differ: a level that looks like one of its
+    neighbours cannot be told apart from it.
 
     Examples
     --------
@@ -162,7 +163,7 @@ def split_difficulty(
 
 
 def difficulty_rows(manifest: Manifest, found: Mapping[Pair, Difficulty]) -> list[dict[str, Any]]:
-    """Return mean shares and median steps by scene and lighting, views taken together."""
+    """Return mean shares and median steps by scene and lighting, with the views combined."""
     lighting = _lighting(manifest)
     groups = grouped(
         ((pair.scene, tuple(pair.at[axis] for axis in lighting)), difficulty)
@@ -239,11 +240,11 @@ def _step(value: int | None) -> str:
     return NOTHING if value is None else "none" if value == UNSEEN else str(value)
 
 
-#: Sides in pixels of the windows that a method may judge a pixel by.
+#: Sides in pixels of the windows from which a method may judge a pixel.
 WINDOWS = (1, 7, 21)
-#: The one that is drawn: as local methods have it.
+#: The window that figures show, typical of local methods.
 DRAWN = 7
-#: The protocol whose NRMSE the bound is one of.
+#: The bound is an NRMSE under this protocol.
 PROTOCOL, METRIC = "valid", "nrmse"
 _NOTES = (
     "W x W: the least NRMSE (protocol `valid`) of any method that judges a pixel by the W x W "
@@ -258,16 +259,16 @@ _NOTES = (
 
 @dataclass(frozen=True)
 class Bound:
-    """How well depth can be told in one capture.
+    """How precisely one capture determines depth.
 
     Parameters
     ----------
     told : ndarray of float64, shape (y, x)
-        What each pixel tells of its level, as of `information_at`; 0 where depth is not known.
+        Each pixel's information on its level, from `information_at`; 0 if the depth is unknown.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known.
     spread : float
-        Standard deviation of depths before anything is seen, in levels.
+        Standard deviation of depths before seeing anything, in levels.
     """
 
     told: NDArray[np.float64]
@@ -280,15 +281,15 @@ class Bound:
         Parameters
         ----------
         window : int
-            Side in pixels of the square around a pixel that is looked at, odd.
+            Side in pixels of the square around a pixel that a method sees, odd.
 
         Notes
         -----
-        Van Trees's bound, ``1 / sqrt(J + 1 / s^2)``: J is the window's information, the sum over
-        its pixels, as if the shape of the depth were known and only its distance were not; s is
-        the spread. It holds for biased estimates too, in the mean over depths spread so, and a
-        window without texture leaves s. The information at the true depth stands for its mean
-        over depths: where a wrong level far away looks alike, no method comes near the bound.
+        Van Trees's bound, ``1 / sqrt(J + 1 / s^2)``. J is the window's information, the sum over
+        its pixels, as if the shape of the depth were known and only its distance were not; s is the
+        spread. It also holds for biased estimates, in the mean over depths of that spread; a window
+        without texture leaves s. We use the information at the true depth in place of its mean over
+        depths: if a wrong level far away looks alike, no method comes near the bound.
 
         Examples
         --------
@@ -299,12 +300,12 @@ class Bound:
         """
         size = (window, window)
         sums = cv2.boxFilter(self.told, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        # Running sums leave less than nothing where there is nothing.
+        # Running sums may round to slightly below 0.
         return np.asarray(1 / np.sqrt(np.maximum(sums, 0) + 1 / self.spread**2))
 
     @cached_property
     def nrmse(self) -> dict[int, float]:
-        """The least root mean square over known pixels by window, as a part of 255 levels."""
+        """The root mean square of the least error over known pixels, by window, over 255 levels."""
         if not self.valid.any():
             return dict.fromkeys(WINDOWS, math.nan)
         return {
@@ -323,9 +324,9 @@ def bound_of(law: BlurLaw, capture: TrainingPair, spread: float) -> Bound:
 def split_bounds(
     store: Dataset, split: str, training: Sequence[TrainingPair], on_pair: OnDone
 ) -> tuple[BlurLaw, dict[Pair, Bound]]:
-    """Return the law of training pairs, and under it the bound of each capture of a split.
+    """Return the law of training pairs and, under this law, the bound of each capture of a split.
 
-    Of stacks it is the bound of the two images for pairs.
+    For stacks, it is the bound of the two images for pairs.
 
     Raises
     ------
@@ -344,7 +345,7 @@ def split_bounds(
 
 
 def _spread(store: Dataset, pairs: Sequence[Pair]) -> float:
-    """Return the standard deviation of depth levels, each capture weighing the same."""
+    """Return the standard deviation of depth levels, with equal weight for each capture."""
     moments = []
     for pair in pairs:
         levels, valid = store.read_levels(pair)
@@ -354,7 +355,7 @@ def _spread(store: Dataset, pairs: Sequence[Pair]) -> float:
     if not moments:
         raise InputError("no pair with known depth", where=str(store.path))
     mean, square = np.mean(moments, axis=0)
-    # A set of one depth only: still unknown within a level.
+    # Even in a set with one depth only, the depth within a level is unknown.
     return max(math.sqrt(max(square - mean**2, 0)), 1.0)
 
 
@@ -363,7 +364,7 @@ def bound_table(
 ) -> Table:
     """Return the least NRMSE by window, root mean squares over captures, and runs by name.
 
-    A run's captures are those of the bound; a run that lacks a score of one is but named.
+    Runs are scored on the bound's captures; a run that lacks a score on any is only named.
     """
     least = {
         window: _root_mean_square(
@@ -388,7 +389,7 @@ def bound_table(
 def bound_as_json(
     manifest: Manifest, fingerprint: str, law: BlurLaw, found: Mapping[Pair, Bound]
 ) -> str:
-    """Return the least NRMSE of each capture by window as JSON."""
+    """Return the least NRMSE of each capture, by window, as JSON."""
     return as_json(
         "bound",
         dataset=manifest.stem,

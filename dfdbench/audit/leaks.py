@@ -1,4 +1,4 @@
-"""What training and test share: scenes, textures, images."""
+"""Find what training and test share: scenes, textures, images."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from dfdbench.audit.sides import Side
     from dfdbench.datasets.dataset import Dataset
 
-#: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
-#: scene that was left out.
+#: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or scene
+#: that was left out.
 FORM = '"MANIFEST, split NAME" or "MANIFEST, all but FOLD"'
 NAMED = re.compile(r"(?P<manifest>[\w.@-]+), (?P<how>split|all but) (?P<name>[\w.-]+)(,.*)?")
 _HASH_SIDE = 16
-#: Bits of 256 in which two images may differ and still count as one. Other exposures, sizes and
+#: How many of 256 bits may differ between two images that count as one. Other exposures, sizes and
 #: narrow crops of one image stay below; images of different scenes differ in about 128.
 NEAR_DUPLICATE_BITS = 48
 
@@ -41,13 +41,13 @@ def is_called(own: Manifest, name: str) -> bool:
 
 
 def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
-    """Return the scenes of a split that share a scene or texture with any training named.
+    """Return the scenes of a split that share a scene or texture with any of the named trainings.
 
     Parameters
     ----------
     trained_on : str
-        In the form of `FORM`, where the author may add anything after another comma; several are
-        joined by `TRAININGS`. Those that name no scenes of a known data set are left out.
+        In the form of `FORM`, to which the author may add anything after another comma; several are
+        joined by `TRAININGS`. Those that name no scenes of a known data set are ignored.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
     """
     seen: dict[str, None] = {}
     for said in filter(None, map(NAMED.fullmatch, map(str.strip, trained_on.split(TRAININGS)))):
-        # We cannot look into somebody's own training data.
+        # We cannot look into a user's own training data.
         with contextlib.suppress(DfdbenchError):
             own = is_called(test, said["manifest"])
             train = test if own else find_manifest(said["manifest"])
@@ -66,13 +66,13 @@ def scenes_seen(trained_on: str, test: Manifest, split: str) -> list[str]:
 
 
 def scenes_said(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:
-    """Return the scenes of a manifest that a text names, from a match of `NAMED`."""
+    """Return the scenes of a manifest that a text names, given a match of `NAMED`."""
     scenes = training_of if said["how"] == "all but" else Manifest.scenes_of
     return scenes(manifest, said["name"])
 
 
 class LeakError(DfdbenchError):
-    """Something of the test is in the training set as well."""
+    """The test and the training set have something in common."""
 
 
 class Leak(Record):
@@ -84,7 +84,7 @@ class Leak(Record):
     detail: str
 
     def as_problem(self) -> Problem:
-        """Return the leak as a problem that a user can mend."""
+        """Return the leak as a problem that a user can fix."""
         what = f"leak: the same {self.kind} in training and test: {self.detail}"
         fix = "put both into the same split, or train without the one"
         return Problem(what, where=f"{self.train} and {self.test}", fix=fix)
@@ -110,7 +110,7 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
     """Hash one image for each depth map of some scenes, named by its scene and view.
 
-    The lightings of a view show one picture: the last that the store holds is hashed.
+    All lightings of a view show the same picture; the last one in the store is hashed.
     """
     hashes: dict[str, Hashes] = {}
     for scene in scenes:
@@ -119,12 +119,12 @@ def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
     return hashes
 
 
-# One scene is on many sides where each is tested against all others.
+# One scene is on many sides if each is tested against all others.
 @functools.lru_cache(maxsize=1024)
 def _hashes_of(store: Dataset, scene: str) -> Hashes:
     manifest = store.manifest
     views = manifest.depth.axes
-    # Depth axes need not be the first of the pair's axes.
+    # Depth axes need not come first among the pair's axes.
     order = [*views, *(axis for axis in manifest.axes if axis not in views)]
     arrays = store.to_xarray(scene)
     last = {
@@ -144,9 +144,9 @@ def manifest_leaks(
 ) -> list[Leak]:
     """Return the scenes and textures that both sides have.
 
-    Data sets made from the same files share scenes, whatever the sets' names: two scenes are one
-    if both their names and their origins' addresses are the same. A split has all views of a
-    scene or none.
+    Data sets made from the same files share scenes, whatever the sets' names: two scenes are the
+    same if both their names and their origins' addresses are. A split has all views of a scene or
+    none.
     """
     from_train, from_test = _origins(train), _origins(test)
     of_train, of_test = _textures(train), _textures(test)

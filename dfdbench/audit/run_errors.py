@@ -1,4 +1,4 @@
-"""A run's errors on covered, scarce and missing levels: is the data at fault, or the method."""
+"""Split a run's errors by covered, scarce and missing level: is it the data or the method."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,9 +22,9 @@ from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, counted, grouped, percent
 
-#: An evaluated pair, its depth levels, where they are known and answered, and the answer.
+#: An evaluated pair, its depth levels, a mask of known and answered pixels, and the answer.
 Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
-#: Below this share of the error, uncovered levels are not what is wrong.
+#: Below this share of the error, uncovered levels are not the cause.
 _SMALL = 0.1
 WHOLE = np.ones(LEVELS, bool)
 
@@ -50,19 +50,19 @@ class LevelErrors:
         return float(self.pixels[levels].sum() / max(self.pixels.sum(), 1))
 
     def mean(self, levels: Mask = WHOLE) -> float:
-        """Return the mean absolute error on some levels (Eq. 7.2), NaN without a pixel."""
+        """Return the mean absolute error on some levels (Eq. 7.2); NaN without a pixel."""
         pixels = self.pixels[levels].sum()
         return float(self.absolute[levels].sum() / pixels) if pixels else math.nan
 
     def root_mean_square(self, levels: Mask) -> float:
-        """Return the root mean square error on some levels, NaN without a pixel."""
+        """Return the root mean square error on some levels; NaN without a pixel."""
         pixels = self.pixels[levels].sum()
         return math.sqrt(self.squared[levels].sum() / pixels) if pixels else math.nan
 
     def excess(self, levels: Mask) -> float:
-        """Return by what share the mean error would fall if these levels did as well as the others.
+        """Return the relative fall of the mean error if these levels did as well as the others.
 
-        Negative if they do better; NaN if one of the two has no pixel.
+        It is negative if they do better, and NaN if one of the two has no pixel.
         """
         rest, mean = self.mean(~levels), self.mean()
         return 1 - rest / mean if mean and self.pixels[levels].any() else math.nan
@@ -74,7 +74,7 @@ def level_errors(
     prediction: NDArray[np.float32],
     scale: DepthScale | None = None,
 ) -> LevelErrors:
-    """Sum a prediction's errors by true level where depth is known; in metres with a scale.
+    """Sum a prediction's errors by true level where depth is known; in metres if given a scale.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def join_errors(store: Dataset, result: Result, folder: Path, record: CoverageRe
     Raises
     ------
     ResultError
-        As by `kept_predictions`.
+        As in `kept_predictions`.
     """
     errors = {
         pair.pair: level_errors(depth, valid, prediction)
@@ -161,7 +161,7 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
     Raises
     ------
     ResultError
-        If the run is of another data set; after the last pair, if a prediction was not kept or is
+        If the run is on another data set; after the last pair, if a prediction was not kept or is
         not the run's own, or no pair was evaluated.
     """
     if result.dataset.fingerprint != store.fingerprint:
@@ -178,7 +178,7 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
         elif answer_digest(prediction, sigma) != pair.prediction_sha256:
             problems.append(("the prediction is not the result's", pair.id))
         else:
-            # Errors are of what was answered.
+            # Count errors only where the method answered.
             answered = ~np.isnan(prediction)
             levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
             yield pair, depth, valid & answered, levels
@@ -190,7 +190,7 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
-    """Return mean errors by verdict, and below what `conclusion` says of them."""
+    """Return mean errors by verdict, with the `conclusion` below."""
     total = join.total
     kinds = {str(verdict): join.levels[verdict] for verdict in reversed(Verdict)}
     kinds["all known"] = WHOLE
@@ -230,8 +230,8 @@ def scene_table(join: ErrorJoin) -> Table:
 def conclusion(join: ErrorJoin, record: CoverageRecord, training: Training) -> str:
     """Say in one sentence whether the errors are on levels that training lacks.
 
-    A method that was never trained cannot fail for lack of training: its errors show what else is
-    hard about those levels.
+    A method that was never trained cannot fail for lack of training; its errors show what else
+    makes these levels hard.
     """
     if record.leaks:
         return f"{leak_text(record)}: these errors say nothing of scenes that are new"
@@ -301,7 +301,7 @@ _BANDS = np.arange(LEVELS).reshape(-1, _BAND)
 
 
 def level_count_table(side: Side) -> Table:
-    """Return how often levels occur: 16 levels a row, each by itself in the records."""
+    """Return how often levels occur: 16 levels per row; the records have each separately."""
     histogram = side.histogram
     counts, known = histogram.counts, histogram.known
     rows = []
@@ -331,7 +331,7 @@ def level_count_table(side: Side) -> Table:
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """A run's errors by true depth, over all pixels of known depth of all its pairs.
+    """A run's errors by true depth, over all pixels of known depth in all its pairs.
 
     Parameters
     ----------
@@ -360,14 +360,14 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
     Raises
     ------
     ResultError
-        As by `dfdbench.audit.run_errors.kept_predictions`.
+        As in `dfdbench.audit.run_errors.kept_predictions`.
     """
     found = kept_predictions(store, result, folder)
     return _summed(name, found, store.manifest.depth.scale)
 
 
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
-    """Return the errors that one level everywhere makes on the pairs of a run."""
+    """Return the errors of predicting one level everywhere on the pairs of a run."""
     depths = ((pair, *store.read_levels(pair.pair)) for pair in result.evaluated)
     found = (
         (pair, depth, valid, np.full(depth.shape, level, np.float32))
@@ -393,12 +393,12 @@ def _summed(name: str, found: Iterable[Told], scale: DepthScale | None) -> Depth
 
 
 def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors]) -> list[Table]:
-    """Return the mean absolute error by depth, a column a run: in levels, and in metres if known.
+    """Return the mean absolute error by depth, one column per run: in levels and, if known, metres.
 
     Raises
     ------
     ResultError
-        If the runs are of different pairs.
+        If the runs are on different pairs.
     """
     first = found[0]
     for other in found[1:]:

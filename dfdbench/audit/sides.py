@@ -1,4 +1,4 @@
-"""A side of a comparison, training or test: how often each depth level occurs in its scenes."""
+"""One side of a comparison, training or test: how often each depth level occurs in its scenes."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ Summed = TypeVar("Summed")
 
 @dataclass(frozen=True)
 class DepthHistogram:
-    """How often each depth level occurs over some pairs; unknown pixels are counted apart.
+    """How often each depth level occurs over some pairs; unknown pixels are counted separately.
 
     Parameters
     ----------
     counts : ndarray of int64, shape (256,)
         Known pixels of each level; a depth map counts once for each pair that uses it.
     expanded : ndarray of float64, shape (256,)
-        How often training is expected to see a pixel of each level if it draws each pair once, as
-        a random 32 x 32 crop in 8 orientations (thesis 5.2.1, Fig. 5.9).
+        How often training is expected to see a pixel of each level if it draws each pair once, as a
+        random 32 x 32 crop in 8 orientations (thesis 5.2.1, Fig. 5.9).
     unknown : int
         Pixels without ground truth.
     pairs : int
@@ -94,9 +94,10 @@ def depth_histogram(depth: NDArray[np.uint8], valid: Mask, pairs: int = 1) -> De
 
 @functools.lru_cache(maxsize=64)
 def expected_uses(shape: tuple[int, ...], crop_size: int = CROP_SIZE) -> NDArray[np.float64]:
-    """Return how often each pixel is expected in one random square crop of an image.
+    """Return the expected number of uses of each pixel in one random square crop of an image.
 
-    Pixels near the border are in fewer crops. An image smaller than the crop is taken whole.
+    Pixels near the border are in fewer crops. If an image is smaller than the crop, all of it is
+    used.
 
     Examples
     --------
@@ -112,7 +113,7 @@ def expected_uses(shape: tuple[int, ...], crop_size: int = CROP_SIZE) -> NDArray
 
 
 def runs(keys: Sequence[object]) -> list[tuple[int, int]]:
-    """Return the first and last index of each run of equal keys, without those of None.
+    """Return the first and last index of each run of equal keys, skipping None.
 
     Examples
     --------
@@ -146,9 +147,9 @@ class Side:
     Parameters
     ----------
     store : Dataset
-        What the depth maps come from.
+        The store of the depth maps.
     name : str
-        Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
+        The split's name: ``"train"``, ``"K03"``, ``"all but K03"``.
     scenes : dict of str to DepthHistogram
         By scene, in the training set's sense of depth.
     absent : tuple of str
@@ -171,11 +172,11 @@ class Side:
 
 @functools.lru_cache(maxsize=4)
 def scene_histograms(store: Dataset) -> Mapping[str, DepthHistogram]:
-    """Count each scene's depth levels over the pairs that the manifest gives it, once a store.
+    """Count each scene's depth levels over the pairs that the manifest gives it, once per store.
 
-    The weights are the manifest's pairs, not the store's, so that a store with one lighting a
-    scene leads to the same verdicts as the whole set. A depth map without a known pixel stands
-    for one that the store lacks, and is left out.
+    The weights are the manifest's pairs, not the store's, so that a store with only one lighting
+    per scene leads to the same verdicts as the whole set. A depth map without a known pixel is one
+    that the store lacks, and is left out.
 
     Raises
     ------
@@ -202,9 +203,9 @@ def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     Raises
     ------
     StoreError
-        If they cannot be read, or are not what was built.
+        If they cannot be read, or are not as built.
     """
-    # Lost parts of an array read as zeros: only the digest tells them from depths.
+    # Missing parts of an array read as zeros: only the digest tells them from depths.
     with store.reading(f"{scene}/depth"):
         arrays = store.stored(scene)
         depth = arrays["depth"].load()
@@ -224,13 +225,13 @@ def side_of(
     Parameters
     ----------
     store : Dataset
-        What holds the scenes.
+        The store that holds the scenes.
     name : str
-        What the side is called.
+        The side's name.
     scenes : tuple of str, optional
-        By default those of the split of that name.
+        By default, those of the split of that name.
     inverted : bool
-        Whether levels are turned round (Eq. 7.1).
+        Whether to invert levels (Eq. 7.1).
 
     Raises
     ------
@@ -279,18 +280,18 @@ def sides_of(
     Parameters
     ----------
     store : Dataset
-        The data set that trains, and tests unless there is another.
+        The training data set; also the test's, unless there is another.
     train, test : str, optional
-        Splits; by default ``"train"`` and ``"test"``, of another data set ``"all"``.
+        Splits; by default ``"train"`` and ``"test"``, or ``"all"`` of another data set.
     fold : str, optional
-        Instead of both: test on this fold or scene, train on all other scenes.
+        In place of both: test on this fold or scene, train on all other scenes.
     other : Dataset, optional
-        The data set that tests. Its levels are inverted (Eq. 7.1) if they grow the other way.
+        The data set of the test. Its levels are inverted (Eq. 7.1) if they grow the other way.
 
     Raises
     ------
     InputError
-        If a fold is given beside a split.
+        If a fold is given together with a split.
     UnknownNameError
         If there is no such split, fold or scene.
     StoreError

@@ -18,7 +18,7 @@ from dfdbench.errors import InputError
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, percent
 
-#: Up to this many choices are all judged; of more, this many are drawn at random.
+#: Up to this many choices are all judged; if there are more, this many are drawn at random.
 EXHAUSTIVE_LIMIT = 300_000
 _CHUNK = 4096
 _RESTARTS = 40
@@ -36,10 +36,10 @@ class Candidate:
     uncovered : float
         Share of the test's known pixels on levels that are not covered.
     overlap : float
-        How much the depths of test and training look alike: the area that their histograms,
-        each of area 1, have in common.
+        How similar the depths of test and training are: the common area of their histograms, each
+        of area 1.
     covered : bool
-        Whether the uncovered share is small enough, by default none.
+        Whether the uncovered share is small enough; by default it must be 0.
     """
 
     test: Group
@@ -49,13 +49,13 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, float, Group]:
-        """What candidates are ranked by, the best first."""
+        """The sort key of candidates, best first."""
         return (0.0 if self.covered else self.uncovered, -self.overlap, self.test)
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Candidates, the best first, and whether they are all there are."""
+    """Candidates, best first, and whether they are all that exist."""
 
     candidates: tuple[Candidate, ...]
     exhaustive: bool
@@ -73,7 +73,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Hopeless:
-    """A scene whose fold no choice of companions can cover, and the levels at fault."""
+    """A scene whose fold is uncovered whatever else is in it, and the levels at fault."""
 
     scene: str
     levels: str
@@ -93,7 +93,7 @@ class Scenes:
     groups : tuple of tuple of str
         Scenes to keep together (`dfdbench.audit.leaks.scenes_alike`).
     rule : Rule
-        What makes a level uncovered, and a test.
+        When a level, and a test, is uncovered.
     """
 
     names: Group
@@ -126,7 +126,7 @@ class Scenes:
         return judged
 
     def alone(self, name: str, criterion: Criterion | None = None) -> NDArray[np.bool_]:
-        """Return the levels that a scene's fellows do not cover when it is tested alone."""
+        """Return the levels that the other scenes do not cover when this one is tested alone."""
         own = self.counts[self.names.index(name)]
         return self.rule.uncovered(self.counts.sum(axis=0) - own, own, criterion)
 
@@ -137,11 +137,11 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     Parameters
     ----------
     scenes : Scenes
-        What to choose from; groups go into the test whole.
+        What to choose from; groups are never split.
     size : int
-        Scenes in the test.
+        Number of scenes in the test.
     seed : int
-        Of the draw, if there are more than `EXHAUSTIVE_LIMIT` choices.
+        Seed of the draw, if there are more than `EXHAUSTIVE_LIMIT` choices.
     also : tuple of str
         A test set to rank even if it would not be drawn, or splits groups.
 
@@ -217,8 +217,8 @@ def _in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
 def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
     """Return the scenes whose fold is not covered whatever else is in it, and why.
 
-    All folds of the given sizes are tried. If they are too many, the scene alone is the proof,
-    under the thesis's criterion: a companion only adds to the test and takes from training, so an
+    All folds of the given sizes are tried. If there are too many, we judge the scene alone under
+    the thesis's criterion: a companion only adds to the test and takes from training, so an
     uncovered level stays uncovered.
     """
     rankings = [rank_tests(scenes, size) for size in sorted(sizes)]
@@ -248,12 +248,12 @@ def not_covered(folds: Folds) -> int:
 
 
 def cost(folds: Folds) -> tuple[int, float]:
-    """Return the rank of a partition: folds not covered, then the sum of their shares."""
+    """Return the sort key of a partition: uncovered folds, then the sum of their shares."""
     return not_covered(folds), round(math.fsum(fold.uncovered for fold in folds), 12)
 
 
 def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
-    """Search partitions into folds, the best first: fewest folds not covered, then least share.
+    """Search partitions into folds, best first: fewest folds uncovered, then smallest share.
 
     Starting from random partitions, swap two groups as long as that helps; each restart gives one
     proposal. The same seed gives the same proposals.
@@ -311,7 +311,7 @@ def _improve(
     return judge(folds)
 
 
-#: Proposals that tables and files hold.
+#: How many proposals tables and files hold.
 SHOWN = 10
 
 
@@ -346,7 +346,7 @@ def ranked_splits_table(
 def folds_table(
     manifest: Manifest, proposals: Sequence[Folds], hopeless: Sequence[Hopeless], published: Folds
 ) -> Table:
-    """Return the best folds, what the published ones reach, and which cannot be covered."""
+    """Return the best folds, how the published ones do, and which scenes cannot be covered."""
     best = proposals[0]
     rows = tuple(
         (_fold_name(number), *_cells(manifest, fold), "yes" if fold.covered else "no")
@@ -372,7 +372,7 @@ def folds_table(
 
 
 def split_fragment(manifest: Manifest, test: Sequence[str], train: Sequence[str], why: str) -> str:
-    """Return a split as the lines of a manifest: partition ``covered``."""
+    """Format a split as lines for a manifest: partition ``covered``."""
     tables = [
         f'[[splits]]\nname = "{name}"\npartition = "covered"\n'
         f"pairs = {_pair_count(manifest, scenes)}\nscenes = {json.dumps(list(scenes))}\n"
@@ -382,7 +382,7 @@ def split_fragment(manifest: Manifest, test: Sequence[str], train: Sequence[str]
 
 
 def folds_fragment(folds: Folds, why: str) -> str:
-    """Return folds as the lines of a manifest, instead of those that it has."""
+    """Format folds as lines for a manifest, to replace its own."""
     tables = [
         f'[[folds]]\nname = "{_fold_name(number)}"\ntest_scenes = {json.dumps(list(fold.test))}\n'
         for number, fold in enumerate(folds, 1)
@@ -392,7 +392,7 @@ def folds_fragment(folds: Folds, why: str) -> str:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What `propose` found: a name for it, its table, and files by name, the one as JSON first."""
+    """The result of `propose`: a name, a table, and files by name, with the JSON file first."""
 
     name: str
     table: Table
@@ -400,23 +400,23 @@ class Proposal:
 
 
 def propose(store: Dataset, size: int | None, folds: int | None, rule: Rule, seed: int) -> Proposal:
-    """Propose test sets of a size, or folds, of the scenes whose depth a store holds.
+    """Propose test sets of a size, or folds, from the scenes whose depth a store holds.
 
     Parameters
     ----------
     store : Dataset
         The data set; scenes that look alike stay together.
     size, folds : int or None
-        How many scenes are tested, or how many folds there are: one of them.
+        How many scenes to test, or how many folds to make: give one of them.
     rule : Rule
-        As of `Scenes`.
+        As in `Scenes`.
     seed : int
-        Of what is drawn.
+        Seed of everything that is drawn.
 
     Raises
     ------
     InputError
-        If both are asked for, or neither; as of `rank_tests` and `propose_folds`.
+        If both or neither are given; as in `rank_tests` and `propose_folds`.
     """
     if (size is None) == (folds is None):
         raise InputError("ask for either", where="--test-scenes, --folds", fix="--test-scenes 3")
@@ -440,7 +440,7 @@ def propose(store: Dataset, size: int | None, folds: int | None, rule: Rule, see
 def _proposed_tests(
     manifest: Manifest, scenes: Scenes, settings: dict[str, object], size: int, seed: int
 ) -> Proposal:
-    # Ranked only where all its scenes are built: a part of it is another test.
+    # Rank it only if all its scenes are built: a part of it would be another test.
     published = manifest.scenes_of("test") if "test" in {s.name for s in manifest.splits} else ()
     published = published if set(published) <= set(scenes.names) else ()
     ranking = rank_tests(scenes, size, seed, published)
@@ -508,7 +508,7 @@ def _pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:
 
 
 def _fold_name(number: int) -> str:
-    # Unlike those of the thesis, which are K01, K02, ...
+    # Unlike the thesis's folds, which are K01, K02, ...
     return f"C{number:02d}"
 
 

@@ -18,25 +18,25 @@ class Training(StrEnum):
     known = "known"
     #: It was trained, but `trained_on` names no scenes.
     unknown = "unknown"
-    #: It names no training at all.
+    #: It does not say that it was trained.
     none = "none"
 
 
 def sides_of_run(
     store: Dataset, split: str, trained_on: str | None, train: str | None, fold: str | None
 ) -> tuple[Side, Side, Training]:
-    """Return what a run was tested on, and what it was trained on as far as that is known.
+    """Return what a run was tested on and, as far as known, what it was trained on.
 
     Parameters
     ----------
     store : Dataset
         The data set that was run on.
     split : str
-        The split of it that was tested.
+        The split that was tested.
     trained_on : str or None
-        What the method says of itself.
+        What the method says about itself.
     train, fold : str, optional
-        A split that trained, or a fold or scene that was left out: both override `trained_on`.
+        A split for training, or a fold or scene that was left out: both override `trained_on`.
 
     Returns
     -------
@@ -54,8 +54,8 @@ def sides_of_run(
 
     Notes
     -----
-    Without a name, the split ``"train"`` is taken for training, or all other scenes if a fold
-    was tested, or a scene in ``"train"``.
+    If none is named, the split ``"train"`` is taken for training, or all other scenes if a fold or
+    a scene in ``"train"`` was tested.
     """
     test = side_of(store, split)
     if fold:
@@ -89,7 +89,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     Parameters
     ----------
     trained_on : str
-        As of `dfdbench.audit.leaks.scenes_seen`; the first counts, which was the last training.
+        As in `dfdbench.audit.leaks.scenes_seen`; the first one, which is the last training, counts.
     store : Dataset
         The data set in use; another one is looked for where `build` puts it.
 
@@ -100,7 +100,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
     """
     if not (said := NAMED.fullmatch(trained_on.split(TRAININGS)[0].strip())):
         return None
-    # The depths of a set are the same on every track of it.
+    # A set's depths are the same on all its tracks.
     own = store.manifest
     training = store if is_called(own, said["manifest"]) else open_dataset(said["manifest"])
     name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
@@ -112,7 +112,7 @@ def training_side(trained_on: str, store: Dataset) -> Side | None:
 def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> list[str]:
     """Return a warning for a result if training leaves levels of the tested split uncovered.
 
-    `trained_on` is what the method says of itself; without it there is nothing to compare.
+    `trained_on` is what the method says about itself; without it there is nothing to compare.
     """
     if not trained_on:
         return []

@@ -1,4 +1,4 @@
-"""Make both images of a pair by a track's formation, and express the formation as a law."""
+"""Make both images of a pair by a track's formation, and express that formation as a law."""
 
 import dataclasses
 import hashlib
@@ -18,26 +18,26 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, require_images, rounded
 from dfdbench.blur.tracks import Degradation, Formation
 
-# A generator's 64 bits make two numbers of 32.
+# Each 64-bit word of the generator gives two 32-bit numbers.
 _HALVES = 2
 _STEPS = 2.0**32
 
 
 def uniform_numbers(count: int, *key: str | int) -> Floats:
-    """Return numbers between 0 and 1, both left out, the same for the same key.
+    """Return numbers strictly between 0 and 1, always the same for the same key.
 
     Parameters
     ----------
     count : int
         How many.
     key : str or int
-        What they are for; another key gives others.
+        What the numbers are for; a different key gives different numbers.
 
     Notes
     -----
-    Of a generator only the raw bits are used: Philox 4 x 64, which counts instead of remembering,
-    under the first 128 bits of the key's SHA-256. NumPy keeps these bits for good, but not what its
-    distributions make of them.
+    Only the generator's raw bits are used: Philox 4 x 64, which is counter-based, with the first
+    128 bits of the key's SHA-256 as its key. NumPy guarantees that these bits never change, but not
+    what its distributions make of them.
 
     Examples
     --------
@@ -52,27 +52,27 @@ def uniform_numbers(count: int, *key: str | int) -> Floats:
 
 
 def normal_numbers(shape: tuple[int, ...], *key: str | int) -> Floats:
-    """Return numbers of the standard normal distribution, the same for the same key.
+    """Return standard normal numbers, always the same for the same key.
 
     Parameters
     ----------
     shape : tuple of int
-        Of the array.
+        The shape of the array.
     key : str or int
         As for `uniform_numbers`.
 
     Notes
     -----
-    The inverse of the normal distribution function at uniform numbers: a fixed formula, a number
-    of random bits for a number of noise. The last bit may be another on another platform, which a
-    grey level shows once in a trillion pixels.
+    The inverse of the normal distribution function at uniform numbers: a fixed formula that uses
+    one uniform number for each normal one. The last bit may differ between platforms, which changes
+    a grey level once in a trillion pixels.
 
     Examples
     --------
     >>> normal_numbers((2, 2), "camera", 1).round(2).tolist()
     [[1.48, 2.8], [0.7, -2.09]]
     """
-    # Here: it takes a third of a second, and who only runs a method makes no noise.
+    # Imported here because it takes a third of a second, and running a method needs no noise.
     from scipy.special import ndtri
 
     return np.asarray(ndtri(uniform_numbers(int(np.prod(shape)), *key)).reshape(shape))
@@ -84,22 +84,22 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     Parameters
     ----------
     recipe : BlurRecipe
-        The data set's own.
+        The data set's recipe.
     formation : Formation
-        What the track makes of it.
+        How the track departs from it.
 
     Returns
     -------
     BlurLaw
-        The true width at every depth level, shape of the kernel and noise at every grey level;
-        whether light is linear, and whether pairs are moved and made brighter.
+        The true width at every depth level, the kernel's shape and the noise at every grey level;
+        whether light is linear, and whether pairs are shifted and change in brightness.
 
     Notes
     -----
-    A law does not say four things: where each pair is moved to and how much brighter it is made,
-    only that it is; that surfaces cover each other; and that colours are focused apart. Of noise it
-    says the standard deviation at a grey level, rounding included, but not that images are cut to 0
-    and 255.
+    A law leaves out four things: how far each pair is shifted and how much its brightness changes
+    (it only says that they are); that surfaces occlude each other; and that colours focus at
+    different depths. It gives the noise's standard deviation at a grey level, rounding included,
+    but not the clipping of images to 0 and 255.
 
     Examples
     --------
@@ -130,13 +130,13 @@ def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
 
 
 def _noise(formation: Formation) -> Floats:
-    """Return the standard deviation at each grey level, in the unit of a law's noise: (256,)."""
+    """Return the noise's standard deviation at each grey level, in a law's unit: shape (256,)."""
     if not formation.linear:
         return np.full(LEVELS, math.sqrt(formation.noise**2 + ROUNDING_VARIANCE))
     variance = np.full(LEVELS, formation.read_noise**2)
     if formation.full_well:
         variance += LINEAR / formation.full_well
-    # A grey level is as wide in light as the curve of the camera makes it.
+    # How much light a grey level spans depends on the slope of the camera's curve.
     variance += ROUNDING_VARIANCE * np.square(np.gradient(LINEAR))
     return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)
 
@@ -145,11 +145,11 @@ Images = tuple[Image, Image]
 
 # A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
 _REACH = 4
-#: Lobes of the interpolating kernel that moves an image: it reaches so many pixels further.
+#: Lobes of the interpolating kernel that shifts an image; its reach in pixels.
 LOBES = 4
-# Of a law's curve of fall-off.
+# Knots of a law's fall-off curve.
 _KNOTS = 9
-# How far red, green and blue are off focus, as parts of a formation's longitudinal error.
+# How far red, green and blue are out of focus, as fractions of a formation's longitudinal error.
 _FARTHER = (1.0, 0.0, 0.7)
 _GAUSSIAN = 2
 
@@ -166,11 +166,11 @@ def form_pair(
     depth : ndarray of uint8, shape (y, x)
         Depth levels, brighter for nearer.
     recipe : BlurRecipe
-        The data set's, from which the track departs.
+        The data set's recipe, from which the track departs.
     degradation : Degradation
         The track and its severity; 0 gives the clean pair.
     pair : str
-        The pair's name, on which all that is drawn depends.
+        The pair's name, which seeds everything that is drawn at random.
 
     Returns
     -------
@@ -183,11 +183,10 @@ def form_pair(
 
     Notes
     -----
-    In this order, each step where the formation asks for it: decode to linear light; blur, a
-    channel each where colours focus apart; magnify; darken the defocus image's corners, which is
-    done in linear light whatever the rest; move it; change its gain; add noise to both; encode;
-    round. What is drawn, direction,
-    gain and noise, does not depend on the severity: from one to the next only its size grows.
+    The steps, each taken only if the formation asks for it: decode to linear light; blur, channel
+    by channel if colours focus at different depths; magnify; darken the defocus image's corners,
+    always in linear light; shift it; change its gain; add noise to both images; encode; round.
+    The random direction, gain and noise are the same at every severity; only their size grows.
 
     Examples
     --------
@@ -242,9 +241,9 @@ def form_stack(infocus: Image, depth: Image, recipe: BlurRecipe, planes: int) ->
     depth : ndarray of uint8, shape (y, x)
         Depth levels, brighter for nearer.
     recipe : BlurRecipe
-        What each level away from the focus adds.
+        How much blur each level away from the focus adds.
     planes : int
-        How many images; they are focused at `focus_levels`.
+        The number of images; they are focused at `focus_levels`.
 
     Raises
     ------
@@ -253,8 +252,9 @@ def form_stack(infocus: Image, depth: Image, recipe: BlurRecipe, planes: int) ->
 
     Notes
     -----
-    At depth level d an image focused at level f has a Gaussian with ``sigma = sigma_min + |d - f| *
-    sigma_step``; surfaces cover each other as in `dfdbench.blur.occlusion.composite_layers`.
+    At depth level d an image focused at level f is blurred by a Gaussian with ``sigma = sigma_min +
+    |d - f| * sigma_step``. Surfaces occlude each other as in
+    `dfdbench.blur.occlusion.composite_layers`.
 
     Examples
     --------
@@ -279,7 +279,7 @@ def _kernels_at(recipe: BlurRecipe, focus: int) -> Floats:
 
 
 def blur(light: Floats, depth: Image, recipe: BlurRecipe, formation: Formation) -> Floats:
-    """Return an image blurred by its depth map as a formation says, in its own unit, not rounded.
+    """Blur an image by its depth map as a formation says, keeping its unit and without rounding.
 
     Parameters
     ----------
@@ -288,9 +288,9 @@ def blur(light: Floats, depth: Image, recipe: BlurRecipe, formation: Formation) 
     depth : ndarray of uint8, shape (y, x)
         Depth levels, brighter for nearer.
     recipe : BlurRecipe
-        The data set's.
+        The data set's recipe.
     formation : Formation
-        What differs from it.
+        How the blur departs from it.
     """
     if formation.longitudinal:
         each = dataclasses.replace(formation, longitudinal=0.0)
@@ -316,7 +316,7 @@ def _darkened(image: Floats, formation: Formation) -> Floats:
 
 
 def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
-    """Return the blur law of a formation: the recipe's, times what the formation says.
+    """Return the blur law of a formation: the recipe, multiplied by the formation's factors.
 
     Examples
     --------
@@ -332,7 +332,7 @@ def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
 
 
 def kernel_size_of(law: BlurRecipe, layers: bool) -> int:
-    """Return the side of the square kernels: the recipe's, or of layers what holds the widest.
+    """Return the side of the square kernels: the recipe's or, for layers, enough for the widest.
 
     Examples
     --------
@@ -344,14 +344,14 @@ def kernel_size_of(law: BlurRecipe, layers: bool) -> int:
 
 
 def move(image: Floats, down: float, right: float) -> Floats:
-    """Return an image moved by parts of a pixel, by a windowed sinc (Lanczos, four lobes).
+    """Return an image shifted by fractions of a pixel, by a windowed sinc (Lanczos, four lobes).
 
     Parameters
     ----------
     image : ndarray of float64, shape (y, x, channel)
         Its edge pixel is repeated past the border.
     down, right : float
-        Where to, in pixels; a few at most.
+        How far, in pixels; a few at most.
 
     Examples
     --------
@@ -360,7 +360,7 @@ def move(image: Floats, down: float, right: float) -> Floats:
     >>> int(move(image, 0, 1)[0, :, 0].argmax())
     5
     """
-    # Imported here: it takes half a second, and most runs move nothing.
+    # Imported here because it takes half a second, and most runs shift nothing.
     from scipy.ndimage import correlate1d
 
     for axis, distance in enumerate((down, right)):
@@ -372,14 +372,14 @@ def move(image: Floats, down: float, right: float) -> Floats:
 
 
 def magnify(image: Floats, larger: Sequence[float] | Floats) -> Floats:
-    """Return an image whose channels are larger about the middle, interpolated as by `move`.
+    """Return an image with its channels magnified about the middle, interpolated as in `move`.
 
     Parameters
     ----------
     image : ndarray of float64, shape (y, x, channel)
         Its edge pixel is repeated past the border.
     larger : sequence of float
-        By which share each channel is larger, 0.006 for 0.6 %.
+        How much larger each channel becomes, 0.006 for 0.6 %.
 
     Examples
     --------
@@ -419,7 +419,7 @@ def _magnifying(size: int, larger: float) -> Floats:
 def _photograph(light: Floats, formation: Formation, key: tuple[str | int, ...]) -> Image:
     variance = np.array(formation.noise**2 + formation.read_noise**2)
     if formation.full_well:
-        # Many electrons' Poisson noise is Gaussian; its variance is their number.
+        # The Poisson noise of many electrons is Gaussian; its variance is their number.
         variance = variance + np.maximum(light, 0) / formation.full_well
     if variance.any():
         light = light + np.sqrt(variance) * normal_numbers(light.shape, *key)

@@ -1,4 +1,4 @@
-"""A blur law: how much each depth level is blurred, where that is measured and not prescribed."""
+"""A blur law: how much each depth level is blurred, as measured rather than prescribed."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -17,9 +17,9 @@ from dfdbench.errors import InputError
 from dfdbench.system.strict import STEPS, Share, check_fields, made_of
 from dfdbench.system.text import toml_text
 
-#: The field that only a law has, and no recipe.
+#: The field that a law has and a recipe has not.
 SIGMAS = "sigmas"
-#: At how many grey levels a measured law has its noise.
+#: The number of grey levels at which a measured law gives the noise.
 GREYS = 17
 #: Variance of rounding to whole grey levels.
 ROUNDING_VARIANCE = 1 / 12
@@ -33,13 +33,13 @@ _Noise = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class BlurLaw:
-    """How a defocus image comes about: a blur by depth level, gain, offset, noise.
+    """How a defocus image comes about: blur by depth level, gain, offset and noise.
 
     Parameters
     ----------
     sigmas : tuple of float
         For each depth level, from 0, the standard deviation in pixels of the Gaussian that is as
-        wide as its kernel. Any curve: a lens may focus inside the range.
+        wide as its kernel. The curve may have any shape: a lens may focus inside the range.
     exponent : float
         p of the kernels ``exp(-(r / c)^p)``: 2 is the Gaussian, 32 nearly a disk.
     kernel_size : int
@@ -47,29 +47,29 @@ class BlurLaw:
     gain, offset : float
         The defocus image is the blurred in-focus image times `gain`, plus `offset` grey levels.
     noise : tuple of float
-        Standard deviation in grey levels of what the defocus image has besides, where it shows
-        grey levels evenly from 0 to 255; between them it runs straight. One value stands for all.
+        Standard deviation of the defocus image's noise, in grey levels, at grey levels spaced
+        evenly from 0 to 255, with linear interpolation. A single value holds for all.
     infocus_noise : float
-        The in-focus image's noise, which is blurred with it, as a part of the defocus image's.
+        The in-focus image's noise, as a fraction of the defocus image's. It is blurred with it.
     linear : bool
-        True: all that is of linear light, which the sRGB curve encodes; `offset` and `noise` are
-        then in 255ths of white.
+        True: all of this applies to linear light, which the sRGB curve encodes; `offset` and
+        `noise` are then in 255ths of white.
     registered : bool
-        False: pairs are moved against each other, each its own way.
+        False: the images of each pair are shifted against each other, differently in each pair.
     even : bool
-        False: the gain is another in each pair; `gain` is its mean.
+        False: the gain differs from pair to pair, and `gain` is its mean.
     similarity : tuple of float
-        How the defocus image's view differs, in all pairs alike: pixels down and right, radians
-        turned, how much larger (0.006 for 0.6 %), about the middle.
+        How the defocus image's view differs, the same in all pairs: pixels down, pixels right,
+        rotation in radians and magnification (0.006 for 0.6 %), both about the middle.
     falloff : tuple of tuple of float
-        Each channel's light in the defocus image, as a part of the in-focus image's, at even steps
-        of r^2 from the middle to the corners; straight lines between. One stands for all channels,
-        none for light that falls off alike.
+        Each channel's light in the defocus image, as a fraction of the in-focus image's, at even
+        steps of r^2 from the middle to the corners, with linear interpolation. One curve holds for
+        all channels; an empty tuple means that both images fall off alike.
 
     Raises
     ------
     InputError
-        For a field out of range, all of them named.
+        If fields are out of range; it names all of them.
 
     Examples
     --------
@@ -98,11 +98,11 @@ class BlurLaw:
 
     @property
     def levels(self) -> int:
-        """How many depth levels it has."""
+        """The number of depth levels."""
         return len(self.sigmas)
 
     def depth_of_level(self, level: Any) -> Any:
-        """Return the depth level of a blur level: a law counts by depth, so it is the same."""
+        """Return the depth level of a blur level: in a law the two are the same."""
         return level
 
     def kernels(self) -> Floats:
@@ -122,7 +122,7 @@ class BlurLaw:
         return listed
 
     def as_toml(self) -> str:
-        """Return the law as a TOML file says it, for ``--param recipe=FILE.toml``.
+        """Return the law as TOML, for ``--param recipe=FILE.toml``.
 
         Examples
         --------
@@ -138,7 +138,7 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
     Raises
     ------
     InputError
-        If a field is unknown, of the wrong type or out of range, or `sigmas` is lacking.
+        If a field is unknown, of the wrong type or out of range, or `sigmas` is missing.
 
     Examples
     --------

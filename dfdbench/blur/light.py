@@ -8,7 +8,7 @@ Image = NDArray[np.uint8]
 
 
 def decode(grey: NDArray[np.floating]) -> Floats:
-    """Return linear light, 0 to 1, of grey levels 0 to 255: the sRGB curve (IEC 61966-2-1).
+    """Convert grey levels, 0 to 255, to linear light, 0 to 1, by the sRGB curve (IEC 61966-2-1).
 
     Examples
     --------
@@ -25,7 +25,7 @@ LINEAR = decode(np.arange(256.0))
 
 
 def encode(light: Floats) -> Floats:
-    """Return grey levels of linear light, cut to 0 and 1: the inverse of `decode`, not rounded.
+    """Convert linear light, clipped to 0..1, to grey levels, not rounded: the inverse of `decode`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Blur as light does where depth jumps: layers, composited from back to front."""
+"""Blur realistically at depth jumps: composite layers from back to front."""
 
 from typing import Any
 
@@ -12,21 +12,21 @@ from dfdbench.system.vectors import LANES, all_of, load, plus, store, times, whe
 
 #: The depth level of each pixel.
 Levels = NDArray[np.int16]
-#: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
-#: thousandth of its light.
+#: A kernel ends where it falls below this share of its peak: for a Gaussian at 3.7 sigma, which
+#: cuts off a thousandth of its light.
 TAIL = 1e-3
-#: Depths further apart than this are different surfaces where they meet; nearer ones are one that
-#: slants.
+#: Where depths meet, those further apart than this are different surfaces; closer ones are one
+#: slanted surface.
 GAP = 8
 
-# Pixels of a level whose light is spread together: so many, as far apart in a row as this.
+# How many pixels of a level spread their light together, and how far apart in a row they may be.
 _TOGETHER, _APART = 4, LANES
-# Colours that are spread at once, beside the layer's cover: all stay in a processor's registers.
+# Colours spread at once, beside the layer's cover: all of them fit in a processor's registers.
 _COLOURS = 3
 
 
 def without_tails(kernels: Floats) -> Floats:
-    """Return kernels without the weights below `TAIL` of their peak, again of sum 1.
+    """Drop kernel weights below `TAIL` of the peak, and scale the rest to sum to 1.
 
     Examples
     --------
@@ -40,26 +40,26 @@ def without_tails(kernels: Floats) -> Floats:
 
 
 def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats) -> Floats:
-    """Blur a layer a depth level, and lay surfaces over one another, the nearest last.
+    """Blur each depth level as a layer, and lay surfaces over one another, the nearest last.
 
     Parameters
     ----------
     image : ndarray of float64, shape (y, x, channel) or (y, x)
-        The in-focus image, in any unit; it and the depth go on past the border as at the edge.
+        The in-focus image, in any unit. Image and depth repeat their edge pixels past the border.
     depth : ndarray of int, shape (y, x)
-        Which layer each pixel belongs to; the greater, the nearer.
+        The layer of each pixel; larger is nearer.
     kernels : ndarray of float64, shape (level, size, size)
-        One a depth level, of odd size, symmetric in both axes and their diagonal.
+        One per depth level, of odd size, symmetric in both axes and their diagonal.
 
     Returns
     -------
     ndarray of float64
-        Of the image's shape, not rounded.
+        Same shape as the image, not rounded.
 
     Raises
     ------
     InputError
-        Where shapes do not fit one another, a depth has no kernel, or a kernel is not symmetric.
+        If shapes do not match, a depth has no kernel, or a kernel is not symmetric.
 
     Notes
     -----
@@ -73,16 +73,17 @@ def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats)
         share  =   seen / (seen + K_n * m_{d < f})
         C     <-   (1 - share) C + share (sum of c_d) / seen
 
-    So a share is what is seen of a surface among everything that nearer surfaces leave visible, and
-    the farthest surface has share 1: it is taken to go on behind the others. At a straight edge
-    both sides weigh 1/2, as in a lens.
+    So a surface's share is how much of it is seen among everything that nearer surfaces leave
+    visible. The farthest surface has share 1: we assume that it continues behind the others. At a
+    straight edge both sides weigh 1/2, as in a lens.
 
-    Level by level instead, without surfaces, a slanted plane would cover itself: of the many thin
-    layers that reach a pixel the nearer ones would weigh up to e times as much as the farther ones.
+    If we composited level by level, without surfaces, a slanted plane would occlude itself: many
+    thin layers reach a pixel, and the nearer ones would weigh up to e times as much as the farther
+    ones.
 
-    Row by row, the pixels in reach spread their light, layer by layer and a few at a time: the work
-    grows with the kernels' area, not with the number of levels. The order of the sums is fixed, so
-    that the last bit is the same on any machine.
+    For each row, the pixels within reach spread their light layer by layer, a few at a time, so the
+    work grows with the kernels' area and not with the number of levels. The order of the sums is
+    fixed, so the last bit is the same on any machine.
 
     Examples
     --------
@@ -101,10 +102,10 @@ def composite_layers(image: Floats, depth: NDArray[np.integer], kernels: Floats)
         return np.concatenate([composite_layers(part, depth, kernels) for part in parts], axis=2)
     present = np.flatnonzero(np.bincount(depth.ravel(), minlength=len(kernels)))
     radius = int(reaches(kernels[present]).max())
-    # A vector may begin at the last column.
+    # A vector may start at the last column.
     around = ((radius, radius), (radius, radius + LANES))
     levels = np.pad(depth, around, mode="edge").astype(np.int16)
-    # What a layer covers and its colours are planes alike, two or four of them.
+    # A layer's cover and its colours are stored alike, as two or four planes.
     light = np.zeros((*levels.shape, 2 if colours == 1 else 1 + _COLOURS), np.float64)
     light[..., 0] = 1
     light[..., 1 : 1 + colours] = np.pad(channels, (*around, (0, 0)), mode="edge")
@@ -123,7 +124,7 @@ def _composite(
     planes, radius = light.shape[2], quadrants.shape[1] - 1
     starts, places, lights = _groups(depth, light, len(quadrants), radius)
     halves, weights = _rows_of(quadrants, present)
-    # A row each, a plane after the other, and room for a vector that begins in the last column.
+    # One row each, plane after plane, with room for a vector that starts in the last column.
     room = width + 2 * LANES
     layer = np.zeros((planes, room), np.float64)
     surface = np.zeros((planes, room), np.float64)
@@ -167,17 +168,17 @@ def _composite(
 
 @compiled()
 def _groups(depth: Levels, light: Floats, levels: int, radius: int) -> tuple[Ints, Ints, Floats]:
-    """Gather pixels of one level that lie close together in a row, by level and then by row.
+    """Group pixels of one level that are close together in a row, by level and then by row.
 
-    Returns which groups each level and row has, from one number to the next; the columns of a
-    group's pixels and their row; and their light by plane, 0 where a group is not full.
+    Returns where each level and row's groups start; the columns of each group's pixels and their
+    row; and their light by plane, 0 where a group is not full.
     """
     height, width, planes = light.shape
     starts = np.zeros((levels, height + 1), np.int64)
     number = np.zeros(levels, np.int64)
     places = np.empty((0, _TOGETHER + 1), np.int64)
     lights = np.empty((0, planes, _TOGETHER), np.float64)
-    # Counted first, then filled.
+    # Count in the first pass, fill in the second.
     for fills in range(2):
         following = starts.copy()
         for y in range(height):
@@ -208,7 +209,7 @@ def _groups(depth: Levels, light: Floats, levels: int, radius: int) -> tuple[Int
 
 @compiled()
 def _rows_of(quadrants: Floats, present: Ints) -> tuple[Ints, Floats]:
-    """Return half of each row's width, and the rows from the middle one on, zeros around them."""
+    """Return half of each row's width, and the rows from the middle on, padded with zeros."""
     size = quadrants.shape[1]
     centre = size - 1 + _APART + LANES
     halves = np.zeros((len(quadrants), size), np.int64)
@@ -236,7 +237,7 @@ def _spread(
     layer: Floats,
 ) -> tuple[int, int]:
     """Add groups' light, and the pixels themselves, to a row; return which columns they reach."""
-    # Whole arrays and places in them: of every slice, compiled code counts references.
+    # Index whole arrays: compiled code counts references for every slice.
     size, stride = weights.shape[1:]
     planes, room = layer.shape
     begin, end = width, 0
@@ -279,7 +280,7 @@ def _add(layer: Floats, at: int, row: Any, light: Any) -> None:
 
 @compiled()
 def _lay_over(surface: Floats, total: Floats, x: int, behind: float) -> None:
-    """Put a pixel's surface over what lies behind it, and empty it for the next."""
+    """Put a pixel's surface over what is behind it, and clear it for the next."""
     own = surface[0, x]
     share = own / (own + behind)
     for plane in range(len(surface)):
@@ -291,7 +292,7 @@ def _lay_over(surface: Floats, total: Floats, x: int, behind: float) -> None:
 def _behind(
     depth: Levels, centre: int, far: int, near: int, halves: Ints, weights: Floats, seen: Floats
 ) -> float:
-    """Return how much of a level's kernel around a pixel falls on what is farther than another."""
+    """Return how much of the near level's kernel around a pixel falls on levels below `far`."""
     size, stride = weights.shape[1:]
     reach, middle = halves[near, 0], near * size * stride + stride // 2
     for i in range(-reach, reach + 1, LANES):

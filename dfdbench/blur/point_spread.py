@@ -4,7 +4,7 @@ import numpy as np
 
 from dfdbench.blur.light import Floats
 
-# Halvings of the interval in which a scale lies, ten to the 13 wide at most: beyond the last bit.
+# Bisections of the interval that holds a scale, at most 10^13 wide: enough to fix the last bit.
 _HALVINGS = 100
 
 
@@ -23,18 +23,17 @@ def point_spread_functions(sigmas: Floats, size: int, exponent: float = 2.0) -> 
     Returns
     -------
     ndarray of float64, shape (level, size, size)
-        Each of sum 1, symmetric in both axes and their diagonal.
+        Each sums to 1 and is symmetric in both axes and their diagonal.
 
     Notes
     -----
-    The scale c is such that the kernel *as sampled* has along each axis the variance that the
-    Gaussian of that sigma has as sampled on the same grid. Where kernels are many pixels wide this
-    is the continuous ``sigma^2 = c^2 Gamma(4 / p) / (2 Gamma(2 / p))``, for a disk
-    ``c = 2 sigma``. The least sigma of the published recipe is a third of a pixel: there the
-    continuous rule would make one and the same kernel, a single pixel, of every disk of a radius
-    below 1, then jump whenever the radius reaches further pixels. As it is, the variance is that of
-    the recipe's kernels level by level, no two levels look alike, and p = 2 is the recipe's own
-    kernel.
+    The scale c is chosen so that the *sampled* kernel has the same variance along each axis as the
+    Gaussian of that sigma sampled on the same grid. For kernels many pixels wide this is the
+    continuous ``sigma^2 = c^2 Gamma(4 / p) / (2 Gamma(2 / p))``; for a disk, ``c = 2 sigma``. But
+    the least sigma of the published recipe is a third of a pixel. There the continuous rule would
+    turn every disk of a radius below 1 into the same kernel, a single pixel, and jump whenever the
+    radius reaches further pixels. With our rule the variance is that of the recipe's kernel at each
+    level, no two levels look alike, and p = 2 gives the recipe's own kernel.
 
     Examples
     --------
@@ -45,7 +44,7 @@ def point_spread_functions(sigmas: Floats, size: int, exponent: float = 2.0) -> 
     """
     radius = size // 2
     squares = np.add.outer(np.arange(radius + 1.0) ** 2, np.arange(radius + 1.0) ** 2)
-    # A kernel has few different distances from its centre: each counts as often as it occurs.
+    # A kernel has few different distances from its centre, so weight each by how often it occurs.
     distances, where = np.unique(squares, return_inverse=True)
     times = np.full(squares.shape, 4.0)
     times[0], times[:, 0], times[0, 0] = 2, 2, 1
@@ -74,8 +73,8 @@ def _variances(weights: Floats, distances: Floats) -> Floats:
 
 
 def _scales(variances: Floats, distances: Floats, counts: Floats, exponent: float) -> Floats:
-    """Return the scale at which a kernel has each variance; the variance rises with the scale."""
-    # From where the nearest neighbours' weight is no longer a number to where all weigh alike.
+    """Return the scale that gives a kernel each variance, which rises with the scale."""
+    # From the nearest neighbours' weight underflowing to all weights being equal.
     low = np.full(variances.shape, -np.log(700.0) / exponent)
     high = np.full(variances.shape, np.log(distances[-1] + 1) + 30 / exponent)
     for _ in range(_HALVINGS):

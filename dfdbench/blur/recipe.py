@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from dfdbench.errors import InputError, unknown_name
 from dfdbench.system.strict import Positive, check_fields, made_of
 
-#: How many depth levels a pixel may have, as a byte keeps them, and the last of them.
+#: The number of depth levels, since a byte holds one, and the last level.
 LEVELS = 256
 LAST_LEVEL = LEVELS - 1
 
@@ -35,20 +35,20 @@ class BlurRecipe:
     sigma_min : float
         Standard deviation of the Gaussian at blur level 0, in pixels.
     sigma_step : float
-        What each level adds, in pixels.
+        How much each level adds, in pixels.
     levels : int
         Number of blur levels, 2 to 256.
     kernel_size : int
-        Side of the square kernel in pixels, odd; no level's sigma may be larger. Of such a
-        Gaussian the kernel would hold the flat middle alone: its edge weighs exp(-1/8), 0.88, of
-        its centre, and the levels hardly differ any more.
+        Side of the square kernel in pixels, odd; no level's sigma may be larger. Otherwise the
+        kernel would hold only the flat middle of the Gaussian: its edge would weigh exp(-1/8),
+        0.88, of its centre, and the levels would hardly differ.
     invert : bool
         True: blur level = levels - 1 - depth (a brighter, nearer pixel is blurred less).
         False: blur level = depth.
 
     Notes
     -----
-    Eq. 3.2 and 3.3 of the thesis; which numbers made its images: `RECIPES`.
+    Eq. 3.2 and 3.3 of the thesis; `RECIPES` has the numbers that made its images.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
     UnknownNameError
         If no recipe has that name.
     InputError
-        If a parameter is unknown, lacking, of the wrong type or out of range.
+        If a parameter is unknown, missing, of the wrong type or out of range.
 
     Examples
     --------

@@ -15,33 +15,32 @@ Ints = NDArray[np.int64]
 
 
 def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -> Floats:
-    """Return an image of which each pixel is the mean of its window under its level's kernel.
+    """Return an image blurred pixel by pixel: each is its window's mean under its level's kernel.
 
     Parameters
     ----------
     image : ndarray of float64, shape (y, x, channel) or (y, x)
         In any unit; the edge pixel is repeated past the border.
     levels : ndarray of int, shape (y, x)
-        Which kernel each pixel has.
+        The index of each pixel's kernel.
     kernels : ndarray of float64, shape (level, size, size)
-        One a level, of odd size, symmetric in both axes.
+        One per level, of odd size, symmetric in both axes.
 
     Returns
     -------
     ndarray of float64
-        Of the image's shape, not rounded.
+        Same shape as the image, not rounded.
 
     Raises
     ------
     InputError
-        Where shapes do not fit one another, a pixel's level has no kernel, or a kernel is not
-        symmetric.
+        If shapes do not match, a pixel's level has no kernel, or a kernel is not symmetric.
 
     Notes
     -----
     ``out[y, x] = sum over (j, i) of kernels[levels[y, x], j, i] * image[y + j - r, x + i - r]``
-    with r the kernel's radius. The order of the sums is fixed, so that the last bit is the same
-    on any machine, whatever else is running. Where a kernel ends in zeros they are left out.
+    with r the kernel's radius. The order of the sums is fixed, so the last bit is the same on any
+    machine, whatever else is running. Zeros at a kernel's border are skipped.
 
     Examples
     --------
@@ -64,7 +63,7 @@ def blur_by_level(image: Floats, levels: NDArray[np.integer], kernels: Floats) -
 
 
 def _padded_rows(channels: NDArray[Any], radius: int) -> Floats:
-    """Return rows with their edge pixels repeated, and room for a vector that begins in them."""
+    """Return rows with edge pixels repeated, and padding for vectors that run past the end."""
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
     height, width, count = padded.shape
     rows = np.zeros((height, width * count + LANES), dtype=np.float64)
@@ -87,7 +86,7 @@ def require_kernels(image: Floats, levels: NDArray[np.integer], kernels: Floats)
 
 
 def reaches(kernels: Floats) -> Ints:
-    """Return how many pixels from its centre each kernel's last weight that is not 0 lies."""
+    """Return each kernel's reach: the distance in pixels from its centre to its last non-zero."""
     size = kernels.shape[1]
     offsets = np.abs(np.arange(size) - size // 2)
     rings = np.maximum.outer(offsets, offsets)
@@ -96,8 +95,8 @@ def reaches(kernels: Floats) -> Ints:
 
 @compiled()
 def _add_opposite(rows: Floats, y: int, folded: Floats) -> None:
-    """Write sums of the rows that lie as far above a row of the image as below, nearest first."""
-    # They weigh the same for all pixels of the row, whatever their level.
+    """Write the sums of each two rows equally far above and below a row, nearest first."""
+    # Both have the same weight for every pixel of the row, whatever its level.
     stride, radius = rows.shape[1], len(folded) - 1
     centre = (y + radius) * stride
     for i in range(0, stride - LANES, LANES):
@@ -109,8 +108,8 @@ def _add_opposite(rows: Floats, y: int, folded: Floats) -> None:
 
 @compiled()
 def _gather(rows: Floats, levels: Ints, quadrants: Floats, reach: Ints, channels: int) -> Floats:
-    # The folded window is added up column by column, for a few pixels at once; those of one level
-    # that lie side by side are done together. The order of the sums is fixed.
+    # The folded window is summed column by column, for a few pixels at once; neighbours of one
+    # level are done together. The order of the sums is fixed.
     height, width = levels.shape
     stride, radius = rows.shape[1], quadrants.shape[1] - 1
     middle = radius * channels
@@ -150,7 +149,8 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     image : ndarray of uint8, shape (y, x, channel) or (y, x)
         The in-focus image.
     depth : ndarray of uint8, shape (y, x)
-        Depth levels, below ``recipe.levels``. Level 0, unknown in some sets, is taken as it is.
+        Depth levels, below ``recipe.levels``. Level 0, which some sets use for unknown depth, is
+        blurred as depth 0.
     recipe : BlurRecipe
         See `RECIPES`.
 
@@ -162,13 +162,13 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     Raises
     ------
     InputError
-        For a wrong dtype or shape, sizes that differ, or a depth the recipe has no level for.
+        If a dtype or shape is wrong, sizes differ, or the recipe has no level for a depth.
 
     Notes
     -----
-    Thesis 3.1 without the stack of blurred images: a pixel reads only its own window. The sum
-    is taken in float64 with the edge pixel repeated past the border, then rounded to float32,
-    then half to even: without the float32 step, ties differ from the published images.
+    Section 3.1 of the thesis, without its stack of blurred images: a pixel reads only its own
+    window. The sum is taken in float64 with the edge pixel repeated past the border, then rounded
+    to float32, then half to even. Without the float32 step, ties differ from the published images.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
 
 
 def blur_by_recipe(image: NDArray[Any], depth: Image, recipe: BlurRecipe) -> Floats:
-    """Blur as `synthesize` does, in any unit and not rounded; the arguments are not checked."""
+    """Blur as `synthesize` does, in any unit, without rounding or checking the arguments."""
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = recipe.kernel_size // 2
     levels = np.asarray(recipe.level_of_depth(depth.astype(np.int64)))
@@ -195,7 +195,7 @@ def blur_by_recipe(image: NDArray[Any], depth: Image, recipe: BlurRecipe) -> Flo
 
 
 def rounded(image: Floats) -> Image:
-    """Return grey levels as bytes: to float32, then half to even, then cut to 0 and 255."""
+    """Return grey levels as bytes: cast to float32, rounded half to even, clipped to 0..255."""
     return np.asarray(np.clip(np.rint(image.astype(np.float32)), 0, 255), dtype=np.uint8)
 
 
@@ -219,8 +219,8 @@ def require_images(image: Any, depth: Any, recipe: BlurRecipe) -> None:
 @compiled()
 def _blur_pixels(rows: Floats, levels: Ints, half_kernels: Floats, channels: int) -> Floats:
     # The folded window is weighted vertically first (all its columns at once), then horizontally;
-    # pixels of one level that lie side by side share their columns. The order of the sums is fixed,
-    # so the bytes do not depend on the machine or on who else is running.
+    # neighbours of one level share their columns. The order of the sums is fixed, so the bytes do
+    # not depend on the machine or on what else is running.
     height, width = levels.shape
     stride, radius = rows.shape[1], half_kernels.shape[1] - 1
     middle = radius * channels

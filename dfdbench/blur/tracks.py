@@ -1,4 +1,4 @@
-"""Tracks: the same scenes made harder, in a way that a method does not know."""
+"""Tracks: the same scenes made harder in a way that methods do not know."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -7,31 +7,31 @@ from typing import Any
 
 from dfdbench.errors import UnknownNameError
 
-#: How the images of a data set without a track come about: the method knows the blur.
+#: The label of images without a track: the method knows the blur.
 CLEAN = "clean"
 
 _GAUSSIAN = 2.0
-#: The exponent at which a point-spread function is as good as a disk: it falls from 90 % to 10 %
+#: The exponent at which a point-spread function is practically a disk: it falls from 90 % to 10 %
 #: of its height within a tenth of its radius.
 DISK = 32.0
 
 
 @dataclass(frozen=True)
 class Formation:
-    """How a pair's two images come about, in what it differs from the data set's blur recipe.
+    """How a pair's images come about, where that departs from the data set's blur recipe.
 
     Parameters
     ----------
     sigma_min, sigma_step : float
-        What the recipe's own are multiplied by.
+        Factors for the recipe's own `sigma_min` and `sigma_step`.
     exponent : float
-        p of the point-spread function, as `dfdbench.blur.point_spread` has it.
+        p of the point-spread function, see `dfdbench.blur.point_spread`.
     layers : bool
-        Layers composited from back to front, in place of each pixel's own blur.
+        Composite layers from back to front instead of blurring each pixel on its own.
     shift : float
-        How far the defocus image is moved, in pixels; where to is drawn a pair.
+        How far the defocus image is shifted, in pixels; the direction is drawn for each pair.
     gain : float
-        The defocus image's largest change in brightness, as a share; drawn a pair.
+        The defocus image's largest change in brightness, as a share; drawn for each pair.
     noise : float
         Standard deviation of Gaussian noise on both images, in grey levels.
     linear : bool
@@ -40,20 +40,20 @@ class Formation:
         Standard deviation of the noise that does not depend on the light, as a share of full
         scale.
     full_well : float
-        Electrons at full scale, from which shot noise follows; 0 for none.
+        Electrons at full scale, which set the shot noise; 0 for none.
     planes : int
-        Images focused at depths spread evenly over the levels, in place of the defocus image.
+        The number of images, focused at evenly spaced depth levels, that replace the defocus image.
     infocus : bool
-        Whether there is an image in focus all over.
+        Whether there is an image in focus everywhere.
     magnification : float
-        How much larger the defocus image is about the middle, as a share.
+        How much larger the defocus image is, about the middle, as a share.
     falloff : tuple of float
-        The light that the defocus image lacks at the corners, as a share, with r^2 and with r^4; r
-        is 1 at the corners.
+        The light missing at the corners of the defocus image, as two shares that go with r^2 and
+        r^4; r is 1 at the corners.
     lateral : float
         How much larger red, and smaller blue, is in both images, as a share.
     longitudinal : float
-        How many depth levels farther off focus red is than green; blue is 0.7 times as many.
+        How many depth levels red is further out of focus than green; 0.7 times as many for blue.
     """
 
     sigma_min: float = 1.0
@@ -75,26 +75,26 @@ class Formation:
 
     @property
     def whole(self) -> bool:
-        """Whether a pixel depends on where in the image it is, so that patches do not show it."""
+        """Whether pixels depend on their position in the image, so that patches do not show it."""
         return bool(self.magnification or self.lateral or any(self.falloff))
 
 
 @dataclass(frozen=True)
 class Track:
-    """What is taken from a method, in three severities.
+    """Something that methods rely on, taken away in three severities.
 
     A released track never changes; a change is a new version. Severity 0 is the data set itself.
 
     Parameters
     ----------
     name, version : str, int
-        Stores name it by both.
+        Stores carry both in their names.
     title : str
         What differs, in a few words.
     steps : tuple of str
-        What differs at each severity, from 1 on.
+        What differs at each severity, from 1 on, in words.
     severities : tuple of Formation
-        The same, as it is carried out.
+        How the images are formed at each severity.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Degradation:
     Parameters
     ----------
     track : Track
-        Which.
+        The track.
     severity : int
         From 0, which is clean.
 
@@ -136,7 +136,7 @@ class Degradation:
 
     @property
     def label(self) -> str:
-        """What follows the ``@`` in a data set's name; ``clean`` at severity 0."""
+        """The part after ``@`` in a data set's name; ``clean`` at severity 0."""
         return f"{self.track.name}-{self.severity}" if self.severity else CLEAN
 
     @property
@@ -155,7 +155,7 @@ def _track(name: str, title: str, steps: Iterable[str], severities: Iterable[For
     return Track(name, 1, title, tuple(steps), tuple(severities))
 
 
-# Of the light that the corners lack, what goes with r^2 and with r^4: drawn, not chosen.
+# How the light missing at the corners is split between r^2 and r^4 was drawn, not chosen.
 _MAGNIFICATIONS = (0.002, 0.006, 0.012)
 _FALLOFFS = ((0.0169, 0.0831), (0.0411, 0.1589), (0.2271, 0.1229))
 _COLOURS = ((0.0004, 4.0), (0.0008, 8.0), (0.0016, 16.0))
@@ -181,7 +181,7 @@ _ALL = (
         "law",
         "the least blur and what each level adds, both drawn once a severity",
         map("within {:g} %".format, (10, 20, 40)),
-        # Drawn, not chosen: larger or smaller by half the range to the whole of it.
+        # Drawn, not chosen: up or down, by between half of the range and all of it.
         (
             Formation(sigma_min=1.0985, sigma_step=0.9261),
             Formation(sigma_min=1.1589, sigma_step=0.848),
@@ -260,11 +260,11 @@ STACKS: Mapping[str, Track] = {
 
 #: The tracks by name.
 TRACKS: Mapping[str, Track] = {track.name: track for track in _ALL}
-#: Those that a patch of an image shows, from which networks are trained.
+#: The tracks that show in patches of an image, on which networks are trained.
 OF_PATCHES = tuple(track.name for track in _ALL if not track.severities[0].whole)
 _FIRST = ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
-#: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
-#: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
+#: The suites that rank the leaderboard's rows: tracks at their severities, by the suite's name. A
+#: suite never changes, so rows keep their ranks; new tracks go into the next suite.
 SUITES: Mapping[str, tuple[str, ...]] = {
     suite: tuple(f"{name}-{severity}" for name in names for severity in (1, 2, 3))
     for suite, names in (
@@ -280,7 +280,7 @@ def find_degradation(label: str) -> Degradation:
     Raises
     ------
     UnknownNameError
-        If there is no such track or no such severity; near misses are named.
+        If there is no such track or severity; it names the near misses.
 
     Examples
     --------
@@ -296,7 +296,7 @@ def find_degradation(label: str) -> Degradation:
     }
     if label in known:
         return known[label]
-    # The whole of it is matched: of "noise1" the track alone would be half an answer.
+    # Match the whole label: for "noise1", the track's name alone would be half an answer.
     near = difflib.get_close_matches(label[:99].casefold(), known, n=3, cutoff=0.6)
     fix = f"did you mean {' or '.join(near)}? " if near else ""
     names = ", ".join((*TRACKS, *STACKS))

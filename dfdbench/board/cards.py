@@ -24,13 +24,13 @@ Takes = Literal["pair", "stack"]
 
 
 class Card(StrictRecord):
-    """A method on the leaderboard, by which it is run and shown.
+    """How to run a method of the leaderboard and what to show of it.
 
-    `entry` is what follows ``--method``, or the name that handed-in depth maps go by; `parameters`
-    are the ``--param``. `code` is an address, or a file of this repository. `given` says what the
-    method gets besides the images, `trained_on` and `fitted_on` what it learns from, `limits` where
-    it breaks. `takes` says what it is run on: pairs, stacks or both; with `given_blur` it is run
-    on tracks with ``--given-blur``.
+    `entry` is what follows ``--method``, or the name of handed-in depth maps; `parameters` are the
+    ``--param``. `code` is an address, or a file of this repository. `given` says what the method
+    gets besides the images, `trained_on` and `fitted_on` what it learns from, `limits` where it
+    breaks. `takes` says what it is run on: pairs, stacks or both. With `given_blur`, it is run on
+    tracks with ``--given-blur``.
     """
 
     title: Line
@@ -48,13 +48,13 @@ class Card(StrictRecord):
     limits: Line | None = None
 
     def arguments(self, on_tracks: bool = False) -> list[str]:
-        """Return the method as words of the command line, after ``run`` or ``tracks``."""
+        """Return the method's command-line arguments after ``run`` or ``tracks``."""
         settings = [f"--param={name}={plain(value)}" for name, value in self.parameters.items()]
         given = ["--given-blur"] * (self.given_blur and on_tracks)
         return ["--method", self.entry, *settings, *given]
 
     def is_of(self, name: str, entry: str, parameters: Mapping[str, Any]) -> bool:
-        """Return whether a method of this name, entry and parameters is the card's."""
+        """Return whether the card describes a method of this name, entry and parameters."""
         return self.entry in (name, entry) and self.parameters == parameters
 
 
@@ -64,7 +64,7 @@ def load_cards(folder: Path) -> dict[str, Card]:
     Raises
     ------
     ResultError
-        With everything that is wrong in any of them, or if two are of one name or method.
+        With everything that is wrong in any of them, or if two have the same name or method.
     """
     cards: dict[str, Card] = {}
     problems: list[Problem] = []
@@ -92,7 +92,7 @@ def load_cards(folder: Path) -> dict[str, Card]:
 
 
 def cards_table(cards: Mapping[str, Card], in_repository: bool) -> Table:
-    """Return who wrote the methods, where their code is, and what they are given.
+    """Return a table of who wrote the methods, where their code is, and what they are given.
 
     Files of this repository are linked only from within it.
     """
@@ -122,14 +122,14 @@ def find_card(
     folder : Path
         The leaderboard's folder.
     name, entry, parameters
-        Of the method, as a result records them.
+        The method's, as a result records them.
     given_blur : bool, optional
-        Whether it was given a blur on tracks; None if nobody knows yet.
+        Whether it was given a blur on tracks; None if not yet known.
 
     Raises
     ------
     ResultError
-        If it has none.
+        If the method has no card.
     """
     for found, card in load_cards(folder).items():
         if card.is_of(name, entry, parameters) and given_blur in (None, card.given_blur):

@@ -1,4 +1,4 @@
-"""Rank methods on the same data, split and protocol, out of one long table of scores."""
+"""Rank methods on the same data, split and protocol, from one long table of scores."""
 
 import functools
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ TRACKS_PROTOCOL = "valid"
 
 @dataclass(frozen=True)
 class Entry:
-    """A method's runs that a ranking looks at, and the file that they are in.
+    """A method's runs that a ranking uses, and their file.
 
     Parameters
     ----------
     runs : tuple of Result
-        One run; for a suite of tracks, the run on clean images first and those on tracks.
+        One run; for a suite of tracks, the run on clean images first, then those on tracks.
     path : Path
         Their file.
     label : str
@@ -49,13 +49,13 @@ class Entry:
 
     @property
     def ranked_runs(self) -> tuple[Result, ...]:
-        """The runs that a rank is of: those on tracks, or the only one."""
+        """The runs that a rank is based on: those on tracks, or the only one."""
         on_tracks = tuple(run for run in self.runs if run.dataset.degradation != CLEAN)
         return on_tracks or self.runs
 
     @property
     def given_blur(self) -> bool:
-        """Whether the method was given a blur on a track, which nobody may be."""
+        """Whether the method was given a blur on a track, which is not allowed."""
         return any(knew_blur(run.method, run.dataset.degradation) for run in self.runs)
 
     @property
@@ -88,14 +88,14 @@ class Standing:
     entry : Entry
         The method.
     rank : int or None
-        Shared if the intervals overlap, provided there are groups enough for intervals. None if a
-        score is lacking, the method was given a blur on a track, or nobody is ranked.
+        Shared if the intervals overlap, provided there are enough groups for intervals. None if a
+        score is missing, the method was given a blur on a track, or the ranking has no ranks.
     scores : dict of str to float or None
-        By metric; on a suite of tracks the mean over tracks of the mean over severities.
+        By metric; on a suite of tracks, the mean over tracks of the mean over severities.
     interval : tuple of float, or None
-        Of the score that ranks, from `dfdbench.metrics.intervals.group_interval`.
+        The interval of the ranking score, from `dfdbench.metrics.intervals.group_interval`.
     above : PairedDifference or None
-        This row's score less that of the row above, pair by pair; its `p` is corrected for the
+        This row's score minus that of the row above, pair by pair; its `p` is corrected for the
         number of rows.
     """
 
@@ -113,10 +113,10 @@ class Standing:
 
 @dataclass(frozen=True)
 class ScoreBoard:
-    """Methods that may be compared, ranked: the same data, split, protocol and suite.
+    """Comparable methods, ranked: on the same data, split, protocol and suite.
 
-    `scores` is their part of the long table of `dfdbench.results.frame.scores_of`; its column
-    ``row`` is the place among the `standings`.
+    `scores` is their part of the long table from `dfdbench.results.frame.scores_of`; its column
+    ``row`` is the index in `standings`.
     """
 
     suite: str
@@ -126,7 +126,7 @@ class ScoreBoard:
 
     @property
     def result(self) -> Result:
-        """A run of the board: all are on the same data."""
+        """One run of the board: all are on the same data."""
         return self.standings[0].entry.result
 
     @property
@@ -150,7 +150,7 @@ class ScoreBoard:
         return table.reindex(columns=range(len(self.standings)))
 
     def shown(self, row: int, metric: str) -> str:
-        """Return a score as text; that of an incomplete run, in brackets, is of what was run."""
+        """Format a score; that of an incomplete run is in brackets and covers only what was run."""
         standing = self.standings[row]
         if standing.entry.complete:
             return score_text(standing.scores.get(metric))
@@ -162,18 +162,18 @@ class ScoreBoard:
 def boards(
     entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True, headlines: bool = False
 ) -> list[ScoreBoard]:
-    """Rank methods, one ranking for each data set, split, data, manifest and protocol.
+    """Return a ranking of methods for each data set, split, data, manifest and protocol.
 
     Parameters
     ----------
     entries : sequence of Entry
         The methods.
     suite : str
-        What is ranked: single runs (``clean``), or a suite of `dfdbench.blur.tracks.SUITES`.
+        What to rank: single runs (``clean``), or a suite of `dfdbench.blur.tracks.SUITES`.
     ranked : bool
         Whether rows get a rank.
     headlines : bool
-        Only those to look at first.
+        Return only the rankings to look at first.
     """
     runs = [(number, run) for number, entry in enumerate(entries) for run in entry.runs]
     if not runs:
@@ -197,14 +197,14 @@ def boards(
 
 
 def over_tracks(means: pd.Series, suite: str) -> pd.DataFrame:
-    """Return the mean over severities of each track; NaN if one of them is lacking.
+    """Return each track's mean over severities; NaN if a severity is missing.
 
     Parameters
     ----------
     means : Series
-        Means of runs, with ``track`` and ``severity`` as the last two levels of its index.
+        Means of runs, with ``track`` and ``severity`` as the last two levels of the index.
     suite : str
-        Whose tracks there have to be; for ``clean``, those that there are.
+        The suite whose tracks are required; for ``clean``, whatever tracks there are.
     """
     parts = pd.DataFrame(means.unstack(["track", "severity"]))
     if suite != CLEAN:
@@ -265,11 +265,11 @@ def _board(
 
 
 def _with_shared_ranks(standings: Sequence[Standing]) -> list[Standing]:
-    """Let rows share a rank if their intervals overlap: that is too close to tell."""
+    """Let rows share a rank if their intervals overlap, which is too close to call."""
     highs = [s.interval[1] for s in standings if s.interval and s.rank is not None]
     shared = []
     lowest = len(standings)
-    # From the last row up: a narrow interval must not rank behind a wide one with a worse mean.
+    # From the last row up: a narrow interval must not rank below a wide one with a worse mean.
     for standing in reversed(standings):
         if standing.interval and standing.rank is not None:
             low = standing.interval[0]

@@ -205,7 +205,7 @@ class Row(Record):
         return (self._result(run) for run in self.runs if run.label == CLEAN)
 
     def results_on(self, fingerprint: str) -> Iterator[record.Result]:
-        """Yield the results of those runs that are on these data: most rows are on many tracks."""
+        """Yield the results on these data only, since most rows are on many tracks."""
         return (self._result(run) for run in self.runs if run.fingerprint == fingerprint)
 
     def _result(self, run: RowRun) -> record.Result:
@@ -253,7 +253,7 @@ class Row(Record):
         return same and card.given_blur == self.given_blur
 
     def place(self, folder: Path, name: str) -> Path:
-        """Return where the row of the card of that name is in a leaderboard's folder."""
+        """Return where the row of the card `name` is in a leaderboard's folder."""
         return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
 
 
@@ -357,7 +357,7 @@ def read_row(path: Path) -> Row:
     Raises
     ------
     ResultError
-        If it cannot be read or is no such file, or if its data set or pairs are not released ones.
+        If it cannot be read or is not such a file, or its data set or pairs are not released ones.
     """
     try:
         row = Row.model_validate_json(read_whole(path), strict=True)
@@ -373,7 +373,7 @@ def read_row(path: Path) -> Row:
 
 @functools.lru_cache(maxsize=64)
 def _pairs_of(dataset: str, split: str) -> tuple[tuple[Pair, ...], list[str], list[dict[str, int]]]:
-    """Return a split's pairs, their names and places; many rows are on the same."""
+    """Return a split's pairs, their names and places; many rows share them."""
     pairs = _manifest_of(dataset).pairs(split)
     return pairs, [pair.id for pair in pairs], [pair.at for pair in pairs]
 
@@ -384,7 +384,7 @@ def require_pairs(row: Row, where: str) -> None:
     Raises
     ------
     ResultError
-        If there is no such set or split, or the pairs are others.
+        If there is no such set or split, or the pairs differ.
     """
     try:
         pairs = _pairs_of(row.dataset, row.split)[1]
@@ -458,9 +458,9 @@ def training_problems(
     Parameters
     ----------
     trained_on : str or None
-        What the method says of itself.
+        What the method says about itself.
     weights_sha256 : str or None
-        Of the weights; a method without any learned no scene by heart.
+        Of the weights; a method without any has learnt no scene by heart.
     dataset, split : str
         What is tested; the data set by the name and version of its manifest.
     where : str

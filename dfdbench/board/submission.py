@@ -1,4 +1,4 @@
-"""Rows of the leaderboard: written or updated with a method's runs, and run again in part."""
+"""Write or update a row of the leaderboard with a method's runs, and rerun part of one."""
 
 import random
 import secrets
@@ -26,7 +26,7 @@ from dfdbench.system.files import write_whole
 
 
 def require_submittable(limit: int | None) -> None:
-    """Refuse, before a run, one that the leaderboard would refuse, or a place without one.
+    """Before a run, refuse it if there is no leaderboard or the leaderboard would refuse it.
 
     Raises
     ------
@@ -43,13 +43,13 @@ def require_submittable(limit: int | None) -> None:
 
 
 def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
-    """Refuse a damaged data set, a method without a card, and one that has seen the test.
+    """Refuse a damaged data set, a method without a card, and one trained on the test.
 
     Raises
     ------
     StoreError, ResultError, InputError
-        If the data set does not hold what was built; if the method has no card; if its weights
-        were trained on scenes of the test.
+        If the data set does not hold what was built; if the method has no card; if its weights were
+        trained on scenes of the test.
     """
     parameters = without_folders(method.parameters)
     cards.find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
@@ -61,7 +61,7 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
 def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     """Write runs into the row of their method's card, and return its file.
 
-    Runs that the row has on other tracks stay, provided that they are of the same method.
+    The row's runs on other tracks stay if they are of the same method.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     ------
     ResultError
         If a run is not on a released data set's split, the runs are not of one method, the method
-        has no card, another method's row is there, or a complete run would give way to a partial
-        one. Nothing is written then.
+        has no card, another method's row is there, or a partial run would replace a complete one.
+        Then nothing is written.
     """
     runs = [results] if isinstance(results, Result) else list(results)
     labels = {run.dataset.degradation for run in runs}
@@ -109,7 +109,7 @@ def _suites(labels: set[str]) -> list[str]:
 
 
 def _facts(result: Result) -> dict[str, Any]:
-    """Return what makes two runs those of one method on one split."""
+    """Return what two runs of one method on one split have in common."""
     method, dataset = result.method, result.dataset
     facts = {
         "name": method.name,
@@ -121,7 +121,7 @@ def _facts(result: Result) -> dict[str, Any]:
         "files_sha256": method.files_sha256,
         "seed": result.seed,
     }
-    # Ours may change in ways that do not matter.
+    # The source of our own methods may change in ways that do not matter.
     if method.entry not in built_in_methods().values():
         facts["source_sha256"] = method.source_sha256
     return facts
@@ -168,11 +168,11 @@ class Rerun:
     name : str
         The run's label and the pair.
     same_map : bool
-        Whether the depth map is the same to the last bit.
+        Whether the depth maps are identical to the last bit.
     difference : float
-        The largest difference of a score; infinite if one of the two has no score.
+        The largest difference of a score; infinite if only one of the two has a score.
     wrong : str
-        What else is not as the row says; empty if nothing.
+        What else differs from the row; empty if nothing does.
     """
 
     name: str
@@ -181,7 +181,7 @@ class Rerun:
     wrong: str = ""
 
     def passes(self, tolerance: float) -> bool:
-        """Return whether the pair gave what the row says."""
+        """Return whether the rerun confirms the row."""
         return self.difference <= tolerance and not self.wrong
 
     def __str__(self) -> str:
@@ -192,7 +192,7 @@ class Rerun:
 
 @dataclass(frozen=True)
 class Verification:
-    """What running pairs of a row again gave, and the seed that drew them."""
+    """The result of running pairs of a row again, and the seed that drew them."""
 
     seed: int
     drawn_from: int
@@ -202,7 +202,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether every pair gave what the row says."""
+        """Whether every pair confirmed the row."""
         return all(pair.passes(self.tolerance) for pair in self.pairs)
 
 
@@ -216,10 +216,10 @@ def verify(
     weights: Path | None = None,
     on_pair: Callable[[int, int], None] | None = None,
 ) -> Verification:
-    """Run pairs of a row again and compare depth maps and scores.
+    """Rerun pairs of a row and compare depth maps and scores.
 
-    Nobody can know beforehand which pairs are drawn. A method with a fit is fitted anew for each
-    track that is drawn.
+    Nobody can predict which pairs are drawn. A method with a fit is fitted anew for each track that
+    is drawn.
 
     Parameters
     ----------
@@ -228,13 +228,13 @@ def verify(
     path : Path
         Its file.
     count : int
-        How many pairs of all runs together; all if there are fewer.
+        How many pairs to run over all runs; if there are fewer, all.
     seed : int, optional
-        Repeats an earlier draw; default: fresh randomness.
+        Repeats an earlier draw; by default, draw at random.
     tolerance : float
         How far a score may be off, 0 to 1.
     trusted : collection of str
-        Entries of methods that are not built in and may be imported.
+        Entries of methods that are not built in but may be imported.
     weights : Path, optional
         Your copy of weights that are not shipped.
     on_pair : callable, optional
@@ -245,8 +245,8 @@ def verify(
     InputError
         If the tolerance is not from 0 to 1.
     ResultError
-        If the method is neither built in nor trusted, nothing was run, or data sets of the draw
-        are not built here or are others.
+        If the method is neither built in nor trusted, there is no run, or data sets of the draw are
+        missing here or differ.
     """
     if not 0 <= tolerance <= 1:
         raise InputError(f"a tolerance is a number from 0 to 1, not {tolerance:g}")
@@ -278,7 +278,7 @@ def verify(
 
 
 def _opened(results: Sequence[Result], path: Path) -> list[Dataset]:
-    """Return the data sets of runs as they are built here; all that are not are named."""
+    """Open the data sets of runs as built here; the error names all that are not built."""
     stores, problems = list[Dataset](), list[Problem]()
     for dataset in (result.dataset for result in results):
         where, fix = f"{path}: {dataset.degradation}", f"dfdbench build {dataset.name}"
@@ -297,13 +297,13 @@ def _opened(results: Sequence[Result], path: Path) -> list[Dataset]:
 def _run_again(
     result: Result, claims: Sequence[PairResult], store: Dataset, weights: Path | None
 ) -> Iterator[tuple[Rerun, bool]]:
-    """Run pairs of one run again, loaded and fitted as it was; tell whether the source is too."""
+    """Rerun pairs of one run, loaded and fitted as before; yield whether the source matches too."""
     record, dataset = result.method, result.dataset
     parameters: dict[str, Any] = dict(record.parameters)
     if weights:
         parameters["weights"] = str(weights)
     given = dataset.degradation != CLEAN and "recipe" in record.uses
-    # By its entry, which is trusted: a name may lead elsewhere.
+    # Load it by its entry, which is trusted: a name may lead elsewhere.
     method = load_for(store, record.entry, parameters, result.seed, given)
     fit = fit_method(store, method, dataset.split, result.seed)
     facts = {

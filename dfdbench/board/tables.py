@@ -19,22 +19,22 @@ from dfdbench.tables.table import Link, Table
 
 
 def ranking_table(board: ScoreBoard, folder: Path) -> Table:
-    """Return a ranking, of single runs or over tracks.
+    """Return a ranking of single runs or over tracks as a table.
 
     Parameters
     ----------
     board : ScoreBoard
         From `dfdbench.board.ranking.boards`.
     folder : Path
-        The leaderboard's folder, from which links go out.
+        The leaderboard's folder; links are relative to it.
     """
     return (standings_table if board.suite == CLEAN else tracks_table)(board, folder)
 
 
 def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
-    """Return the tables beside a ranking of single runs that have rows.
+    """Return the non-empty tables beside a ranking of single runs.
 
-    What each method is, and where it ran, is told once: beside the headline.
+    What each method is, and where it ran, is told only once, beside the headline.
     """
     if board.suite != CLEAN or board.result.method.scored:
         return []
@@ -44,9 +44,9 @@ def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
 
 
 def standings_table(board: ScoreBoard, folder: Path) -> Table:
-    """Return the ranking: by NRMSE, ties by NMAE, as the thesis ranks; in metres by AbsRel."""
+    """Return the ranking: by NRMSE, then NMAE, as in the thesis; in metres by AbsRel."""
     metrics = [find_metric(name) for name in metrics_of(board.protocol) if name != board.metric]
-    # Rows that nobody could run have no second table to link their files.
+    # Rows that nobody could run have no second table to link to their files.
     scored = f": {record.SCORED}" if board.result.method.scored else ""
     columns = (
         *("", "method", "given", find_metric(board.metric).heading, interval_name(board.groups)),
@@ -69,7 +69,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
 
 
 def _parts(columns: int, last: int) -> tuple[tuple[int, ...], ...]:
-    """Return the columns of two parts of a ranking: all but the last few, and these."""
+    """Return the columns of a ranking in two parts: all but the last few, and the last few."""
     begin = columns - last
     return tuple(range(begin)), (0, 1, *range(begin, columns))
 
@@ -101,13 +101,13 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
 
 
 def tracks_of(board: ScoreBoard) -> pd.DataFrame:
-    """Return each row's mean over severities, by row and metric, a column a track."""
+    """Return each row's mean over severities, by row and metric, one column per track."""
     means = frame.group_means(board.scores, "row", "metric", "track", "severity")
     return over_tracks(means, board.suite)
 
 
 def lighting_table(board: ScoreBoard) -> Table:
-    """Return each method's means by block, exposure for instance, a row a metric."""
+    """Return each method's means by block, for instance exposure, one row per metric."""
     axis = board.result.dataset.blocks
     means = _by_level(board)
     levels = sorted(means.index.get_level_values("level").unique())
@@ -135,9 +135,9 @@ def _by_level(board: ScoreBoard) -> pd.DataFrame:
 
 
 def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
-    """Return each method's mean over each scene, a row a scene; or over a fold's test scenes.
+    """Return each method's mean over each scene, or over a fold's test scenes.
 
-    There are no rows of folds if the split does not hold at least two whole ones.
+    There are no rows of folds unless the split holds at least two whole ones.
     """
     what, there = "scene", set(board.scores["scene"])
     groups = {name: [name] for name in sorted(there)}
@@ -159,7 +159,7 @@ def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
 
 
 def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
-    """Return how each method was run; with the leaderboard's folder, linked to its file."""
+    """Return how each method was run; given the leaderboard's folder, link to its file."""
     rows = []
     for entry in (standing.entry for standing in board.standings):
         name = entry.label if folder is None else _linked(entry, folder)
@@ -172,7 +172,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
 
 
 def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
-    """Return the rows of a ranking as data, numbers in full."""
+    """Return the rows of a ranking as data, with unrounded numbers."""
     metric, data = board.metric, board.result.dataset
     by_place = _by_place(board)
     records = []
@@ -212,7 +212,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
 
 
 def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
-    """Return means by metric and lighting, or by metric and track, a value for each row."""
+    """Return means by metric and lighting, or by metric and track, one value per row."""
     if board.suite == CLEAN:
         axis = board.result.dataset.blocks
         levels = _by_level(board).sort_index()
@@ -239,7 +239,7 @@ def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
 
 
 def link_to(path: Path, folder: Path) -> str:
-    """Return where a link to a file leads, from the leaderboard's folder.
+    """Return the link to a file, relative to the leaderboard's folder.
 
     Examples
     --------
@@ -325,7 +325,7 @@ def _in_short(text: str, dataset: str) -> str:
         return "this track"
     base, track = part_name(name)
     synthetic = {h.stem for h in released_headings() if h.recipe is not None}
-    # Words after the split say that training was not on clean images.
+    # Words after the split mean that training was not on clean images.
     if base not in synthetic or track or ", " in rest:
         return text
     return CLEAN if base == part_name(dataset)[0] else f"{CLEAN} {base}"

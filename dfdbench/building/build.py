@@ -1,4 +1,4 @@
-"""Build a data set: source images and blur recipe in, store out."""
+"""Build a data set: read source images and a blur recipe, write a store."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -35,9 +35,9 @@ def refuse_another_set(
     steps: tuple[int, int] | None,
     cache: Path | str | None = None,
 ) -> None:
-    """Keep another recipe and other steps out of the place where the data set itself belongs.
+    """Keep another recipe or other steps out of the data set's default place.
 
-    A data set on a track takes no recipe anywhere: the track has a blur of its own.
+    A data set on a track never takes a recipe: the track has a blur of its own.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def refuse_another_set(
     Raises
     ------
     UnknownNameError
-        Where there is no such recipe.
+        If there is no such recipe.
     InputError
-        If `place` is the data set's own, and recipe or steps are not; if both a recipe and a track
+        If `place` is the data set's own but recipe or steps are not; if both a recipe and a track
         are named.
     """
     if recipe is not None:
@@ -86,23 +86,23 @@ class BuildReport:
     Parameters
     ----------
     manifest : Manifest
-        What belongs to the data set.
+        The data set.
     path : UPath
         The store.
     fingerprint : str
-        SHA-256 over what it holds.
+        SHA-256 of everything it holds.
     scenes_built, scenes_kept : tuple of str
-        Scenes written now, and those found whole from before.
+        Scenes written now, and complete ones kept from before.
     pairs : int
         Pairs in the store.
     missing : tuple of Pair
-        Pairs of the manifest that the source does not have, or that are of scenes left out.
+        Pairs of the manifest that the source lacks, or whose scenes were left out.
     problems : tuple of Problem
         Why scenes were left out.
     warnings : tuple of str
         What looks odd in scenes that were built.
     missing_help : str
-        How the missing pairs are had; empty if there are none.
+        How to get the missing pairs; empty if there are none.
     """
 
     manifest: Manifest
@@ -125,16 +125,16 @@ def build_store(
     pool: Pool | None = None,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
-    """Build a data set and put it into place whole.
+    """Build a data set and move it into place as a whole.
 
-    Scenes that an earlier, interrupted call finished from the same files are kept. Missing
-    pairs, and scenes that the source leaves out (`SceneError`), are reported; other damaged files
-    stop the build after all were looked at.
+    Scenes that an earlier, interrupted call finished from the same files are kept. Missing pairs,
+    and scenes that the source leaves out (`SceneError`), are reported. Any other damaged file stops
+    the build once all files were checked.
 
     Parameters
     ----------
     manifest : Manifest
-        What belongs to the data set, and the track that it is on, if any.
+        The data set, and the track that it is on, if any.
     source : Source
         Where its images come from.
     place : str, Path or UPath
@@ -142,21 +142,21 @@ def build_store(
     recipe : str, optional
         A blur recipe's name; by default the manifest's. Captured defocus has none.
     pool : Pool, optional
-        Where scenes are made, and how many at once; one after the other by default. The store
-        does not depend on it. The workers of a cluster need to reach source and store.
+        Where scenes are made, and how many at once; by default one after the other. The store does
+        not depend on it. The workers of a cluster must be able to reach source and store.
     on_scene : callable, optional
-        Called with (scenes done, scenes in all).
+        Called with (scenes done, total scenes).
 
     Raises
     ------
     SourceError
-        Where files are damaged (all of them are named) or nothing is there at all; where the
-        source's defocus is captured and a recipe named, or neither.
+        If files are damaged (all of them are named) or there are none; if the source's defocus is
+        captured and a recipe is named, or neither.
     StoreError
-        Where the store cannot be written, or another build is writing it.
+        If the store cannot be written, or another build is writing it.
     InputError
-        Where the data set's default place would get another recipe or other voltage steps; where
-        a recipe is named for a data set on a track.
+        If another recipe or other voltage steps would go into the data set's default place; if a
+        recipe is named for a data set on a track.
     """
     steps = source.options.get("pair")
     pair = tuple(steps) if isinstance(steps, list) else None
@@ -213,7 +213,7 @@ class _Outcome:
 def _build_scene(
     manifest: Manifest, source: Source, blur: BlurRecipe | None, writer: SceneWriter, scene: str
 ) -> _Outcome:
-    """Make one scene, perhaps in another process."""
+    """Build one scene, perhaps in another process."""
     try:
         signature = source.signature(scene)
         if digest := writer.digest_of_finished(scene, signature):
@@ -222,7 +222,7 @@ def _build_scene(
         digest = writer.write(scene, scene_dataset(manifest, scene, images, blur), signature)
         return _Outcome(scene, digest, warnings=images.warnings)
     except SourceError as error:
-        # Told together with those of the other scenes.
+        # Reported together with those of the other scenes.
         left_out = isinstance(error, SceneError)
         return _Outcome(scene, problems=error.problems, left_out=left_out)
 
@@ -230,15 +230,15 @@ def _build_scene(
 def scene_dataset(
     manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe | None
 ) -> xarray.Dataset:
-    """Return a scene's arrays; defocus images that were not captured are made.
+    """Return a scene's arrays; make the defocus images unless they were captured.
 
-    Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis). On a
+    If the depth grows with distance, it is inverted before the blur (Eq. 7.1 of the thesis). On a
     track the in-focus images change as well.
 
     Raises
     ------
     SourceError
-        Where there are a recipe and captured images, or neither.
+        If there are both a recipe and captured images, or neither.
     """
     axes = manifest.axes
     captured = "defocus" in images.facts.roles
@@ -267,7 +267,7 @@ def scene_dataset(
 
 
 def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
-    """Return what is known of the images: by the source, or else by the manifest."""
+    """Return what is known of the images, from the source or else from the manifest."""
     rig = manifest.rig or Rig()
     by_role = {"infocus": rig.infocus_f_number, "defocus": rig.defocus_f_number}
     stated = {
@@ -280,7 +280,7 @@ def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
     known: dict[str, Any] = {}
     for name, value in stated.items():
         own = getattr(facts, name)
-        # As a number None is NaN.
+        # As a number, None is NaN.
         known[name] = np.where(np.isnan(own), np.array(value, np.float64), own)
     if manifest.depth.scale is not None:
         focus = known["focus_depth"]
@@ -293,7 +293,7 @@ def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict
     recipe: dict[str, Any] = {"name": "", "parameters": {}}
     track: dict[str, Any] = {}
     if manifest.on_track:
-        # What a track's images were made by is what it does not tell.
+        # A track does not reveal how its images were made.
         track = {"track_version": find_degradation(manifest.degradation).track.version}
     elif made_by:
         recipe = {"name": made_by, "parameters": find_recipe(made_by).as_dict()}
@@ -308,7 +308,7 @@ def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict
 
 
 def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
-    """Return the scenes' problems; what is wrong with a file that many of them share, once."""
+    """Return the scenes' problems; a problem with a file that many scenes share appears once."""
     problems = dict.fromkeys(problem for outcome in outcomes for problem in outcome.problems)
     alike = grouped(((problem.what, problem.where), problem) for problem in problems)
     return tuple(
@@ -354,7 +354,7 @@ def _recipe_of(manifest: Manifest, source: Source, recipe: str | None) -> str | 
 def _synthesised(
     manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe
 ) -> SceneImages:
-    """Return a scene with its defocus images; the in-focus ones change on a track only."""
+    """Return a scene with its defocus images made; the in-focus ones change on a track only."""
     on = find_degradation(manifest.degradation) if manifest.on_track else None
     planes = on.formation.planes if on else 0
     sharp = images.infocus

@@ -19,7 +19,7 @@ from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import OnDone, one_by_one
 
-#: What says of a stack's images what is known of them.
+#: The file with the facts about a stack's images.
 STACK_FILE = "stack.json"
 _STACK_DEPTH = "depth.npy"
 
@@ -33,26 +33,27 @@ def export_png(
 ) -> int:
     """Write each pair's in-focus image, defocus image and depth map as PNG files.
 
-    The in-focus image is named after the pair, ``SCENE/exposure_ms10.png``, the depth map after its
-    own axes, ``SCENE/depth.png``. Pairs by view, illumination and exposure get Middlebury's names,
-    ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The defocus image is beside the
-    in-focus one and named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published`` as in the
-    thesis; if it was captured, ``exposure_ms10_defocus.png``; on a track, ``view1_camera-2.png``.
-    Decoded, the files equal the store's arrays. Files that already have this content are kept.
+    The in-focus image is named after the pair, ``SCENE/exposure_ms10.png``, and the depth map after
+    its own axes, ``SCENE/depth.png``. Pairs by view, illumination and exposure get Middlebury's
+    names, ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The defocus image is beside the
+    in-focus one. It is named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published`` as in
+    the thesis; if it was captured, ``exposure_ms10_defocus.png``; on a track,
+    ``view1_camera-2.png``. Decoded, the files equal the store's arrays. Files that already have
+    this content are kept.
 
     Parameters
     ----------
     store : Dataset
         The data set.
     folder : Path
-        Where to.
+        Where to write.
     split : str
-        Which pairs.
+        The pairs to write.
     on_pair : callable, optional
-        Called with (pairs done, pairs in all).
+        Called with (pairs done, total pairs).
     images_only : bool
-        Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Depth
-        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.evaluate` takes.
+        Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Then
+        `dfdbench.evaluation.evaluate` takes depth maps named after those folders, ``PAIR.npy``.
 
     Notes
     -----
@@ -62,15 +63,15 @@ def export_png(
     Returns
     -------
     int
-        How many pairs were written or found.
+        How many pairs were written or already there.
 
     Raises
     ------
     StoreError
         If the store holds no pair of the split, a file of that name holds something else, the
-        folder of `images_only` has a pair's depth, or the disk refuses it.
+        folder already has a pair's depth despite `images_only`, or the disk refuses to write.
     """
-    # On a track no recipe is told.
+    # A track does not reveal its recipe.
     captured = store.manifest.degradation if store.manifest.on_track else "defocus"
     blurred = blur_name(store.recipe) if store.recipe else captured
     pairs = store.some_pairs(split)
@@ -121,7 +122,7 @@ def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:
 
 
 def blur_name(recipe: BlurRecipe) -> str:
-    """Return what the thesis's files call a blur: linear, the least sigma, the step times levels.
+    """Return the thesis's file-name suffix of a blur: linear, smallest sigma, step times levels.
 
     Examples
     --------

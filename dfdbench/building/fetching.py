@@ -23,37 +23,37 @@ from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.tables.table import counted
 
-#: Files fetched at once: the sites are universities' own, not content networks.
+#: Files fetched at once: the servers belong to universities, not to content networks.
 CONNECTIONS = 4
 SET_ASIDE = "set-aside"
 _BLOCK = 64 * 1024
 _TRY_AGAIN = (408, 425, 429, *range(500, 600))
 _NOT_THERE = (403, 404, 410)
 _FAILURES_TO_GIVE_UP = 3
-# Requests for one file at one address before it is given up; seconds before the third, doubled
-# before each further one; seconds without a byte after which a connection counts as lost.
+# How often one address is asked for a file; seconds before the third request, doubled before each
+# further one; seconds without a byte after which a connection counts as lost.
 _TRIES, _PAUSE, _SILENCE = 6, 0.5, 30.0
 _CONNECTION = re.compile(r"^<?\w*Connection\w*[(]?[^:]*: ")
 _NOT_SENT = "the server does not send the file"
 _LATER = "try again later: files that are whole are kept; or name a --mirror URL"
 
-#: Told of (files done, files in all, bytes received).
+#: Called with (files done, total files, bytes received).
 Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
 class WantedFile:
-    """A file to bring.
+    """A file to fetch.
 
     Parameters
     ----------
     name : str
-        Its place below the folder.
+        Its path below the folder.
     addresses : tuple of str
-        Where it may be had, the best first.
+        Where to get it, the best first.
     check : callable
-        Called with (path, where it came from); raises SourceError if the file there is not what
-        it should be.
+        Called with (path, where it came from); raises SourceError if the file is not the expected
+        one.
     """
 
     name: str
@@ -70,13 +70,13 @@ class Fate:
     name : str
         The file.
     kind : str
-        ``"new"``: fetched now. ``"kept"``: there from before. ``"missing"``: no address has it.
-        ``"unreachable"``: an address may have it, but it could not be had. ``"damaged"``: it
-        came and was refused, twice.
+        ``"new"``: fetched now. ``"kept"``: already there. ``"missing"``: no address has it.
+        ``"unreachable"``: an address may have it, but could not be reached. ``"damaged"``: it was
+        fetched twice and failed its check.
     problems : tuple of Problem
         What was wrong with it.
     lacking : tuple of str
-        The addresses that were asked and do not have it, each after its status: ``404 https://...``
+        The addresses that do not have it, each after its status: ``404 https://...``
     """
 
     name: str
@@ -86,25 +86,25 @@ class Fate:
 
     @property
     def is_there(self) -> bool:
-        """Whether the file lies in its place."""
+        """Whether the file is in its place."""
         return self.kind in ("new", "kept")
 
 
 class Fetcher:
-    """Bring files into a folder, each whole and checked or not at all.
+    """Fetch files into a folder, each complete and checked, or not at all.
 
-    A file that is there and passes its check is kept. One that fails it, there or when it came,
-    is moved to the folder ``set-aside`` and fetched once more. Proxies and certificate bundles are
-    taken from the environment: ``HTTPS_PROXY``, ``NO_PROXY``, ``REQUESTS_CA_BUNDLE``.
+    A file that is there and passes its check is kept. One that fails, old or new, is moved to the
+    folder ``set-aside`` and fetched once more. Proxies and certificate bundles are taken from the
+    environment: ``HTTPS_PROXY``, ``NO_PROXY``, ``REQUESTS_CA_BUNDLE``.
 
     Parameters
     ----------
     folder : Path
-        Where to.
+        Where to save them.
     on_progress : callable, optional
         Called with files and bytes of all calls, by one thread at a time.
     offline : bool
-        Ask nobody: only look at what is there.
+        Ask no server: only look at what is there.
     """
 
     def __init__(
@@ -113,9 +113,9 @@ class Fetcher:
         self._folder, self._on_progress, self._offline = folder, on_progress, offline
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._done = self._files = self._received = 0
-        #: Files that were set aside, each content of a name once.
+        #: How many files were set aside; the same content of the same name counts once.
         self.refused = 0
-        #: Why the last files in a row were not fetched, by server.
+        #: Why the last consecutive files were not fetched, by server.
         self._failures: defaultdict[str, list[str]] = defaultdict(list)
         # A certificate that is refused once (`other`) will be refused again.
         retry = Retry(
@@ -123,30 +123,30 @@ class Fetcher:
             other=0,
             status_forcelist=_TRY_AGAIN,
             backoff_factor=_PAUSE,
-            # A server may ask for hours.
+            # A server may ask us to wait for hours.
             respect_retry_after_header=False,
         )
         self._session = requests.Session()
         for scheme in ("http://", "https://"):
             self._session.mount(scheme, HTTPAdapter(max_retries=retry))
         self._session.headers["User-Agent"] = f"dfdbench/{version('dfdbench')}"
-        # Sizes are compared with what the server states: nothing may come compressed.
+        # We compare sizes with what the server states, so nothing may be compressed.
         self._session.headers["Accept-Encoding"] = "identity"
 
     def bring(self, wanted: Sequence[WantedFile], to_follow: int = 0) -> list[Fate]:
-        """Fetch some files, after which so many others will follow; return each one's fate.
+        """Fetch some files and return each one's fate; `to_follow` more will come in later calls.
 
         Raises
         ------
         SourceError
-            If the disk does not take them.
+            If the disk does not accept them.
         """
         self._files = self._done + len(wanted) + to_follow
         pool = ThreadPoolExecutor(CONNECTIONS)
         try:
             return list(pool.map(self._bring, wanted))
         except BaseException:
-            # After Ctrl-C or a full disk what runs is broken off.
+            # After Ctrl-C or on a full disk, abort the running downloads.
             self._stopped.set()
             raise
         finally:
@@ -194,7 +194,7 @@ class Fetcher:
             chances -= 1
             if not chances:
                 break
-            # The others first: a server that sent a bad file may well send it again.
+            # Ask the others first: a server that sent a bad file may well send it again.
             to_ask.append(address)
         if refused:
             return Fate(file.name, "damaged", refused, tuple(lacking))
@@ -257,7 +257,7 @@ class Fetcher:
 
 
 def cannot_keep(place: str | Path, error: OSError) -> SourceError:
-    """Return the error that says why the disk does not take a download."""
+    """Return an error that says why the disk does not accept a download."""
     fix = room_or("choose another place with --cache DIR", error)
     return SourceError(f"cannot keep the download: {reason_of(error)}", where=str(place), fix=fix)
 
@@ -271,15 +271,15 @@ def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:
 
 
 class _NotThereError(Exception):
-    """The server has no such file; the text is the status that it answers with."""
+    """The server has no such file; the text is its HTTP status."""
 
 
 class _UnreachableError(SourceError):
-    """The file may be there but could not be fetched."""
+    """The file may exist but could not be fetched."""
 
 
 def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
-    """Return a problem for each mirror that was asked for files that it does not have."""
+    """Return a problem for each mirror that lacks files it was asked for."""
     answers = [answer for fate in fates for answer in fate.lacking]
     problems = []
     for mirror in mirrors:
@@ -308,7 +308,7 @@ def _unreachable(address: str, error: requests.exceptions.RequestException) -> _
 
 
 def _short(error: Any) -> str:
-    # The reason lies at the bottom of what urllib3 wraps in its pools and retries.
+    # The reason is at the bottom of what urllib3 wraps in its pools and retries.
     cause = error
     while cause.args and isinstance(getattr(cause.args[0], "reason", cause.args[0]), Exception):
         cause = getattr(cause.args[0], "reason", cause.args[0])
@@ -317,7 +317,7 @@ def _short(error: Any) -> str:
 
 
 _LARGEST = 64 * 2**20  # bytes
-# Other methods may take as much memory as the file asks for.
+# Other methods may take as much memory as the file demands.
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -329,12 +329,12 @@ def archive_members(path: Path, where: str = "") -> tuple[str, ...]:
     path : Path
         A zip file.
     where : str
-        What messages call it; its path by default.
+        The archive's name in messages; its path by default.
 
     Raises
     ------
     SourceError
-        If it is no zip file.
+        If it is not a zip file.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -350,8 +350,8 @@ def read_member(path: Path, name: str) -> bytes:
     Raises
     ------
     SourceError
-        If it is larger than any file of these data sets, is packed in another way than theirs, or
-        its bytes do not decompress to what the archive says they are.
+        If it is larger than any file of these data sets, is compressed by another method, or does
+        not decompress to what the archive states.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -359,7 +359,7 @@ def read_member(path: Path, name: str) -> bytes:
             if member.file_size > _LARGEST or member.compress_type not in _METHODS:
                 raise ValueError(f"{member.file_size} bytes, method {member.compress_type}")
             with archive.open(member) as file:
-                # One byte more than stated is asked for: what goes on for ever is stopped there.
+                # Read one byte more than stated, so that a file that never ends is stopped there.
                 content = file.read(member.file_size + 1)
         if len(content) != member.file_size:
             raise ValueError(f"{len(content)} bytes, and {member.file_size} are stated")
@@ -383,7 +383,7 @@ def lock_name(manifest: Manifest) -> str:
 
 
 def known_checksums(manifest: Manifest, folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of files by their names, ``SCENE/...``.
+    """Return the SHA-256 of files by name, ``SCENE/...``.
 
     The manifest's own come first, then those of the lock file that the first complete download
     wrote.
@@ -393,23 +393,23 @@ def known_checksums(manifest: Manifest, folder: Path) -> dict[str, str]:
     manifest : Manifest
         The data set.
     folder : Path
-        Where its downloads lie.
+        Where its downloads are.
 
     Raises
     ------
     SourceError
-        Where a lock file is damaged.
+        If a lock file is damaged.
     """
     return read_checksums(folder / lock_name(manifest)) | manifest.checksums
 
 
 def read_checksums(path: Path) -> dict[str, str]:
-    """Return the SHA-256 by name of a lock file, as ``sha256sum`` writes it; none without a file.
+    """Return the SHA-256 by name from a ``sha256sum`` lock file; none if there is no file.
 
     Raises
     ------
     SourceError
-        Where it is damaged.
+        If it is damaged.
     """
     if not path.exists():
         return {}
@@ -427,18 +427,18 @@ def read_checksums(path: Path) -> dict[str, str]:
 
 
 def write_checksums(path: Path, checksums: Mapping[str, str]) -> None:
-    """Write a lock file; ``sha256sum --check`` reads it."""
+    """Write a lock file that ``sha256sum --check`` can read."""
     lines = [f"{digest}  {name}\n" for name, digest in sorted(checksums.items())]
     write_whole(path, "".join(lines))
 
 
 def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: str) -> None:
-    """Refuse a file that is not the one that is known by its name.
+    """Refuse a file that differs from the known one of its name.
 
     Raises
     ------
     SourceError
-        Where its SHA-256 is known and another.
+        If its SHA-256 is known and differs.
     """
     expected = known.get(name)
     if expected is not None and sha256(content) != expected:

@@ -1,4 +1,4 @@
-"""Look into a folder's captures: which images are in focus, what the depth files hold."""
+"""Inspect a folder's captures: which images are in focus, what the depth files hold."""
 
 import json
 import math
@@ -21,45 +21,45 @@ from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import counted, listed
 
-# Frames are counted f01, f02; apertures are not.
+# Frames are numbered f01, f02; apertures never start with 0.
 _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
-# Scenes that are decoded, spread over all: enough to tell a unit and which image is sharper; fewer
+# How many scenes to decode, spread over all: enough to detect the unit and the sharper image; fewer
 # if each has many photographs.
 _LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
 _NAMED = 4
 _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
 _STACKS, _STACKS_NAMED = 4, 3
-# Bounds have to hold every scene: more depth maps are read, and of each some of its pixels.
+# Bounds must hold for every scene, so more depth maps are read, but only some pixels of each.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
-# Depths of a camera's scenes, in metres: a median in between is taken for metres.
+# Plausible depths of a camera's scenes, in metres: a median in this range is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
-_SIDEWAYS = 5  # the EXIF orientations from there on swap rows and columns
-_MEASURED = 16  # more positive values than those are no layers, but measured
-_SHARE = 0.5  # per cent of the depths that bounds leave out at each end
+_SIDEWAYS = 5  # EXIF orientations from 5 on swap rows and columns
+_MEASURED = 16  # more distinct positive values than this are measurements, not layers
+_SHARE = 0.5  # per cent of the depths that the bounds leave out at each end
 
 
 @dataclass
 class Facts:
-    """What was found in a folder, and what could not be told.
+    """What was found in a folder, and what could not be found out.
 
     Parameters
     ----------
     folder : Path
-        Holds the files.
+        The folder with the files.
     roles : dict of str to Group
-        The files of ``infocus``, ``defocus`` and ``depth``; of stacks ``images``, ``metadata``.
+        The files of ``infocus``, ``defocus`` and ``depth``; for stacks ``images`` and ``metadata``.
     shapes : dict
-        Rows and columns of the photographs of each scene that was looked at.
+        Rows and columns of the photographs of each scene that was inspected.
     files : dict of str to str
-        What else the manifest's section `files` says, each field as TOML.
+        Further fields of the manifest's section `files`, each as TOML.
     unit : str
-        What the set's depth is in.
+        The unit of the set's depth.
     scale : tuple of float or None
-        The distances between which almost all depths lie; None where the files hold levels.
+        The distances between which almost all depths are; None if the files hold levels.
     turned : set
-        The scenes whose photographs all lie on their side, as their EXIF data say.
+        The scenes whose photographs are all on their side, according to their EXIF data.
     found, open : list of str
-        In words: what was found, and what a person has to say.
+        In words: what was found, and what a person has to fill in.
     """
 
     folder: Path
@@ -79,19 +79,19 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     Parameters
     ----------
     folder : Path
-        Holds the files.
+        The folder with the files.
     layout : Layout
-        How they go together.
+        How they belong together.
 
     Raises
     ------
     InputError
-        Where no depth files, or less than two kinds of photographs, can be told.
+        If no depth files, or fewer than two kinds of photographs, can be found.
     SourceError
-        Where a file that is looked at is damaged.
+        If an inspected file is damaged.
     """
     depths = [group for group in layout.groups if _is_depth(folder, group)]
-    # Photographs may be grey and have 16 bits, too: a name says more.
+    # Photographs may be grey with 16 bits, too; a name says more.
     depths = [group for group in depths if group.is_depth] or depths
     others = [group for group in layout.groups if group not in depths]
     photographs = [
@@ -133,11 +133,11 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     Raises
     ------
     SourceError
-        Where a file that is looked at is damaged.
+        If an inspected file is damaged.
     """
     stack, *more = layout.stacks
     others = [group for group in layout.groups if group not in layout.stacks]
-    # Scenes without the depth that most have are left out, and named.
+    # Scenes that lack the depth map that most have are left out, and named.
     depths = [g for g in others if g.is_depth and 2 * len(g.files) > len(layout.scenes)]
     sharp = [g for g in others if not g.is_depth and len(g.files) == len(layout.scenes)]
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
@@ -192,7 +192,7 @@ def _of_one_size(
     folder: Path, depths: list[Group], photographs: list[Group], scenes: tuple[Key, ...]
 ) -> tuple[Group, list[Group]]:
     """Return a kind of depth maps and the photographs of its size, or all photographs."""
-    # A kind that few scenes have is no role.
+    # A kind that only few scenes have plays no role.
     enough = sorted(len(group.files) for group in photographs)[-2] / 2
     photographs = [group for group in photographs if len(group.files) >= enough]
     for depth in depths:
@@ -220,14 +220,14 @@ def _is_depth(folder: Path, group: Group) -> bool:
 
 
 def _spread(keys: Sequence[Key], most: int) -> list[Key]:
-    """Return some of the scenes, so many at most, spread over all."""
+    """Return at most `most` scenes, spread evenly."""
     return list(keys[:: max(1, math.ceil(len(keys) / most))])
 
 
 def _decoded(
     folder: Path, group: Group, keys: list[Key]
 ) -> Iterator[tuple[Key, bytes, NDArray[Any]]]:
-    # One after the other: a camera's images are large.
+    # Read one at a time: a camera's images are large.
     return ((key, *_read(folder, group, key)) for key in keys if key in group.files)
 
 
@@ -290,7 +290,7 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
 
 
 def _smallest_aperture_first(order: list[Group]) -> list[Group]:
-    """Move the one kind whose name has the largest f-number to the front, of more than two."""
+    """Of more than two kinds, move the one with the largest f-number to the front, if unique."""
     told = {group.pattern: _F_NUMBER.findall(Path(group.pattern).name.lower()) for group in order}
     largest = max((float(n) for numbers in told.values() for n in numbers), default=0.0)
     first = [g for g in order if largest in map(float, told[g.pattern])]
@@ -343,19 +343,19 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
 
 
 def _stand_for_none(values: NDArray[np.float64], kind: np.dtype[Any]) -> list[float]:
-    """Return the values that stand for depth that is not known."""
+    """Return the values that mark unknown depth."""
     last = np.iinfo(kind).max if kind.kind == "u" else None
     stand: list[float] = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
     below = values[np.isfinite(values) & (values < 0)]
-    # One value, again and again, is no measurement.
+    # A value that is always the same is not a measurement.
     measured = np.unique(values[values > 0]).size > _MEASURED
     is_mark = below.size > 1 and np.ptp(below) == 0 and measured
     return [*below[:1].tolist(), *stand] if is_mark else stand
 
 
 def _tell_ends(values: NDArray[np.float64], facts: Facts) -> None:
-    """Add the ends of what is neither metres nor levels, such as disparity."""
+    """Add the ends of depth in neither metres nor levels, such as disparity."""
     if not values.size:
         raise SourceError("depth maps tell no depths", where=facts.roles["depth"].pattern)
     room = 0.01 * float(np.ptp(values)) or 1.0
@@ -382,11 +382,11 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
 
 
 def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
-    """Add the table that has a row per image, in the scenes' folders or above them."""
+    """Add the table with a row per image, in the scenes' folders or above them."""
     tables = list(folder_layout.tables_below(facts.folder))
     for table in tables:
         if len(table.rows) == len(images) and table.is_above(images[0]):
-            # As deep as the table lies, folders are those of the stack's pattern.
+            # Down to the table's own folder, the pattern has the same folders as the stack's.
             folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
             pattern = str(PurePosixPath(*folders, table.path.name))
             facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))

@@ -1,4 +1,4 @@
-"""Guess how a folder of captures is laid out: which files belong to one scene, by their names."""
+"""Guess from file names how a folder of captures is laid out: which files belong to a scene."""
 
 import math
 import re
@@ -12,15 +12,15 @@ from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE
 from dfdbench.errors import InputError, SourceError, reason_of
 
-#: What a depth file's path says.
+#: Words in the path of a depth file.
 DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
-# With more kinds of files than this, or more kinds of depth if there is any, the guess is wrong.
+# The guess is wrong if there are more kinds of depth than this or, without depth, kinds of files.
 _MOST_GROUPS = 10
 _ROLES = 3
-# Kinds of files that are named where they are not read.
+# How many kinds of files we name that are not read.
 _NAMED = 6
-# A file's whole name is the scene's, its start, or its end; or that of a folder, so many down.
+# The scene's name is a whole file name, its start or its end, or a folder's name at some depth.
 _FORMS = tuple(
     rf"(?:.*/)?{form}\.[^./]+"
     for form in (
@@ -31,7 +31,7 @@ _FORMS = tuple(
 )
 _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 
-# Of so many photographs that differ by a number alone, or rows that tell them apart, is a stack.
+# How many photographs that differ only by a number, or by rows of a table, make a stack.
 _FEWEST = 3
 _TABLES = (".json", ".csv", ".tsv", ".txt")
 _MOST_COLUMNS = 16
@@ -39,7 +39,7 @@ _MOST_COLUMNS = 16
 Stacks = Mapping[str, tuple[str, ...]]
 _NO_STACK: Stacks = {}
 
-#: The part of a set that a scene lies in, "" where there are none, and the scene's name.
+#: The part of a set that a scene is in, "" if there are none, and the scene's name.
 Key = tuple[str, str]
 #: Each scene's file, by the pattern of its kind.
 Kinds = dict[str, dict[Key, str]]
@@ -47,12 +47,12 @@ Kinds = dict[str, dict[Key, str]]
 
 @dataclass(frozen=True)
 class Group:
-    """Files of one kind, one a scene.
+    """Files of one kind, one per scene.
 
     Parameters
     ----------
     pattern : str
-        Where they are, with ``{scene}``, and ``{split}`` if folders are named after splits; it
+        Where they are, with ``{scene}``, and with ``{split}`` if folders are named after splits; it
         ends in ``.*`` if their endings differ.
     files : dict
         Each scene's file below the folder, by split and scene.
@@ -69,21 +69,21 @@ class Group:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a folder's files go together.
+    """How a folder's files belong together.
 
     Parameters
     ----------
     groups : tuple of Group
-        Kinds of files, each with the same scenes; those with most first.
+        Kinds of files, each with the same scenes; the largest kinds first.
     scenes : tuple of Key
-        The scenes that three groups or more have, in order.
+        The scenes that at least three groups have, in order.
     by_order : bool
-        Whether files go together by their order alone, since their names differ.
+        Whether files can be matched only by their order, because their names differ.
     left : tuple of str
         Image files that belong to no scene.
     images : mapping of str to tuple of str
-        The images of each stack in the order of their numbers, by the one name that stands for
-        them in a group: it has ``{image}`` for the number, or columns of a table.
+        The images of each stack in the order of their numbers, by the name that stands for them in
+        a group: it has ``{image}`` for the number, or columns of a table.
     """
 
     groups: tuple[Group, ...]
@@ -104,7 +104,7 @@ class Layout:
 
 
 def image_files(folder: Path) -> tuple[str, ...]:
-    """Return the images and depth arrays below a folder, sorted, hidden ones left out."""
+    """Return the images and depth arrays below a folder, sorted, without hidden ones."""
     return tuple(sorted(p.as_posix() for p in shown_files(folder) if _is_read(p)))
 
 
@@ -114,7 +114,7 @@ def _is_read(path: PurePosixPath) -> bool:
 
 
 def unread_files(folder: Path) -> str:
-    """Say which other files lie below a folder, by how their names end; empty where none do.
+    """Name the other files below a folder by their endings; return "" if there are none.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def unread_files(folder: Path) -> str:
 
 
 def shown_files(folder: Path) -> Iterator[PurePosixPath]:
-    """Yield the files below a folder, as paths below it, hidden ones left out."""
+    """Yield the files below a folder, as relative paths, without hidden ones."""
     try:
         for path in folder.rglob("*"):
             below = path.relative_to(folder)
@@ -145,10 +145,10 @@ def shown_files(folder: Path) -> Iterator[PurePosixPath]:
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:
-    """Return how files go together, by the names that most scenes have in common.
+    """Return how files belong together, by the names that most scenes have in common.
 
-    Scenes are told by a folder's name, a file's name, its start or its end; where file names have
-    nothing in common, folders with the same number of files go together by their order.
+    A scene is named by a folder, a file, or the start or end of a file's name. If file names have
+    nothing in common, folders with the same number of files are matched by their order.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     Returns
     -------
     Layout or None
-        None where no scene has three files.
+        None if no scene has three files.
 
     Examples
     --------
@@ -168,25 +168,25 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     """
     forms = (*_folders(paths), *_FORMS)
     whole = [layout for form in forms if (layout := _layout(paths, form))]
-    # A scene with a depth file and two others cannot be a kind of files read as a scene.
+    # Prefer scenes with a depth file and two others: they cannot be a misread kind of files.
     order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
     return whole[order.index(max(order))] if whole else _by_order(paths)
 
 
 def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
-    """Return how the files of focal stacks go together.
+    """Return how the files of focal stacks belong together.
 
     Parameters
     ----------
     folder : Path
-        Gives a single scene its name.
+        The folder, which names a single scene.
     paths : tuple of str
         Image files and depth arrays below it.
 
     Returns
     -------
     Layout or None
-        None where no photographs are a stack, or depth maps are, too: then the numbers are scenes.
+        None if no photographs form a stack, or depth maps do too: then the numbers are scenes.
     """
     families: dict[str, dict[int, str]] = defaultdict(dict)
     for path in paths:
@@ -194,7 +194,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
             families[template][number] = path
     if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
         return None
-    # What tables tell goes before numbers: two may go together, as run and motor.
+    # Tables take precedence over numbers: two columns may belong together, such as run and motor.
     by_table: dict[str, dict[int, str]] = {}
     for table in tables_below(folder):
         by_table |= _named_by(table.rows, [path for path in paths if table.is_above(path)])
@@ -224,12 +224,12 @@ def _templates(place: PurePosixPath) -> Iterator[tuple[str, int]]:
 
 
 def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[int, str]]:
-    """Return families of files by their names with a column in braces where the row's cell is."""
+    """Return families of files by name, with columns in braces in place of the row's cells."""
     names = {path: PurePosixPath(path) for path in paths}
     stems = "\n".join({place.stem for place in names.values()})
 
     def word(row: dict[str, str], column: str) -> str:
-        # As it stands between _ and - in a name.
+        # Only as a whole word between _ and - in a name.
         return rf"(?<![^_\n-]){re.escape(row[column])}(?![^_\n-])"
 
     columns = [
@@ -251,7 +251,7 @@ def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[in
 
 @dataclass(frozen=True)
 class Table:
-    """A table that may tell of images: its path, its rows, and its columns without a heading."""
+    """A table that may describe images: its path, its rows, and its columns without a heading."""
 
     path: PurePosixPath
     rows: list[dict[str, str]]
@@ -263,12 +263,12 @@ class Table:
         return [n for n in self.rows[0] if all(_is_number(row.get(n, "")) for row in self.rows)]
 
     def is_above(self, path: str) -> bool:
-        """Whether a file lies in the table's folder, or below."""
+        """Whether a file is in the table's folder, or below it."""
         return self.path.parent in PurePosixPath(path).parents
 
 
 def tables_below(folder: Path) -> Iterator[Table]:
-    """Yield the tables below a folder that have rows enough for a stack, the deepest first."""
+    """Yield the tables below a folder with enough rows for a stack, the deepest first."""
     for path in sorted(shown_files(folder), key=lambda each: (-len(each.parts), str(each))):
         table = _table(folder, path) if path.suffix.lower() in _TABLES else None
         if table and len(table.rows) >= _FEWEST:
@@ -286,14 +286,14 @@ def _table(folder: Path, path: PurePosixPath) -> Table | None:
             rows = read_table(content, path.name, columns)
         except SourceError:
             continue
-        # A heading is words.
+        # A heading consists of words.
         if columns or not any(map(_is_number, rows[0])):
             return Table(path, rows, columns)
     return None
 
 
 def _is_number(text: str) -> bool:
-    """Whether a cell holds a number, and a finite one."""
+    """Whether a cell holds a finite number."""
     try:
         return math.isfinite(float(text))
     except ValueError:
@@ -330,7 +330,7 @@ def _layout(
     scenes = tuple(sorted(key for key, count in times.items() if count >= least))
     stacked = {key for files in found.values() for key in scenes if files.get(key) in images}
     if 2 * len(stacked) > len(scenes):
-        # Most have a stack: the others are no scenes.
+        # If most have a stack, the others are not scenes.
         scenes = tuple(key for key in scenes if key in stacked)
     groups = {
         pattern: {key: files[key] for key in scenes if key in files}
@@ -344,7 +344,7 @@ def _layout(
 
 
 def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
-    """Return the files by their pattern and their scene, where a form tells both."""
+    """Return the files by pattern and scene, as far as a form gives both."""
     found: Kinds = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
@@ -356,7 +356,7 @@ def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
 
 
 def _endings_joined(found: Kinds) -> Kinds:
-    """Join kinds of images that differ in nothing but their endings and have no scene in common."""
+    """Join kinds of images that differ only in their endings and share no scene."""
     alike: dict[str, list[str]] = defaultdict(list)
     for pattern in found:
         is_array = pattern.lower().endswith(ARRAYS)
@@ -395,7 +395,7 @@ def _sizes(files: dict[Key, str]) -> tuple[tuple[str, int], ...]:
 
 
 def _in_order(files: dict[Key, str]) -> list[str]:
-    """Return a kind's files by their split, then as cameras count: 2 comes before 10."""
+    """Return a kind's files by split, then in natural order: 2 comes before 10."""
 
     def place(item: tuple[Key, str]) -> tuple[str, list[tuple[int, str]]]:
         (split, _), path = item

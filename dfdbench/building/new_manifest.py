@@ -1,4 +1,4 @@
-"""Write the manifest of a captured set from what lies in a folder, for a person to finish."""
+"""Write the manifest of a captured set from what is in a folder, for a person to complete."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.tables.table import counted, listed
 
-_TEST = 4  # without splits of its own, every fourth scene or place of a set tests
+_TEST = 4  # unless a set has splits, every fourth scene or place is for testing
 _NAMED = 6
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
 _COUNTED = re.compile(r"[-_.]?\d+$")
@@ -41,11 +41,11 @@ class NewManifest:
     Parameters
     ----------
     name : str
-        Its file's name, ``NAME-1.toml``.
+        The name of its file, ``NAME-1.toml``.
     toml : str
         Its text.
     found, open : tuple of str
-        In words: what was found, and what a person has to say.
+        In words: what was found, and what a person has to fill in.
     """
 
     name: str
@@ -55,23 +55,23 @@ class NewManifest:
 
 
 def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
-    """Look at a folder of captures and write the manifest of a set made of them.
+    """Inspect a folder of captures and write the manifest of a set made from them.
 
     Parameters
     ----------
     folder : Path
-        Two photographs and a depth map a scene: in a folder a scene, in a folder a kind, or told
-        by the start or the end of their names; or a folder a scene with photographs that differ by
-        a number, a depth map, and a table of their focus distances.
+        Either two photographs and a depth map per scene: in a folder per scene, in a folder per
+        kind, or matched by the start or the end of their names. Or a folder per scene with
+        photographs that differ by a number, a depth map, and a table of their focus distances.
     name : str, optional
-        The data set's; the folder's by default.
+        The data set's name; the folder's by default.
 
     Raises
     ------
     InputError
-        Where the folder is none, or holds nothing that goes together.
+        If it is not a folder, or holds no files that belong together.
     SourceError
-        Where a file that is looked at is damaged.
+        If an inspected file is damaged.
     """
     if not folder.is_dir():
         is_file = folder.exists()
@@ -86,7 +86,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
 
 
 def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, Facts]:
-    """Return how files go together and what they are: pairs, or stacks where no pairs are."""
+    """Return how files belong together and what they are: pairs, or else stacks."""
     stacks, layout = folder_layout.find_stacks(folder, paths), folder_layout.find_layout(paths)
     by_stacks = stacks is not None and any(group.is_depth for group in stacks.groups)
     if layout is not None and not by_stacks:
@@ -108,27 +108,27 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, F
 
 
 def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
-    """Return a manifest with the scenes that lie in a folder, if it says that they are to be found.
+    """Return a manifest with the scenes found in a folder, if it asks for finding them.
 
     Each file that fits `files.infocus`, which has ``{file}`` for what differs, is a scene. Every
-    fourth place tests, as of `new_manifest`. The scenes become a part of the text, which a store
-    keeps.
+    fourth place is for testing, as in `new_manifest`. The scenes become part of the text, which a
+    store keeps.
 
     Parameters
     ----------
     manifest : Manifest
-        Any; one without `find_scenes` is returned as it is.
+        Any manifest; one without `find_scenes` is returned as it is.
     folder : Path or None
-        Where the set is built from.
+        The folder that the set is built from.
 
     Raises
     ------
     SourceError
-        Where no file fits the pattern.
+        If no file fits the pattern.
     """
     if not manifest.find_scenes or manifest.scenes or folder is None or not folder.is_dir():
         return manifest
-    # Reading the manifest checked that they are there.
+    # Reading the manifest checked that these are there.
     assert manifest.files is not None
     assert manifest.files.infocus is not None
     inside = manifest.files.folder_in(folder)
@@ -190,7 +190,7 @@ def _safe_name(
 
 
 def _safe(name: str) -> str:
-    # An accent goes, its letter stays.
+    # Drop accents but keep the letters.
     plain = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
     return _SAFE.sub("-", plain).strip("-._")
 
@@ -254,7 +254,7 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
 
 
 def _places(scenes: list[_Scene]) -> list[str]:
-    # Cameras and people count the pictures of a place: Kitchen_1, Kitchen_2.
+    # Cameras and people number the pictures of a place: Kitchen_1, Kitchen_2.
     places = [_COUNTED.sub("", scene.name) or scene.name for scene in scenes]
     alone = len(set(places)) < _TEST
     return [
@@ -285,7 +285,7 @@ def _text(value: str) -> str:
 
 
 def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
-    """Return the manifest up to its splits; what nobody can tell from files says so."""
+    """Return the manifest up to its splits, with a note where files cannot tell."""
     count = len(scenes)
     what = "A focal stack" if "images" in facts.roles else "Two photographs"
     template = resources.files("dfdbench.building").joinpath("new_manifest.toml").read_text("utf-8")

@@ -1,4 +1,4 @@
-"""A data set by its name: its files, from a folder or fetched from its site, and then its store."""
+"""Get a data set by its name: its files, from a folder or its site, and then its store."""
 
 import os
 import re
@@ -31,7 +31,7 @@ def obtain(
     on_progress: Progress | None = None,
     steps: tuple[int, int] | None = None,
 ) -> tuple[Source, Download | None]:
-    """Find the files of a data set, and fetch them first if they can be fetched.
+    """Find the files of a data set; download them first if possible.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ def obtain(
     folder : Path, optional
         Where the files are; by default Middlebury's are downloaded into the cache.
     mirrors : sequence of str
-        Addresses to ask before the site, and before those that DFDBENCH_MIRROR names.
+        Addresses to ask before the site, and before those in DFDBENCH_MIRROR.
     offline : bool
-        Use what was fetched before.
+        Use only what was downloaded before.
     cache : Path or str, optional
         The cache folder.
     on_progress : callable, optional
-        Called with (files done, files in all, bytes).
+        Called with (files done, total files, bytes).
     steps : tuple of int, optional
         In-focus and defocus voltage step, in place of the manifest's.
 
@@ -55,12 +55,12 @@ def obtain(
     Source
         The files.
     Download or None
-        What was fetched; None if nothing is.
+        What was downloaded; None if nothing was.
 
     Raises
     ------
     InputError, SourceError
-        If options contradict each other, or files cannot be had.
+        If options contradict each other, or files cannot be obtained.
     """
     if folder is not None or manifest.reader != "middlebury":
         given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
@@ -103,29 +103,29 @@ def build_dataset(
     shown: Shown = lambda what: nullcontext(),
     on_fetched: Callable[[Download], None] = lambda done: None,
 ) -> BuildReport:
-    """Find a data set's files, and build its store of them.
+    """Find a data set's files, and build its store from them.
 
     Parameters
     ----------
     name, source, store, recipe, steps, mirrors, offline, seed, cache, shown
-        As of `dfdbench.build`.
+        As in `dfdbench.build`.
     pool : Pool, optional
-        As of `build_store`.
+        As in `build_store`.
     on_fetched : callable
-        Called with what was fetched, before anything is built of it.
+        Called with what was downloaded, before the build starts.
 
     Raises
     ------
     DfdbenchError
-        As of `refuse_another_set`, `obtain` and `build_store`; where the store would be written
-        into something else.
+        As in `refuse_another_set`, `obtain` and `build_store`; if the store would be written into
+        something else.
     """
     found = find_manifest(of_seed(name, seed))
     place = as_location(store or default_store(found, cache))
     refuse_another_set(found, place, recipe, steps, cache)
     manifest = with_found_scenes(found, source)
     if is_local(place):
-        # The cache may be inside the folder of the files; a place that the user names may not.
+        # The cache may be inside the folder of the files, but a place that the user names may not.
         output_place(place.path, source if store else None, option="--store", replaces=True)
     with shown(f"fetching {manifest.short}") as step:
         files, done = obtain(manifest, source, mirrors, offline, cache, step, steps)
@@ -144,29 +144,29 @@ def voltage_pair_sets(
     shown: Shown = lambda what: nullcontext(),
     on_built: Callable[[BuildReport], None] = lambda report: None,
 ) -> dict[str, Dataset]:
-    """Return the sets of pairs of voltage steps; what is not built yet is built.
+    """Return the sets of pairs of voltage steps, building those that are missing.
 
     Parameters
     ----------
     manifest : Manifest
         The captured data set.
     pairs : sequence
-        Pairs of voltage steps, as ``135-141``.
+        Pairs of voltage steps, such as ``135-141``.
     source : Path or None
-        The folder of the captures; needed where a set is not built yet.
+        The folder of the captures; needed if a set is not built yet.
     cache : Path or str, optional
-        The cache folder, in which the sets lie.
+        The cache folder with the sets.
     pool, shown
-        As of `build_dataset`.
+        As in `build_dataset`.
     on_built : callable
         Called with the report of each build.
 
     Raises
     ------
     InputError
-        Where one is no such pair; where a set is not built and no folder of captures is named.
+        If one is not such a pair; if a set is not built and no folder of captures is named.
     SourceError
-        Where the captures lack a pair's voltage steps altogether.
+        If the captures lack a pair's voltage steps altogether.
     """
     steps = {
         pair: steps_of(pair, "-", "--values", "as 141-129,140-130") for pair in map(str, pairs)
@@ -178,7 +178,7 @@ def voltage_pair_sets(
         what = f"the sets of these voltage steps are not built: {', '.join(left)}"
         fix = "name the folder of the captures: --source DIR"
         raise InputError(what, where=str(usual.parent), fix=fix)
-    # A step that does not exist is reported before the first set is built.
+    # Report a step that does not exist before the first set is built.
     sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
     for pair, files in sources.items():
         with shown(f"building {manifest.stem}, steps {pair}") as step:
@@ -188,12 +188,12 @@ def voltage_pair_sets(
 
 
 def steps_of(pair: str, between: str, where: str, expected: str) -> tuple[int, int]:
-    """Return the two voltage steps that a text such as ``141-129`` names.
+    """Return the two voltage steps in a text such as ``141-129``.
 
     Raises
     ------
     InputError
-        If it names no two.
+        If it does not name two.
     """
     parts = re.fullmatch(rf"\s*(\d+)\s*{between}\s*(\d+)\s*", pair)
     if not parts:

@@ -1,4 +1,4 @@
-"""Register captured scenes: how each one's LIDAR depth lies on its camera's image."""
+"""Register captured scenes: align each one's LIDAR depth with its camera's image."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class _Seen:
-    """A scene as it was read; without a sighting where its registration is kept."""
+    """A scene as read; it has no sighting if its registration is kept."""
 
     files: RawScene
     ranges: NDArray[np.float64]
@@ -34,18 +34,18 @@ class _Seen:
 
 @dataclass(frozen=True)
 class Registered(_Seen):
-    """A scene whose LIDAR depth map has its place on the image.
+    """A scene whose LIDAR depth map is aligned with the image.
 
     Parameters
     ----------
     files, ranges, beams, frame, frame_name, sighting
-        The scene as it was read, and its sharp frame.
+        The scene as read, and its sharp frame.
     rig : CaptureRig
-        Of the camera and the LIDAR.
+        The rig of camera and LIDAR.
     found : Registration or None
-        What was estimated; None where an earlier registration was kept.
+        The estimate; None if an earlier registration was kept.
     before, after : ndarray of float, shape (3, 3)
-        From the depth map to the image, with the LIDAR parallel to the camera, and as registered.
+        From the depth map to the image: with the LIDAR parallel to the camera, and as registered.
     """
 
     rig: geometry.CaptureRig
@@ -55,13 +55,13 @@ class Registered(_Seen):
 
     @property
     def moved(self) -> float:
-        """How far the corner of the depth map that goes farthest is moved, in pixels."""
+        """How far the corner of the depth map that moves most is moved, in pixels."""
         corners = board_rays(self.ranges, self.beams).corners()[np.newaxis]
         places = [cv2.perspectiveTransform(corners, m)[0] for m in (self.before, self.after)]
         return float(np.linalg.norm(places[1] - places[0], axis=-1).max())
 
     def depths(self) -> dict[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
-        """Return the depth map on the whole frame, whose sides tell: before, and after."""
+        """Return the depth map on the whole frame, before and after, with its mask."""
         y, x = self.rig.crop_offset
         to_frame = np.array([[1.0, 0, x], [0, 1, y], [0, 0, 1]])
         named = {
@@ -89,26 +89,26 @@ def register_scenes(
     Parameters
     ----------
     source : Path
-        Folder with raw captures.
+        The folder with raw captures.
     capture : Recording
         How they were captured.
     names : sequence of str
-        The scenes.
+        The scenes to register.
     rig : CaptureRig
         Focal length, sizes and baseline.
     only_there : bool
         Leave out scenes without files.
     fresh : bool
-        Estimate again what is registered.
+        Estimate again what is already registered.
     shown : callable
-        As of `dfdbench.build`.
+        As in `dfdbench.build`.
 
     Returns
     -------
     dict of str to Registered
         The scenes that have a registration now.
     list of Problem
-        What is wrong with others: it stops none of the rest.
+        What is wrong with others, which does not stop the rest.
     """
     there = {name: find_captured_scene(source, name, capture) for name in names}
     there = {name: files for name, files in there.items() if files or not only_there}
@@ -188,6 +188,6 @@ def _placed(
 
 
 def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
-    # A path names the scene, or that scenes share what is wrong.
+    # The problem's path names the scene, or the problem is one that scenes share.
     named = problem.where.startswith(str(source))
     return problem if named else replace(problem, where=f"{name}: {problem.where}")

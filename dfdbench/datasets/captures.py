@@ -1,4 +1,4 @@
-"""A capture: N images of one view, what is known of each, and the depth."""
+"""A capture: N images of one view, the facts known about each, and the depth."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Role = Literal["infocus", "defocus"]
 ROLES: tuple[Role, ...] = ("infocus", "defocus")
 #: The roles of a pair's images.
 PAIR: tuple[Role, ...] = ("infocus", "defocus")
-#: Of a stack so many images are shown as thumbnails.
+#: How many images of a stack are shown as thumbnails.
 _SHOWN = 4
 
-#: What depth means if nothing else is said: levels, brighter nearer, 0 unknown.
+#: What depth means by default: levels, brighter is nearer, 0 is unknown.
 LEVELS = Depth(axes=[], unknown=0, grows_with="nearness", unit="levels")
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -38,14 +38,14 @@ def _unknown() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """What is known of a capture's images and of the camera; NaN if it is not.
+    """What is known of a capture's images and of the camera; NaN if unknown.
 
     Parameters
     ----------
     roles : tuple of str
         ``infocus`` or ``defocus``, one per image.
     focus_distance : ndarray of float64, shape (image,)
-        From the camera to what is in focus, in metres.
+        Distance from the camera to the plane in focus, in metres.
     focus_depth : ndarray of float64, shape (image,)
         The same as a depth, in the unit of the truth.
     f_number : ndarray of float64, shape (image,)
@@ -71,7 +71,7 @@ class Capture:
     pair : Pair
         Which capture it is.
     images : ndarray of uint8 or uint16, shape (image, y, x, channel)
-        RGB.
+        In the data set's unit; NaN if unknown.
     depth : ndarray of float32, shape (y, x)
         In the data set's unit; NaN where it is not known.
     facts : ImageFacts
@@ -79,7 +79,7 @@ class Capture:
     about : Depth
         What the depth means: the manifest's section.
     group : str
-        The family or room that its scene is of, or the scene itself; empty if nobody knows.
+        The family or room of its scene, or the scene itself; empty if unknown.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class Capture:
     group: str = ""
 
     def __eq__(self, other: object) -> bool:
-        """Return whether it is the same capture, with the same images and depth."""
+        """Return whether both are the same capture, with the same images and depth."""
         if not isinstance(other, Capture):
             return NotImplemented
         same = (self.pair, self.group) == (other.pair, other.group)
@@ -109,7 +109,7 @@ class Capture:
 
     @property
     def infocus(self) -> NDArray[np.uint8]:
-        """The image in focus all over, shape (y, x, channel), 8 bits; the first of several."""
+        """The image in focus everywhere, shape (y, x, channel), 8 bits; the first of several."""
         return self._image("infocus")
 
     @property
@@ -124,12 +124,12 @@ class Capture:
 
     @property
     def levels(self) -> NDArray[np.uint8]:
-        """The depth as levels 0 to 255, the manifest's unknown level where it is not known."""
+        """The depth as levels 0 to 255; the manifest's unknown level where it is not known."""
         return self.about.levels_of(self.depth)
 
     @property
     def truth(self) -> NDArray[Any]:
-        """What protocols score: metres, or levels with the unknown level where there is none."""
+        """What protocols score: metres, or levels with the unknown level where truth is missing."""
         return self.about.scored(self.depth)
 
     @property
@@ -139,17 +139,17 @@ class Capture:
 
     @property
     def stack(self) -> xarray.DataArray:
-        """The images with what is known of them, dimensions (image, y, x, channel).
+        """The images and their facts, dimensions (image, y, x, channel).
 
-        Coordinates of ``image``: ``role``, ``focus_distance`` (metres), ``focus_depth`` (in the
-        unit of the truth) and ``f_number``; attributes: ``unit``, ``near`` and ``far`` (the ends of
-        the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres). NaN is
-        unknown.
+        The coordinates of ``image`` are ``role``, ``focus_distance`` (metres), ``focus_depth`` (in
+        the unit of the truth) and ``f_number``. The attributes are ``unit``, ``near`` and ``far``
+        (the ends of the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres).
+        NaN means unknown.
         """
         facts, count = self.facts, len(self.images)
         near, far = self.about.ends
         known = {name: np.broadcast_to(getattr(facts, name), count) for name in BY_IMAGE}
-        import xarray  # a run of pairs has no need of it
+        import xarray  # a run of pairs does not need it
 
         return xarray.DataArray(
             self.images,
@@ -162,13 +162,13 @@ class Capture:
 
     @property
     def shown(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """What figures show of it: the in-focus image, or else the first, and the one after."""
+        """The two images that figures show: the in-focus one, or else the first, and the next."""
         first = self.facts.roles.index("infocus") if "infocus" in self.facts.roles else 0
         second = (first + 1) % len(self.images)
         return eight_bits(self.images[first]), eight_bits(self.images[second])
 
     def two_of(self, images: Sequence[int] | None) -> Capture:
-        """Return a pair of two of the images, the first of them as the in-focus one."""
+        """Return a pair of two of the images; the first becomes the in-focus one."""
         if images is None:
             return self
         for number in images:
@@ -195,7 +195,7 @@ class Capture:
         return heading(self.pair.id, facts) + gallery([self.thumbnails()])
 
     def thumbnails(self) -> list[Thumbnail]:
-        """Return the images and the ground truth as small pictures; of a stack the first few."""
+        """Return thumbnails of the ground truth and the images; of a stack only the first few."""
         images = [
             photograph(eight_bits(image), {"infocus": "in-focus"}.get(role, role))
             for image, role in zip(self.images, self.facts.roles, strict=True)
@@ -209,13 +209,13 @@ def capture_of(stack: xarray.DataArray) -> Capture:
     Parameters
     ----------
     stack : DataArray of uint8 or uint16, dimensions (image, y, x, channel)
-        What is not among its coordinates and attributes counts as unknown; images without a role
-        are defocus images.
+        Anything missing from its coordinates and attributes counts as unknown; images without a
+        role are defocus images.
 
     Raises
     ------
     InputError
-        If it has other dimensions or values.
+        If its dimensions or values are different.
     """
     if tuple(stack.dims) != ("image", "y", "x", "channel") or stack.sizes["channel"] != 3:
         got = ", ".join(f"{key} {size}" for key, size in stack.sizes.items())
@@ -241,7 +241,7 @@ def capture_of(stack: xarray.DataArray) -> Capture:
 
 
 def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image of 8 or 16 bits with 8.
+    """Convert an image of 8 or 16 bits to 8.
 
     Examples
     --------

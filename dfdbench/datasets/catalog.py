@@ -18,14 +18,14 @@ from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.files import shipped
 from dfdbench.system.text import parse_toml
 
-#: What stands between a data set's name and its track's.
+#: What separates a data set's name from its track's.
 AT = "@"
 _NAME = re.compile(rf"(?P<base>.+){AT}(?P<label>[^{AT}/\\]*)")
 _FILES = (".toml", ".zarr")
 
 
 def part_name(name: str) -> tuple[str, str]:
-    """Return a data set's name and its track with the severity, empty where none is named.
+    """Split a name into data set and track with severity; the latter is empty if there is none.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def part_name(name: str) -> tuple[str, str]:
 
 
 def with_track(manifest: Manifest, label: str) -> Manifest:
-    """Return a data set as a track makes it: the same but for its images, and its name.
+    """Return a data set on a track: the same but for its images and its name.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     Raises
     ------
     UnknownNameError
-        Where there is no such track or severity; near misses are named.
+        If there is no such track or severity; near misses are named.
     InputError
-        Where the data set's defocus images are captured.
+        If the data set's defocus images are captured.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
 
 
 def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
-    """Return the manifest that a store's attributes hold, on the track that they name.
+    """Return the manifest in a store's attributes, on the track that they name.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
     Raises
     ------
     ManifestError
-        Where the manifest is damaged.
+        If the manifest is damaged.
     StoreError
-        If it was built from another manifest than the released one of that name, or on a track
-        that this version does not know.
+        If it was built from a manifest that differs from the released one of that name, or on a
+        track that this version does not know.
     """
     manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
     drawn = seeded(manifest.name)
@@ -115,7 +115,7 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
 
 
 class Heading(BaseModel, frozen=True):
-    """What a released manifest says above its sections; fields as `Manifest` has them."""
+    """The top of a released manifest, above its sections; fields as in `Manifest`."""
 
     name: str
     short: str
@@ -132,15 +132,15 @@ class Heading(BaseModel, frozen=True):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a user may call it."""
+        """The names by which a user may call it."""
         return self.short, self.name, self.stem
 
 
 @cache
 def released_headings() -> tuple[Heading, ...]:
-    """Return the heading of every manifest that travels with the package, sorted.
+    """Return the heading of every manifest that the package ships, sorted.
 
-    To parse all of them whole takes as long as to import numpy.
+    Parsing the manifests completely would take as long as importing numpy.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def released_headings() -> tuple[Heading, ...]:
 
 
 def released_manifests() -> tuple[Manifest, ...]:
-    """Return every manifest that travels with the package, sorted by name and version.
+    """Return every manifest that the package ships, sorted by name and version.
 
     Examples
     --------
@@ -180,19 +180,18 @@ def find_manifest(name: str) -> Manifest:
     Parameters
     ----------
     name : str
-        A short name (``"middlebury"``), a full one (``"middlebury-third"``), one with its
-        version (``"middlebury-third-1"``), or the path of a TOML file of one's own; with
-        ``@TRACK-SEVERITY`` behind it, the data set on that track. ``unseen-7`` is the rendered set
-        of seed 7.
+        A short name (``"middlebury"``), a full one (``"middlebury-third"``), one with its version
+        (``"middlebury-third-1"``), or the path of your own TOML file. With ``@TRACK-SEVERITY``
+        appended, it is the data set on that track. ``unseen-7`` is the rendered set of seed 7.
 
     Raises
     ------
     UnknownNameError
-        Where there is no such manifest, track or severity; near misses are named.
+        If there is no such manifest, track or severity; near misses are named.
     ManifestError
-        Where the file named is not a right manifest, or an edited released one.
+        If the file is not a valid manifest, or is an edited released one.
     InputError
-        Where a track is named of a set whose defocus images are captured.
+        If a track is named for a set whose defocus images are captured.
 
     Examples
     --------
@@ -211,12 +210,12 @@ def find_manifest(name: str) -> Manifest:
 
 
 def of_seed(name: str, seed: int | str | None) -> str:
-    """Return the name of the rendered set of a seed; the name itself without one.
+    """Return the name of the rendered set of a seed; without a seed, the name itself.
 
     Raises
     ------
     InputError
-        If it is no seed, or the set is not drawn from one.
+        If the seed is invalid, or the set is not drawn from a seed.
 
     Examples
     --------
@@ -253,12 +252,12 @@ def _find(name: str) -> Manifest:
 
 
 def default_store(manifest: Heading | Manifest, cache: Path | str | None = None) -> Path:
-    """Return where the built data set lies unless a place is given."""
+    """Return the default place of the built data set."""
     return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
 
 
 def is_place(name: str) -> bool:
-    """Return whether a text names a store by its path or URL, not a data set.
+    """Return whether a text is a store's path or URL rather than a data set's name.
 
     Examples
     --------
@@ -270,10 +269,10 @@ def is_place(name: str) -> bool:
 
 
 def own_stores(cache: Path | str | None = None) -> dict[str, Path]:
-    """Return the sets of one's own that are built in the cache, by name.
+    """Return the user's own sets that are built in the cache, by name.
 
-    Each has two names, as released sets have: ``NAME-VERSION``, and for the newest version
-    ``NAME``. No released set's name is among them.
+    Each has two names, as released sets have: ``NAME-VERSION``, and ``NAME`` for the newest
+    version. The names of released sets are left out.
     """
     taken = {name for known in released_headings() for name in known.names}
     found: dict[str, Path] = {}
@@ -290,8 +289,8 @@ def own_stores(cache: Path | str | None = None) -> dict[str, Path]:
 
 
 def place_of(name: str, cache: Path | str | None = None) -> str | Path | None:
-    """Return the store that a text names by its place or, of one's own, by its name.
+    """Return the store that a text names: by its place, or by the name of a user's own set.
 
-    None for every other name: that is a released set's, a manifest's, or nothing's.
+    Return None for any other name, which belongs to a released set, a manifest or nothing.
     """
     return name if is_place(name) else own_stores(cache).get(name)

@@ -17,9 +17,10 @@ from dfdbench.system.strict import StrictRecord
 class Datasheet(StrictRecord):
     """A data set's facts and judgements that no program can find out.
 
-    `published` is the day of the manifest's first release; `synthetic` whether any image was made,
-    not captured; `derived_from` where its files come from, `generated_by` how it was made of them.
-    The rest are texts for people, as the Responsible-AI part of Croissant asks for them.
+    `published` is the day of the manifest's first release. `synthetic` says whether any image was
+    made rather than captured, `derived_from` where its files come from, and `generated_by` how the
+    set was made from them. The rest are texts for people, as the Responsible-AI part of Croissant
+    asks for them.
     """
 
     published: date = Field(serialization_alias="datePublished")
@@ -34,7 +35,7 @@ class Datasheet(StrictRecord):
 
 
 def datasheets() -> dict[str, Datasheet]:
-    """Return the datasheets that travel with the package, by short name.
+    """Return the datasheets that the package ships, by short name.
 
     Examples
     --------
@@ -46,7 +47,7 @@ def datasheets() -> dict[str, Datasheet]:
 
 
 def datasheet_of(manifest: Manifest) -> Datasheet | None:
-    """Return a data set's datasheet, on a track that of the set; None for one of one's own."""
+    """Return a released data set's datasheet (its tracks share it), or None."""
     released = {known.sha256: known.short for known in released_manifests()}
     short = released.get(manifest.written_sha256)
     return datasheets()[short] if short else None
@@ -54,7 +55,7 @@ def datasheet_of(manifest: Manifest) -> Datasheet | None:
 
 CROISSANT = "http://mlcommons.org/croissant/1.1"
 RESPONSIBLE_AI = "http://mlcommons.org/croissant/RAI/1.0"
-#: The context that the specification gives, and the vocabulary of where data come from.
+#: The context from the specification, and the vocabulary for the origin of data.
 CONTEXT: dict[str, Any] = json.loads(
     resources.files("dfdbench.datasets").joinpath("croissant.json").read_text("utf-8")
 )
@@ -69,9 +70,9 @@ def croissant_text(manifest: Manifest) -> str:
 def croissant_of(manifest: Manifest) -> dict[str, Any]:
     """Return a data set's description in Croissant 1.1.
 
-    Its one file is the manifest, which says where the images come from and of which `dfdbench
-    build` makes the store; its one record set lists the pairs. A released set has the
-    Responsible-AI fields too, from its datasheet; a set of one's own has what its manifest says.
+    Its one file is the manifest, which says where the images come from; `dfdbench build` makes the
+    store from it. Its one record set lists the pairs. A released set also has the Responsible-AI
+    fields, from its datasheet; your own set has what its manifest says.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def croissant_of(manifest: Manifest) -> dict[str, Any]:
         "keywords": ["depth from defocus", "depth estimation", "benchmark"],
         "isLiveDataset": False,
         "distribution": [_file(manifest)],
-        # Scenes that are found are not known before the set is built.
+        # If scenes are to be found, they are unknown before the set is built.
         **({"recordSet": [_records(manifest)]} if manifest.scenes else {}),
     }
     return content | (_responsible(sheet) if sheet else {})

@@ -1,4 +1,4 @@
-"""The built data set, read: one zarr, a group a scene."""
+"""Read a built data set: one zarr store with a group for each scene."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ FORMAT_VERSION = 1
 #: Rows and columns of an image.
 Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
-# Characters of what a library says of damage.
+# How much of a library's error message we quote, in characters.
 _LONGEST = 300
-#: Of so many scenes a notebook shows the first pair.
+#: A notebook shows the first pair of this many scenes.
 _SHOWN = 4
 _REMOTE = "check the address, the network, and what the server knows you by"
 
@@ -53,8 +53,8 @@ class Dataset:
     Raises
     ------
     StoreError
-        If there is none, or it is no dfdbench store, or it is incomplete, or its attributes were
-        edited, or it was built from another manifest than the released one of that name.
+        If there is no store, it is not a dfdbench store or is incomplete, its attributes were
+        edited, or it was built from a manifest that differs from the released one of that name.
     """
 
     def __init__(self, place: Place) -> None:
@@ -82,7 +82,7 @@ class Dataset:
         )
 
     def captures(self, split: str = ALL_PAIRS) -> Captures:
-        """Return the pairs of a split; each is read when it is asked for.
+        """Return the pairs of a split; each is read when you ask for it.
 
         Raises
         ------
@@ -102,21 +102,21 @@ class Dataset:
 
     @property
     def recipe_name(self) -> str:
-        """The blur recipe's name; ``of track NAME-SEVERITY`` on a track, empty where captured."""
+        """The blur recipe's name; ``of track NAME-SEVERITY`` on a track, empty if captured."""
         if self.manifest.on_track:
             return f"of track {self.manifest.degradation}"
         return str(self.attributes["recipe"]["name"])
 
     @property
     def recipe(self) -> BlurRecipe | None:
-        """The blur recipe; None where the defocus images were captured, and on a track."""
+        """The blur recipe; None if the defocus images were captured, and on a track."""
         parameters = self.attributes["recipe"]["parameters"]
         return find_recipe(parameters) if parameters else None
 
     def to_xarray(self, name: str) -> xarray.Dataset:
-        """Return one scene's arrays, read as they are used.
+        """Return one scene's arrays, read lazily.
 
-        Its attributes tell the digest of each array and of the files that it was made from.
+        Its attributes give the digest of each array and of the source files.
         """
         scene = self.stored(name)
         with self.reading(f"{name}/role"):
@@ -142,12 +142,12 @@ class Dataset:
         )
 
     def some_pairs(self, split: str) -> tuple[Pair, ...]:
-        """Return the pairs of a split as `pairs` does, where there are any.
+        """Return the pairs of a split as `pairs` does, but at least one.
 
         Raises
         ------
         StoreError
-            Where there is none.
+            If there is none.
         """
         if not (found := self.pairs(split)):
             what = f"the store holds no pair of split {split}"
@@ -163,13 +163,13 @@ class Dataset:
         pair : Pair
             Which pair.
         region : pair of slice
-            Rows and columns; the whole image by default. Its images and its depth map are decoded,
-            whatever else the scene holds.
+            Rows and columns; by default the whole image. Only this pair's images and depth map are
+            decoded.
 
         Raises
         ------
         StoreError
-            Where an array cannot be decoded.
+            If an array cannot be decoded.
         """
         at = self._index(pair, self.manifest.axes)
         depth = self.manifest.depth
@@ -225,19 +225,19 @@ class Dataset:
 
     @contextmanager
     def reading(self, what: str) -> Iterator[None]:
-        """Tell what goes wrong in the block, which reads arrays of the store, as damage.
+        """Report any error in the block, which reads arrays of the store, as damage.
 
         Raises
         ------
         StoreError
-            Where an array is absent or cannot be decoded.
+            If an array is missing or cannot be decoded.
         """
         try:
             yield
         except errors.DfdbenchError:
             raise
         except Exception as error:
-            # Damaged files come to anything, by where the damage is.
+            # Depending on where the damage is, a damaged file can raise any exception.
             got, where = str(error)[:_LONGEST], f"{self.path}, {what}"
             fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
             raise errors.StoreError(
@@ -263,16 +263,16 @@ class Dataset:
 def _require_fit(
     array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
 ) -> None:
-    """Refuse an array that its manifest and its scene's images leave no room for.
+    """Refuse an array whose shape or type does not fit its manifest and its scene's images.
 
-    One of another shape would be read at the wrong places, or beyond its end.
+    Otherwise we would read the wrong places, or beyond its end.
 
     Parameters
     ----------
     array : zarr.Array
-        Of a scene.
+        An array of a scene.
     name : str
-        Which: ``images``, ``depth``, ``available``, or what is known of the images.
+        Its name: ``images``, ``depth``, ``available``, or a fact about the images.
     manifest : Manifest
         The store's.
     images : tuple of int
@@ -281,7 +281,7 @@ def _require_fit(
     Raises
     ------
     ValueError
-        If its shape or its type is another.
+        If its shape or its type is different.
     """
     extent = tuple(map(len, manifest.axes.values()))
     count, *sides, _ = images[len(extent) :]
@@ -300,7 +300,7 @@ def _require_fit(
 
 
 class Captures(Sequence[Capture]):
-    """The pairs of a split; each is read when it is asked for, and none is kept.
+    """The pairs of a split; each is read when you ask for it, and none is kept.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ class Captures(Sequence[Capture]):
     pairs : tuple of Pair
         Which of its captures.
     images : sequence of int, optional
-        Two images of each, to be had as a pair.
+        Two images of each capture, to be read as a pair.
     """
 
     def __init__(
@@ -350,14 +350,14 @@ class Captures(Sequence[Capture]):
         return heading(self.dataset.manifest.stem, facts) + gallery(rows)
 
     def pair_at(self, index: int) -> Pair:
-        """Return which pair is at a place, without reading it.
+        """Return the pair at an index, without reading it.
 
         Raises
         ------
         IndexError
-            Where there are fewer.
+            If there are fewer pairs.
         TypeError
-            Where it is no whole number.
+            If the index is not a whole number.
         """
         try:
             place = operator.index(index)
@@ -370,7 +370,7 @@ class Captures(Sequence[Capture]):
             raise IndexError(f"no pair {index}: {self!r} has 0 to {len(self) - 1}") from None
 
     def crop(self, index: int, region: Region = WHOLE) -> Capture:
-        """Return a region of one pair, decoding no other pair's images.
+        """Return a region of one pair, without decoding the images of any other.
 
         Parameters
         ----------
@@ -382,9 +382,9 @@ class Captures(Sequence[Capture]):
         Raises
         ------
         InputError
-            Where the region is not two slices, reaches beyond the image, or holds no pixel.
+            If the region is not two slices, extends beyond the image, or holds no pixel.
         IndexError
-            Where there are fewer pairs.
+            If there are fewer pairs.
         """
         parts = region if isinstance(region, tuple) else ()
         if [type(part) for part in parts] != [slice, slice]:
@@ -399,7 +399,7 @@ class Captures(Sequence[Capture]):
 
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
-    # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
+    # Python clips slices at the end, and empties those that start before 0.
     what = "the crop does not lie within the image"
     errors.InputError.raise_if(
         errors.Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
@@ -410,16 +410,16 @@ def _check_region(region: Region, shape: tuple[int, int]) -> None:
 
 
 def open_dataset(name: str, place: Place | None = None, cache: Path | str | None = None) -> Dataset:
-    """Open a data set that is built: by its name, or by the path or URL of its store.
+    """Open a built data set: by its name, or by the path or URL of its store.
 
     Parameters
     ----------
     name : str
         A data set's name, a manifest's path, or the path or URL of a store.
     place : str, Path or UPath, optional
-        Where the store lies, if not in the default place.
+        Where the store is, if not in the default place.
     cache : Path or str, optional
-        The cache folder in which the default place is; see `dfdbench.system.cache.cache_folder`.
+        The cache folder that holds the default place; see `dfdbench.system.cache.cache_folder`.
 
     Raises
     ------
@@ -474,7 +474,7 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
     except Exception as error:
-        # Of an object store it may be unreachable, forbidden, no bucket.
+        # An object store may be unreachable or forbidden, or its bucket may not exist.
         what = f"cannot read the store: {str(error)[:_LONGEST]}"
         fix = "build it again" if is_local(location) else _REMOTE
         fix = "allow more memory and threads" if "new thread" in str(error) else fix

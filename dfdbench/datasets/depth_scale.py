@@ -16,9 +16,9 @@ Level = Annotated[int, Field(ge=0, le=255)]
 
 
 class DepthScale(StrictRecord):
-    """How depth levels become metres, and metres levels.
+    """How depth levels are converted to metres, and metres to levels.
 
-    Who only reads a manifest needs no numpy, which is imported where it is used.
+    Reading a manifest needs no numpy, so numpy is imported only where it is used.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class DepthScale(StrictRecord):
     near, far : float
         The distances at both ends, in metres.
     near_level, far_level : int
-        Their levels; 255 and 1 where brighter is nearer and level 0 unknown.
+        Their levels: 255 and 1 if brighter is nearer and level 0 is unknown.
 
     Examples
     --------
@@ -51,8 +51,8 @@ class DepthScale(StrictRecord):
         Parameters
         ----------
         levels : ndarray of any shape, integer or real
-            Depth levels; what lies beyond the two ends counts as the end. Which pixels are
-            unknown their mask tells.
+            Depth levels; levels beyond the two ends count as the end. They do not say which pixels
+            are unknown: that is up to a mask.
         """
         import numpy as np
 
@@ -69,9 +69,9 @@ class DepthScale(StrictRecord):
         Parameters
         ----------
         metres : ndarray of any shape
-            Distances; what lies beyond near and far counts as the end.
+            Distances; those beyond near and far count as the end.
         unknown : int
-            The level of what is no distance: not finite, zero or negative.
+            The level of invalid distances: not finite, zero or negative.
         """
         import numpy as np
 
@@ -81,12 +81,12 @@ class DepthScale(StrictRecord):
         return np.where(known, levels, unknown).astype(np.uint8)
 
     def to_exact_levels(self, metres: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the level of each distance, not rounded to a whole one.
+        """Return the level of each distance, without rounding.
 
         Parameters
         ----------
         metres : ndarray of any shape
-            Distances above 0; what lies beyond near and far counts as the end.
+            Distances above 0; those beyond near and far count as the end.
         """
         import numpy as np
 
@@ -101,7 +101,7 @@ class DepthScale(StrictRecord):
 
 
 class Rig(StrictRecord):
-    """The lens and camera that took a set's images; None where it is not known.
+    """The lens and camera that took a set's images; None if unknown.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ class Rig(StrictRecord):
     pixel_pitch : float, optional
         Width of a pixel of the built images on the sensor, in metres.
     focus_distance : float, optional
-        Where the lens is focused, in metres.
+        The distance at which the lens is focused, in metres.
     near, far : float, optional
-        Between which distances the scenes lie, in metres.
+        The nearest and the farthest distance in the scenes, in metres.
     """
 
     focal_length: Positive | None = None

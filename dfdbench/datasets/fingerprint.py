@@ -1,4 +1,4 @@
-"""Hashes of what arrays hold, whatever file they lie in, and whether a store is as it was built."""
+"""Hashes of arrays, whatever file they are in, and whether a store is as it was built."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ATTRIBUTES_SHA256 = "attributes_sha256"
 def array_digest(name: str, dimensions: tuple[str, ...], values: NDArray[Any]) -> str:
     """Return the SHA-256 of an array's name, dimensions, shape, type and values.
 
-    Byte order and memory layout do not enter; chunking and compression cannot.
+    They do not depend on byte order, memory layout, chunking or compression.
 
     Examples
     --------
@@ -56,28 +56,28 @@ def scene_digests(scene: xarray.Dataset) -> dict[str, str]:
 
 
 def variable_digest(variable: xarray.DataArray) -> str:
-    """Return the digest of one variable or coordinate of a scene, as of `array_digest`."""
+    """Return the digest of one variable or coordinate of a scene, by `array_digest`."""
     dimensions = tuple(map(str, variable.dims))
     return array_digest(str(variable.name), dimensions, np.asarray(variable.values))
 
 
 def attributes_digest(attributes: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a store's attributes, without that of this digest itself.
+    """Return the SHA-256 of a store's attributes, except this digest itself.
 
-    A fingerprint covers arrays only. Recipe, manifest, track and options change scores too, and a
-    method is given some of them.
+    A fingerprint covers arrays only. But recipe, manifest, track and options change scores too, and
+    a method is given some of them.
     """
     others = {name: value for name, value in attributes.items() if name != ATTRIBUTES_SHA256}
     return hashlib.sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
 def signed(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a store's attributes with their digest among them."""
+    """Return a store's attributes together with their digest."""
     return {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
 
 
 def combine(digests: Mapping[str, str]) -> str:
-    """Return one SHA-256 for digests by name; their order in the mapping does not matter.
+    """Combine digests by name into one SHA-256, whatever their order in the mapping.
 
     Examples
     --------
@@ -91,16 +91,16 @@ _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class SceneRecord(BaseModel):
-    """What a store says of one scene.
+    """What a store says about one scene.
 
     Attributes
     ----------
     array_digests : dict
         The digest of each array, by its name.
     source_sha256 : str
-        What its source says of the files that it was made from.
+        The source's digest of the files that it was made from.
     digest : str
-        Of the array digests together.
+        The digest of the array digests together.
     found : dict
         What its source found out about it.
     """
@@ -112,12 +112,12 @@ class SceneRecord(BaseModel):
 
 
 def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
-    """Return a scene's attributes as a build writes them.
+    """Return a scene's attributes, checked.
 
     Raises
     ------
     StoreError
-        With every field that is absent or wrong.
+        With every field that is missing or wrong.
     """
     try:
         return SceneRecord.model_validate(attributes)
@@ -127,12 +127,12 @@ def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
 
 
 def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
-    """Refuse a store whose attributes are not those that a build wrote.
+    """Refuse a store whose attributes are not as a build wrote them.
 
     Raises
     ------
     StoreError
-        If their hash is another.
+        If their hash is different.
     """
     if attributes_digest(attributes) != attributes.get(ATTRIBUTES_SHA256):
         what = "the store's attributes are damaged, or were edited after it was built"
@@ -140,9 +140,9 @@ def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
 
 
 class WholeArrays(WrapperStore[Store]):
-    """Zarr's view of a place where every chunk was written, so that none may be absent.
+    """Zarr's view of a store in which every chunk was written, so that a missing one is an error.
 
-    Zarr itself reads an absent chunk as zeros: a lost file would become a black image.
+    Zarr itself reads a missing chunk as zeros: a lost file would become a black image.
     """
 
     async def get(
@@ -163,14 +163,14 @@ class WholeArrays(WrapperStore[Store]):
 
 
 def open_scene(location: UPath, name: str) -> xarray.Dataset:
-    """Return a scene of the store at a place, its arrays read as they are used.
+    """Return a scene of the store at a place, its arrays read lazily.
 
     Raises
     ------
     Exception
-        What zarr and xarray come to where files are damaged: see `dfdbench.datasets.fingerprint`.
+        Whatever zarr and xarray raise for damaged files: see `dfdbench.datasets.fingerprint`.
     """
-    import xarray  # a run of pairs has no need of it
+    import xarray  # a run of pairs does not need it
 
     arrays = WholeArrays(zarr_store(location))
     scene: xarray.Dataset = xarray.open_zarr(
@@ -186,7 +186,7 @@ class StoreDifference:
     Parameters
     ----------
     scene, array : str
-        Where; `array` is empty where it concerns the whole scene.
+        Where it is; `array` is empty if it concerns the whole scene.
     what : str
         What is wrong with it.
     """
@@ -203,17 +203,17 @@ class StoreDifference:
 
 @dataclass(frozen=True)
 class StoreVerification:
-    """What a store holds against what it says it holds.
+    """What a store holds, compared with what it says it holds.
 
     Parameters
     ----------
     recorded, recomputed : str
-        The fingerprint in its attributes, and that of its arrays; the latter is empty where an
-        array cannot be read.
+        The fingerprint in its attributes, and that of its arrays; the latter is empty if an array
+        cannot be read.
     scenes, arrays : int
-        How many were looked at.
+        How many were checked.
     differences : tuple of StoreDifference
-        All that was found.
+        Everything that was found.
     """
 
     recorded: str
@@ -236,11 +236,11 @@ def verify_store(
     Parameters
     ----------
     store : Dataset
-        What to look at.
+        The store to check.
     pool : Pool, optional
         Where scenes are read, and how many at once.
     on_scene : callable, optional
-        Called with (scenes done, scenes in all).
+        Called with (scenes done, total scenes).
     """
     looked_at = (pool or Threads()).map(partial(_verified, store), store.scenes, on_done=on_scene)
     left_out = set(store.attributes.get("missing_pairs", ()))
@@ -277,7 +277,7 @@ def require_sound(store: Dataset) -> None:
 
 
 def _verified(store: Dataset, scene: str) -> StoreVerification:
-    """Return what one scene holds; what it says of itself is compared here."""
+    """Check one scene against what it says about itself."""
     try:
         dataset = store.stored(scene)
     except StoreError as error:

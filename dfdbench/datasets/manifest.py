@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dfdbench.metrics.protocol import Unit
 
 ALL_PAIRS = "all"
-#: What stands in a manifest's text before scenes that were found.
+#: Precedes the found scenes in a manifest's text.
 FOUND = "\n# Found where the set was built.\n\n"
 #: The reader of sets that are described by their manifest alone.
 FOLDER = "folder"
@@ -74,7 +74,7 @@ class Depth(StrictRecord):
 
     @property
     def kind(self) -> Unit:
-        """What the depth is in: levels 0 to 255, or metres, whose ends `scale` then tells."""
+        """What the depth is in: levels 0 to 255, or metres, with their ends in `scale`."""
         return "metres" if self.unit == "metres" else "levels"
 
     @property
@@ -86,7 +86,7 @@ class Depth(StrictRecord):
 
     @property
     def span(self) -> float:
-        """How far the ends are apart: 255 levels, or so many metres."""
+        """How far apart the ends are: 255 levels, or a distance in metres."""
         return abs(self.ends[0] - self.ends[1])
 
     def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -101,7 +101,7 @@ class Depth(StrictRecord):
         return np.where(np.isfinite(distance), levels, np.nan)
 
     def of_unit(self, depth: NDArray[np.float32], unit: Unit) -> NDArray[np.float32]:
-        """Return depth in levels or metres in this kind; `scale` says how, where they differ.
+        """Return depth in levels or metres in this kind; `scale` says how, if they differ.
 
         Metres beyond the scale's ends become the end.
         """
@@ -113,7 +113,7 @@ class Depth(StrictRecord):
         return turn(depth).astype("float32")
 
     def beyond(self, distance: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return where distances in metres lie beyond the scale's ends; NaN does not."""
+        """Return where distances in metres are beyond the scale's ends; NaN is not."""
         import numpy as np
 
         if self.scale is None:
@@ -313,12 +313,12 @@ class Manifest(StrictRecord):
 
     @property
     def stem(self) -> str:
-        """Name and version, and the track where there is one: what stores and results have."""
+        """Name and version, and the track if there is one, as in stores and results."""
         return self.file_stem + (f"@{self.degradation}" if self.on_track else "")
 
     @property
     def label(self) -> str:
-        """What tables and figures call it: captures that are none say so."""
+        """What tables and figures call it: simulated ones are marked."""
         return simulated_label(self.stem, self.simulated)
 
     @property
@@ -328,7 +328,7 @@ class Manifest(StrictRecord):
 
     @property
     def on_track(self) -> bool:
-        """Whether a track makes the images: then nobody is given the blur."""
+        """Whether a track makes the images; then no method is given the blur."""
         return self.degradation != CLEAN
 
     @property
@@ -338,7 +338,7 @@ class Manifest(StrictRecord):
 
     @property
     def groups(self) -> dict[str, str]:
-        """The group of each scene that shares one; every other scene stands alone."""
+        """The group of each scene that shares one; every other scene is its own group."""
         return {scene.name: scene.group for scene in self.scenes if scene.group}
 
     def scenes_of(self, split: str) -> tuple[str, ...]:
@@ -352,7 +352,7 @@ class Manifest(StrictRecord):
         Raises
         ------
         UnknownNameError
-            Where the manifest has no such split; near misses are named.
+            If the manifest has no such split; near misses are named.
         """
         chosen = {name: {name} for name in self.scene_names}
         chosen |= {ALL_PAIRS: set(self.scene_names)}
@@ -405,7 +405,7 @@ def require_fold(manifest: Manifest, fold: str) -> None:
     Raises
     ------
     UnknownNameError
-        Where it is neither.
+        If it is neither.
     """
     known = (*(item.name for item in manifest.folds), *manifest.scene_names)
     if fold not in known:

@@ -1,4 +1,4 @@
-"""Read a manifest from TOML: first its fields are checked, all of them, then all of it."""
+"""Read a manifest from TOML: check every field first, then the manifest as a whole."""
 
 import hashlib
 import re
@@ -17,13 +17,13 @@ from dfdbench.system.text import parse_toml
 from dfdbench.tables.table import listed
 
 _AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-# What the arrays and dimensions of a scene in a store are called, besides the axes.
+# The names of the arrays and dimensions of a scene in a store, besides the axes.
 _STORE_NAMES = (
     *("available", "channel", "depth", "image", "images", "role", "x", "y"),
     *(*BY_IMAGE, *OF_CAMERA),
 )
 _COLOURS = 3
-# In the folder of a store, beside the scenes' own.
+# A file in a store's folder, beside the scenes' own.
 _STORE_FILE = "zarr.json"
 #: A field, and what is wrong with it.
 Finding = tuple[str, str]
@@ -31,7 +31,7 @@ Known = Collection[str]
 
 
 def _contradictions(manifest: Manifest) -> Iterator[Finding]:
-    """Yield what contradicts itself in a manifest whose fields are sound."""
+    """Yield the contradictions in a manifest whose fields are valid."""
     named = (_check_scenes, _check_axes, _check_exclusions, _check_names, _check_splits)
     others = (_check_folds, _check_metres, _check_files, _check_patterns, _check_checksums)
     for check in named + others:
@@ -101,7 +101,7 @@ def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:
         left.difference_update(pairs)
         if len(pairs) != exclusion.pairs:
             yield f"{field}.pairs", f"{len(pairs)} pairs are excluded, not {exclusion.pairs}"
-    # Of scenes that are found, as many were published.
+    # If scenes are found, the manifest states how many pairs were published.
     stated = manifest.pair_count
     if len(left) != stated and not manifest.find_scenes:
         yield "pair_count", f"{len(left)} pairs are left after the exclusions, not {stated}"
@@ -212,7 +212,7 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
 
 
 def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
-    """Yield the patterns that lead outside the folder, to nothing known, or to one file twice."""
+    """Yield patterns that leave the folder, use unknown names, or give the same file twice."""
     files = manifest.files
     if files is None:
         return
@@ -255,7 +255,7 @@ def _unknown_places(
 def _shared_files(manifest: Manifest) -> Iterator[Finding]:
     files = manifest.files
     assert files is not None  # only captured sets are asked
-    # Two captures of the same images would count one twice.
+    # If two captures had the same images, one would be counted twice.
     seen: dict[tuple[str, ...], str] = {}
     patterns = [p for n, p in files.patterns.items() if n not in ("depth", "metadata")]
     for scene in manifest.scenes:
@@ -273,7 +273,7 @@ def _shared_files(manifest: Manifest) -> Iterator[Finding]:
 
 
 def read_manifest(path: str | Path) -> Manifest:
-    """Read a manifest file and check it whole.
+    """Read a manifest file and check all of it.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def read_manifest(path: str | Path) -> Manifest:
 
 
 def parse_manifest(content: bytes, file: str) -> Manifest:
-    """Check a manifest's bytes and return it; `file` is the name that problems give.
+    """Check a manifest's bytes and return it; problems name it `file`.
 
     Raises
     ------
@@ -323,7 +323,7 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
 
 
 def released_sha256(manifest: Manifest) -> str | None:
-    """Return the SHA-256 of the released manifest of this name and version; None if there is none.
+    """Return the SHA-256 of the released manifest of this name and version, or None.
 
     Examples
     --------
@@ -332,6 +332,6 @@ def released_sha256(manifest: Manifest) -> str | None:
     >>> released_sha256(demo) == demo.sha256
     True
     """
-    # Not from `released_manifests`: every worker opens stores, and parsing all of them takes long.
+    # Not from `released_manifests`: every worker opens stores, and parsing them all takes long.
     file = shipped("manifests") / f"{manifest.file_stem}.toml"
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None

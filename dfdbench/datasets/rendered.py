@@ -1,4 +1,4 @@
-"""Manifests of rendered sets by seed: ``unseen-7`` is drawn when it is asked for."""
+"""Manifests of rendered sets by seed: ``unseen-7`` is drawn on demand."""
 
 import re
 from functools import cache
@@ -7,16 +7,16 @@ from importlib import resources
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 
-#: Raised whenever the same seed would give other images: stores of an earlier one are refused.
+#: Raised whenever a seed would give other images: stores of an earlier version are refused.
 GENERATOR = 1
 #: The nearest and farthest distance in a room, in metres.
 NEAR, FAR = 0.6, 6.0
-#: The numbers of test rooms, and of those to train on; of the latter seed 0, which is public, has
-#: more.
+#: How many rooms there are to test and to train on. Seed 0, which is public, has more of the
+#: latter.
 TEST, TRAIN, PUBLIC_TRAIN = 24, 24, 200
-#: The first training room: test rooms are numbered from 0.
+#: The number of the first training room; test rooms are numbered from 0.
 FIRST_TRAIN = 1000
-#: What a seed's sets are called, by family; and what a capture of each is.
+#: Per family, the name of a seed's sets and what a capture of each is.
 FAMILIES = {
     "unseen": "one photograph at f/8 and one with a wide aperture",
     "unseen-stack": "nine photographs, focused from 0.65 m to 5 m, and one at f/8",
@@ -26,9 +26,9 @@ _NAME = re.compile(rf"({'|'.join(sorted(FAMILIES, reverse=True))})(?:-(0|[1-9]\d
 
 
 def seeded(name: str) -> tuple[str, int] | None:
-    """Return the family and the seed of a rendered set's name, with or without its version.
+    """Return the family and seed in a rendered set's name, with or without its version.
 
-    Any other name gives None.
+    Return None for any other name.
 
     Examples
     --------
@@ -52,16 +52,17 @@ def scene_number(name: str) -> int:
 
 
 def unseen_text(family: str, seed: int, train: int | None = None, test: int = TEST) -> str:
-    """Return the manifest of a rendered set as its file would have it.
+    """Return the text of a rendered set's manifest.
 
     Parameters
     ----------
     family : str
         One of `FAMILIES`.
     seed : int
-        From which rooms, camera and noise are drawn; 0 or more.
+        The seed from which rooms, camera and noise are drawn; 0 or more.
     train, test : int, optional
-        How many rooms of each split; other numbers than the released set's need another name.
+        How many rooms each split has; numbers that differ from the released set's need another
+        name.
 
     Examples
     --------
@@ -103,7 +104,7 @@ def unseen_text(family: str, seed: int, train: int | None = None, test: int = TE
 
 @cache
 def unseen_manifest(family: str, seed: int) -> Manifest:
-    """Return the manifest of a rendered set, as `unseen_text` has it.
+    """Return the manifest of a rendered set, parsed from `unseen_text`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Write a built data set: scene by scene beside its place, then moved there whole."""
+"""Write a data set scene by scene beside its place, then move it there as a whole."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,16 +26,16 @@ _METADATA = "zarr.json"
 
 @dataclass(frozen=True)
 class SceneWriter:
-    """Writes single scenes; several may do so at once, in other processes too.
+    """Write single scenes; several processes may do so at once.
 
     Parameters
     ----------
     path : UPath
-        Where the finished store goes, and an earlier one may lie.
+        Where the finished store goes, and where an earlier one may be.
     partial : UPath
-        Where it is written.
+        Where it is written until then.
     attributes : mapping
-        What the store says of itself; scenes of stores that say something else are not kept.
+        The store's attributes; finished scenes of a store with other attributes are not kept.
     """
 
     path: UPath
@@ -43,7 +43,7 @@ class SceneWriter:
     attributes: Mapping[str, Any]
 
     def digest_of_finished(self, scene: str, signature: str) -> str | None:
-        """Return a scene's digest if it was written whole from the same files, else None.
+        """Return a scene's digest if it was written completely from the same files, else None.
 
         The arrays are read back and hashed, so that a damaged scene is written again.
         """
@@ -57,17 +57,17 @@ class SceneWriter:
         return None
 
     def write(self, scene: str, dataset: xarray.Dataset, signature: str) -> str:
-        """Write one scene; return its digest. A scene counts as written once it bears it."""
+        """Write one scene and return its digest, whose presence marks the scene as finished."""
         digests = scene_digests(dataset)
         record = {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
-        # Made in memory and written at once: through zarr each file takes milliseconds.
+        # Build files in memory and write them at once: through zarr, each takes milliseconds.
         made: dict[str, Buffer] = {}
         dataset.assign_attrs(record).to_zarr(
             zarr.storage.MemoryStore(made),
             mode="w",
             zarr_format=3,
             consolidated=False,
-            # Not to be confused with what was lost: see `WholeArrays`.
+            # An absent chunk must always mean a lost one: see `WholeArrays`.
             write_empty_chunks=True,
             encoding={
                 str(name): {"chunks": _chunks(variable), "chunk_key_encoding": location.CHUNK_KEYS}
@@ -95,18 +95,18 @@ class SceneWriter:
 
 
 class StoreWriter:
-    """Builds a store beside its place and moves it there when it is done.
+    """Build a store beside its place and move it there when it is done.
 
-    Use as a context manager: on disk it holds a lock, so that two builds cannot mix.
+    Use it as a context manager. On disk it holds a lock, so that two builds cannot mix.
 
     Parameters
     ----------
     place : str, Path or UPath
         Where the finished store goes.
     manifest : Manifest
-        The data set; its text and hash are kept in the store.
+        The data set; the store keeps its text and hash.
     attributes : mapping
-        What the store says of itself; a partial store with other attributes is not gone on with.
+        The store's attributes; a partial store with other attributes is not continued.
     """
 
     def __init__(
@@ -149,16 +149,16 @@ class StoreWriter:
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """The scenes that lie beside the place, for this build or one that goes on with it."""
+        """The scenes already written beside the place, for this build or one that continues it."""
         return location.folders_in(self.partial) if location.exists(self.partial) else ()
 
     def refuse_to_lose(self, missing: list[str], why: Iterable[Problem] = ()) -> None:
-        """Refuse a build without pairs that the store in place holds; `why` it lacks them.
+        """Refuse a build that lacks pairs of the store in place; `why` says why it lacks them.
 
         Raises
         ------
         StoreError
-            Where finishing would lose pairs.
+            If finishing would lose pairs.
         """
         found = _attributes_of(self.path)
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
@@ -169,7 +169,7 @@ class StoreWriter:
             raise StoreError.of([*why, problem])
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
-        """Move the store into its place whole; return its fingerprint."""
+        """Move the store into its place as a whole; return its fingerprint."""
         fingerprint = combine(digests)
         with disk_errors(self.path):
             for stray in set(location.folders_in(self.partial)) - set(digests):
@@ -181,7 +181,7 @@ class StoreWriter:
         return fingerprint
 
     def _refuse_what_is_not_ours(self) -> None:
-        # The store is replaced whole: a folder of photographs must not be what is replaced.
+        # Moving replaces whatever is there, and that must not be a folder of photographs.
         for place in (self.path, self.partial):
             if not location.exists(place):
                 continue
@@ -200,13 +200,13 @@ class StoreWriter:
                 raise StoreError(what, where=str(self.path), fix=fix)
 
     def _is_hardly_begun(self, place: UPath) -> bool:
-        # A kill or a full disk came between the folder and what it says of itself.
+        # A kill or a full disk can leave a folder without its attributes.
         if place != self.partial or not place.is_dir():
             return False
         return all(item.name.startswith(_METADATA) for item in place.iterdir())
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
-        # In an object store the new store's metadata comes last; until then its twin is whole.
+        # In an object store the new metadata is written last; until then the partial copy is whole.
         if place != self.path or location.is_local(place) or found:
             return False
         return "fingerprint" in _attributes_of(self.partial)
@@ -214,13 +214,13 @@ class StoreWriter:
 
 @contextlib.contextmanager
 def disk_errors(place: UPath) -> Iterator[None]:
-    """Tell what keeps the block from writing a place, so that the user can mend it."""
+    """Turn errors of writing to a place into ones that the user can fix."""
     try:
         yield
     except DfdbenchError:
         raise
     except Exception as error:
-        # What an object store's library raises is its own: unreachable, forbidden, no bucket.
+        # Object store libraries raise their own errors: unreachable, forbidden, no bucket.
         if location.is_local(place) and not isinstance(error, OSError):
             raise
         fix = room_or("choose another place with --store PATH", error)

@@ -1,1 +1,1 @@
-"""A method over a split: plan, evaluate a pair, record."""
+"""Run a method over a split: plan, evaluate pairs, record."""

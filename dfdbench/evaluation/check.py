@@ -1,4 +1,4 @@
-"""Try a method on made images: on awkward ones before a long run, or so that it is compiled."""
+"""Try a method on synthetic images, to find mistakes before a long run or to compile its code."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ from dfdbench.metrics.protocol import Unit, protocols_of, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.system.parallel import Processes, one_by_one
 
-#: Of the images, and for each call, as in a run.
+#: The seed of the images, and of each call, as in a run.
 _SEED = 0
 _RECIPE = RECIPES["published"]
 _ORDINARY = "an ordinary pair, 240 × 320"
 _SCALE = DepthScale(near=0.5, far=5.0, far_level=0)
-#: A method of stacks is tried on so many focus planes.
+#: The number of focus planes that a method of stacks is tried on.
 _PLANES = 4
 _FIT = "fit, on two made pairs"
 _AGAIN = "the same pair again"
@@ -42,9 +42,9 @@ _SEEDED = "an answer may depend only on the pair and the run's seed"
 
 
 def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
-    """Load a method with made facts of a data set, to check it before a run.
+    """Load a method with the facts of an invented data set, to check it before a run.
 
-    A class with a fit gets no recipe: it has to find out the blur, so that its fit is tried.
+    A class with a fit gets no recipe: it has to measure the blur, which tries its fit.
 
     Raises
     ------
@@ -70,10 +70,10 @@ def made_pair(
     planes: int = 0,
     unit: Unit = "levels",
 ) -> Capture:
-    """Return a pair that is made as a capture; or a stack, with `planes`.
+    """Return a synthetic pair as a capture, or, with `planes`, a stack.
 
-    That is the in-focus image and so many others, which are focused at levels that are evenly
-    spaced in 1 / distance from 5 m to 0.5 m.
+    The stack is the in-focus image and this many others, focused at levels that are evenly spaced
+    in 1 / distance from 5 m to 0.5 m.
     """
     about = Depth(axes=[], unknown=0, grows_with="nearness", unit=unit, scale=_SCALE)
     images, facts, depth = [infocus, defocus], ImageFacts(), levels.astype(np.float64)
@@ -91,7 +91,7 @@ def made_pair(
 
 @dataclass(frozen=True)
 class Check:
-    """One input that was tried: what it was, what was wrong (empty: nothing), what was odd."""
+    """One input that was tried, with its error and warning, which are empty if there is none."""
 
     name: str
     seconds: float
@@ -106,21 +106,21 @@ def check_method(
 ) -> tuple[Check, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
-    Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
-    without any blur; the same pair again, here and in another process, as `run --workers` would
-    (the answers must be equal); whether the method writes into the images it is handed; and
-    whether its depth is brighter for nearer, which shows on a slope whose near side is less
-    blurred; whether its levels go from 0 to 255, and not from 0 to 1. A method with a fit is fitted
-    to two made pairs first; if that fails, nothing else is tried. A method of stacks gets stacks
-    of four focus planes beside the in-focus image.
+    It tries odd sizes, tall and wide images, a flat, a black and a saturated pair, and a pair
+    without blur. It calls the same pair again, here and in another process, as `run --workers`
+    would (the answers must be equal). It checks whether the method writes into its images, whether
+    its levels go from 0 to 255 rather than from 0 to 1, and whether its depth is brighter for
+    nearer, which shows on a slope whose near side is less blurred. A method with a fit is fitted
+    to two synthetic pairs first; if that fails, nothing else is tried. A method of stacks gets
+    stacks of the in-focus image and four focus planes.
 
     Parameters
     ----------
     method : Method
-        What is checked.
+        The method to check.
     load : callable, optional
         Loads the method anew in another process, so it has to be picklable. Without it the method
-        is not tried there.
+        is not tried in another process.
     on_trial : callable, optional
         Called with the name of each input before it is tried.
     """
@@ -166,7 +166,7 @@ def _tried(
     if first.depth is not None:
         at(_AGAIN)
         trials.append(_try_again(method, ordinary, first))
-        # What keeps its fit in itself cannot be sent there; the fit's own line says so.
+        # A method that keeps its fit in itself cannot be sent there; the fit's own line says so.
         if load and not trials[-1].error and (method.learner is None or learned is not None):
             at(_ELSEWHERE)
             trials.append(_try_elsewhere(partial(_answer_anew, load, learned), ordinary, first))
@@ -184,7 +184,7 @@ def _tried(
 
 
 def _odd(prediction: Prediction) -> str:
-    """Return what is no mistake of an answer, but worth a word."""
+    """Return what is odd about an answer but not an error."""
     oddities = ["printed to standard output"] if prediction.printed else []
     if prediction.depth is not None and (gaps := float(np.isnan(prediction.depth).mean())):
         share = f"{100 * gaps:.0f} % of the pixels"
@@ -199,7 +199,7 @@ def _answer(method: Method, pair: Capture) -> Prediction:
 
 
 def _try_again(method: Method, pair: Capture, first: Prediction) -> Check:
-    # Twice: a method that remembers its last pair answers as it did at first only then.
+    # Twice: a method that remembers its last pair gives its first answer again only then.
     for _ in range(2):
         again = _answer(method, pair)
         if differs := difference(first.depth, again.depth):
@@ -266,7 +266,7 @@ def _try_fit(method: Method) -> tuple[Check, Learned | None]:
     for number in range(2):
         random = np.random.default_rng((_SEED, number))
         image = random.integers(0, 256, (240, 320, 3)).astype(np.uint8)
-        # Blocks of all levels, so that a fit finds each of them in both pairs.
+        # Blocks of many levels, so that a fit finds each of them in both pairs.
         blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
         depth = np.kron(blocks, np.ones((40, 40), np.uint8))
         blurred = synthesize(image, depth, _RECIPE)
@@ -290,7 +290,7 @@ def _slope(height: int, width: int) -> Image:
 
 
 def _try_writing(method: Method, pair: Capture) -> Check:
-    # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
+    # `call` hands out copies, so nothing is spoilt here; but elsewhere such a method is a trap.
     predict, images = method.called_on(pair)
     mine = [image.copy() for image in images]
     odd = []
@@ -307,15 +307,15 @@ def _try_writing(method: Method, pair: Capture) -> Check:
     return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))
 
 
-#: Of the images that are compiled for.
+#: The shape of the images to warm up on.
 _SHAPE = (24, 40)
-#: Those of networks alone, of which numba compiles nothing, and one that needs PyTorch, too.
+#: Entries of mere networks, which numba does not compile, and of a method that needs PyTorch too.
 _LEARNED = ("dfdbench.methods.learned:", "dfdbench.methods.stack_net:")
 _VOLUME = "dfdbench.methods.volume_net:"
 
 
 def warm_up(on_step: Callable[[int, int], None] | None = None) -> None:
-    """Use whatever is compiled on made images, so that its machine code is cached.
+    """Call everything that is compiled on synthetic images, so that its machine code is cached.
 
     Parameters
     ----------
@@ -339,8 +339,7 @@ def _try_all(name: str) -> None:
     check_method(method)
     solver = method.predict
     if isinstance(solver, Solver):
-        # Of a blur that was told other code is compiled than of one that was measured, and of
-        # stacks more than of pairs.
+        # A given blur compiles other code than a measured one, and stacks compile more than pairs.
         laws, image = solver.blurs, np.zeros((*_SHAPE, 3), np.uint8)
         if "recipe" in signature(type(solver)).parameters:
             type(solver)(recipe=_RECIPE).warm_up(image, image)

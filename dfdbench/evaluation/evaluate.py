@@ -1,4 +1,4 @@
-"""Run a method on a data set and its tracks, try its parameters, or score maps made elsewhere."""
+"""Run a method on a data set and its tracks, tune its parameters, or score maps made elsewhere."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,14 +47,14 @@ def evaluate(
     check: Callable[[Method, Dataset], None] | None = None,
     on_pair: OnPair | None = None,
 ) -> tuple[RunDone, Calibration | None]:
-    """Load a method for a data set and run it; return also what its fit measured of the blur.
+    """Load a method for a data set and run it; also return the blur that its fit measured.
 
     Parameters
     ----------
     method : str or callable
-        As for `load_for`; one that only this process knows is run anew.
+        As for `load_for`. If only this process knows it, an earlier run is not resumed.
     check : callable, optional
-        Called with the loaded method and the data set before the run; it raises to stop.
+        Called with the loaded method and the data set before the run; raises to stop it.
     store, split, folder, options, pool, on_pair
         As for `run_method`.
     parameters, given_blur
@@ -90,7 +90,7 @@ def without_track(dataset: str) -> Manifest:
     Raises
     ------
     InputError
-        If the name has a track already, or the defocus images were captured.
+        If the name already includes a track, or the defocus images were captured.
     """
     manifest = find_manifest(dataset)
     if manifest.on_track:
@@ -104,7 +104,7 @@ def without_track(dataset: str) -> Manifest:
 
 
 def labels_of(tracks: Sequence[str] | None) -> list[str]:
-    """Return ``clean`` and ``TRACK-SEVERITY`` of some tracks, by default of all.
+    """Return ``clean`` and each ``TRACK-SEVERITY`` of some tracks, by default of all.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def labels_of(tracks: Sequence[str] | None) -> list[str]:
 def built_track(
     dataset: str, label: str, source: Path | None, cache: Path | str | None, shown: Shown
 ) -> Dataset:
-    """Open a data set on a track, or build it if its files are made or at hand.
+    """Open a data set on a track, or build it if its files are generated or at hand.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def built_track(
     except StoreError:
         if source is None and not is_made(find_manifest(dataset)):
             raise
-    # Here: a run of what is built does without what reads and fetches files.
+    # Imported here: a run on a built set does not need it.
     from dfdbench.building.obtaining import build_dataset
 
     build_dataset(name, source, cache=cache, shown=shown)
@@ -150,7 +150,7 @@ def score_predictions(
     unit: Unit = "levels",
     on_pair: Callable[[int, int], None] | None = None,
 ) -> RunDone:
-    """Score a folder of depth maps, and write what a run writes.
+    """Score a folder of depth maps, and write the same files as a run.
 
     Parameters
     ----------
@@ -159,32 +159,32 @@ def score_predictions(
     store : Dataset
         The data set.
     split : str
-        Which pairs.
+        The pairs to score.
     folder : Path
-        Where result and depth levels go; what lies there is set aside.
+        Where result and depth levels go; previous content is set aside.
     name : str
-        What made them, as tables call it.
+        The method's name in tables.
     unit : {"levels", "metres"}
-        What they hold.
+        The unit of the depth maps.
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
 
     Returns
     -------
     RunDone
-        Its result says ``scored``, has no source hash and no seconds.
+        Its result says ``scored``, and has no source hash and no seconds.
 
     Raises
     ------
     InputError
-        For a name that is none.
+        If the name is invalid.
     UnknownNameError
-        For a unit that is none.
+        If the unit is unknown.
     StoreError
-        Where the store has lost what was built.
+        If the store has lost something that was built.
     ResultError
-        With all that is wrong with the files, before anything is written; where the folder cannot
-        be written.
+        If files are invalid (it lists every problem, before anything is written), or the folder
+        cannot be written.
     """
     method = _method_record(name, unit)
     require_what_was_built(store, split)
@@ -232,7 +232,7 @@ def _warnings(found: PredictionFiles) -> list[str]:
     return warnings
 
 
-#: Training captures are divided into so many folds; those of a group stay together.
+#: The number of folds of training captures; captures of a group stay together.
 FOLDS = 4
 
 
@@ -248,9 +248,9 @@ def cross_validate(
 ) -> pd.DataFrame:
     """Score every combination of parameters on training captures that it was not fitted on.
 
-    The captures are divided into four folds, those of a group together. For each fold the method
-    is fitted on the other three, if it has a fit, and scored on the fold.
-    Parameters, answer and errors are those of `dfdbench.tune`.
+    The captures are divided into four folds; captures of a group stay together. For each fold the
+    method is fitted on the other three, if it has a fit, and scored on the fold. Parameters, return
+    value and errors are those of `dfdbench.tune`.
     """
     loaded = load_for(store, method, parameters, seed)
     ranges = _values_of(ranges or loaded.attribute("ranges") or {})
@@ -260,7 +260,7 @@ def cross_validate(
     rule = find_protocol(protocol_on(store.manifest, protocol))
     folds = folds_of(store)
     trials = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
-    # What a method does not take is said before anything is run.
+    # Invalid parameters fail before anything is run.
     methods = [load_for(store, method, {**parameters, **trial}, seed) for trial in trials]
     every = [pair for fold in folds for pair in fold]
     scored = set(every[:: -(-len(every) // (limit or len(every)))])
@@ -294,7 +294,7 @@ def cross_validate(
 
 def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
     for name, values in ranges.items():
-        # A text has letters, which nobody wants to try.
+        # A text is iterable too, but nobody wants to try its letters.
         if isinstance(values, str) or not isinstance(values, Iterable):
             fix = f"give a list: {{{name!r}: [{values!r}]}}"
             raise InputError("the values to try are no list", where=name, fix=fix)
@@ -305,7 +305,7 @@ def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def tried_table(tried: pd.DataFrame, title: str) -> Table:
-    """Return the table of what `cross_validate` found."""
+    """Return the findings of `cross_validate` as a table."""
     metrics = {name: find_metric(name) for name in map(str, tried)}
     names = [str(name) for name in tried.index.names]
     trials = list(zip(_parameters(tried), tried.to_numpy().tolist(), strict=True))
@@ -326,7 +326,7 @@ def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def folds_of(store: Dataset) -> list[list[Pair]]:
-    """Divide the training captures into folds of about one size, those of a group together.
+    """Divide the training captures into folds of similar size, keeping groups together.
 
     Raises
     ------
@@ -339,7 +339,7 @@ def folds_of(store: Dataset) -> list[list[Pair]]:
         what = f"{len(groups)} groups of training captures are too few for {FOLDS} folds"
         raise InputError(what, where=store.manifest.stem, fix="build it with more training scenes")
     folds: list[list[Pair]] = [[] for _ in range(FOLDS)]
-    # The largest first, each to the fold that has least.
+    # Largest group first, each into the smallest fold.
     for group in sorted(groups.values(), key=len, reverse=True):
         min(folds, key=len).extend(group)
     return folds

@@ -1,4 +1,4 @@
-"""Fit a method to training pairs before it is run, and keep what it learned beside the run."""
+"""Fit a method to training pairs before a run, and keep what it learned beside the run."""
 
 import hashlib
 import io
@@ -22,12 +22,12 @@ from dfdbench.results.record import RESULT, MethodRecord, load_result
 from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
-#: What was learned, in the folder of its run.
+#: The file in a run's folder that holds what was learned.
 FIT = "fit.npz"
 TRAINING = "train"
-# NumPy takes names as arguments, of which it has some itself.
+# NumPy takes array names as keyword arguments, some of which it uses itself.
 _PREFIX = "learned."
-# So many times as badly explained tells another camera; and of so many captures each.
+# A misfit this many times larger means another camera; how many captures of each are compared.
 _OTHER_CAMERA, _LOOKED_AT = 1.6, 6
 
 
@@ -40,9 +40,9 @@ class Fit:
     fitted_on : str
         The pairs it saw, in the form of a result's `trained_on`.
     seconds : float
-        How long that took.
+        How long the fit took.
     learned : dict or None
-        What it learned; None where the method keeps it in itself.
+        What it learned; None if the method keeps that in itself.
     """
 
     fitted_on: str
@@ -55,22 +55,22 @@ def training_pairs(
 ) -> tuple[str, Captures]:
     """Return the pairs that a method may be fitted on before it is run on a split.
 
-    That is the split ``train``; where a fold or a single scene is run, all other scenes. `images`
-    are two images of each capture, to be had as a pair.
+    They are the split ``train`` or, if a fold or a single scene is run, all other scenes. `images`
+    are the two images of each capture to use as a pair.
 
     Returns
     -------
     str
-        Which pairs they are, in the form of a result's `trained_on`.
+        The name of these pairs, in the form of a result's `trained_on`.
     Captures
-        The pairs, read as they are asked for.
+        The pairs, which are read on demand.
 
     Raises
     ------
     MethodError
-        Where the run would test what was fitted on.
+        If the run would test on pairs that it was fitted on.
     StoreError
-        Where there is no training split, or the store holds no pair of it.
+        If there is no training split, or the store holds no pair of it.
     """
     name, scenes = training_scenes(store.manifest, split)
     pairs = tuple(pair for pair in store.pairs(ALL_PAIRS) if pair.scene in scenes)
@@ -82,14 +82,14 @@ def training_pairs(
 
 
 def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
-    """Return what is fitted on before a split is run: its name, and its scenes.
+    """Return the name and the scenes of the data that a method is fitted on before a split is run.
 
     Raises
     ------
     MethodError
-        Where the run would test what was fitted on.
+        If the run would test on scenes that it was fitted on.
     StoreError
-        Where there is no training split.
+        If there is no training split.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
     both = [scene for scene in manifest.scenes_of(split) if scene in train]
     if both:
         what = f"the method would be tested on what it was fitted on: {', '.join(both)}"
-        # The folds, or single scenes of a set without: all others train then.
+        # Name the folds, or single scenes if there are none: all other scenes then train.
         fair = [item.name for item in manifest.splits if train.isdisjoint(item.scenes)]
         fair += [fold.name for fold in manifest.folds] or list(manifest.scene_names)
         fix = f"--split NAME, one of: {', '.join(fair)}"
@@ -117,7 +117,7 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
 
 
 def _is_left_out(manifest: Manifest, split: str) -> bool:
-    # As `Manifest.scenes_of` reads a name: a fold before a split before a scene.
+    # In the order of `Manifest.scenes_of`: a fold before a split before a scene.
     if split in {fold.name for fold in manifest.folds}:
         return True
     splits = {item.name for item in manifest.splits}
@@ -125,12 +125,12 @@ def _is_left_out(manifest: Manifest, split: str) -> bool:
 
 
 def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | None:
-    """Fit a method to the training pairs that belong to a split; None where it has no fit.
+    """Fit a method to the training pairs that belong to a split; return None if it has no fit.
 
     Raises
     ------
     MethodError, StoreError
-        As of `training_pairs`, and where the fit raises or what it returns cannot be kept.
+        As for `training_pairs`; or if the fit raises or returns something that cannot be kept.
     """
     if method.learner is None:
         return None
@@ -139,7 +139,7 @@ def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | N
     try:
         learned, seconds = teach(method, pairs, seed)
     except KeyboardInterrupt as stopped:
-        # The command line says it in place of "goes on from here".
+        # The command line shows this instead of "goes on from here".
         stopped.add_note(f"{method.name} was being fitted: the same command begins the fit anew")
         raise
     return Fit(fitted_on, seconds, learned)
@@ -151,7 +151,7 @@ def fit_sha256(folder: Path) -> str:
     Raises
     ------
     MethodError
-        If the run kept none.
+        If the run kept no fit.
     """
     try:
         return hashlib.sha256((folder / FIT).read_bytes()).hexdigest()
@@ -162,15 +162,16 @@ def fit_sha256(folder: Path) -> str:
 
 
 def fit_from(method: Method, folder: Path, stem: str) -> Fit:
-    """Give a method what it learned for another run, on the same camera or on another.
+    """Give a method what it learned for another run, on the same camera or another.
 
-    What it chose there goes by the depths and the noise of that data set; on another, `stem`, only
-    what it measured is taken over.
+    What its fit chose depends on the depths and the noise of that run's data set. So on another
+    data set, `stem`, it gets only what the fit measured.
 
     Raises
     ------
     MethodError
-        If the method has no fit, the run is of another, or kept none that it takes back.
+        If the method has no fit, or if the run is of another method or kept no fit that this one
+        takes back.
     """
     if method.learner is None:
         raise MethodError("the method has no fit", where=method.entry, fix="leave out --fitted")
@@ -187,28 +188,28 @@ def fit_from(method: Method, folder: Path, stem: str) -> Fit:
 
 
 def require_run_of(name: str, entry: str, ran: MethodRecord, folder: Path) -> None:
-    """Do nothing where a run is of this method, whose fit alone it can take back.
+    """Raise if a run is of another method: a method can only take back its own fit.
 
     Raises
     ------
     MethodError
-        If it is of another one.
+        If the run is of another method.
     """
-    # The same file may be named from another folder, and our own modules move.
+    # The same file may be given from another folder, and our own modules may move.
     if name != ran.name and Path(entry).name != Path(ran.entry).name:
         what, fix = f"this run is of {ran.name}, not of {name}", "name a run of the same method"
         raise MethodError(what, where=str(folder), fix=fix)
 
 
 def fit_again(method: Method, folder: Path) -> Fit | None:
-    """Give a method what it learned when its run began; None where nothing of that is kept.
+    """Give a method what it learned when its run began; return None if nothing was kept.
 
     Raises
     ------
     MethodError
-        Where the method does not take it back.
+        If the method does not take it back.
     ResultError
-        Where the file is damaged.
+        If the file is damaged.
     """
     if method.learner is None or not (folder / FIT).is_file():
         return None
@@ -223,8 +224,8 @@ def camera_note(
 ) -> str | None:
     """Return a note if a law explains test pairs much worse, or better, than training pairs.
 
-    Then another camera took them, or with other settings. Of stacks nothing is said: which of their
-    images the law is of is not known here.
+    They were then taken by another camera, or with other settings. There is no note on stacks,
+    since we do not know here which of their images the law describes.
     """
     if not (training[0].is_pair and test[0].is_pair):
         return None
@@ -246,7 +247,7 @@ def camera_note(
 
 
 def keep_fit(folder: Path, fit: Fit) -> None:
-    """Write what a method learned beside its run; nothing where it keeps that in itself."""
+    """Write what a method learned beside its run, unless the method keeps it in itself."""
     if fit.learned is not None:
         facts = {"fitted_on": np.array(fit.fitted_on), "seconds": np.array(fit.seconds)}
         write_whole(folder / FIT, pack(fit.learned, facts))
@@ -258,7 +259,7 @@ def read_fit(folder: Path) -> Fit:
     Raises
     ------
     ResultError
-        Where it is damaged.
+        If the file is damaged.
     """
     path = folder / FIT
     try:
@@ -295,7 +296,7 @@ def pack(learned: Learned, facts: dict[str, NDArray[Any]] | None = None) -> byte
 
 
 def unpack(content: bytes) -> Learned:
-    """Return what `pack` made an archive of."""
+    """Return what `pack` put into an archive."""
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return {
             name.removeprefix(_PREFIX): array if array.ndim else array.item()

@@ -1,4 +1,4 @@
-"""The lens of a data set as methods are given it: its facts, and the blur law that follows."""
+"""The lens of a data set, as methods get it: its facts, and the blur law that follows."""
 
 import math
 from collections.abc import Mapping
@@ -18,22 +18,22 @@ from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.system.strict import problems_of
 
-#: What `recipe` is called where the manifest's lens takes the place of a blur recipe.
+#: The value of `recipe` that means the manifest's lens.
 RIG = "rig"
 _SCALE = "scale"
-#: In the order in which `ThinLens` takes them.
+#: The facts that a lens needs, in the order in which `ThinLens` takes them.
 _NEEDED = ("defocus_f_number", "focal_length", "focus_distance", "pixel_pitch")
 _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
-# In pixels; so narrow a kernel changes nothing, and a width of 0 is none.
+# In pixels. So narrow a kernel changes nothing, and a width of 0 is not allowed.
 _LEAST_SIGMA = 0.1
 _SAY = "say it in FILE.toml (--param recipe=FILE.toml; predict: --lens FILE.toml)"
 
 
 def rig_of(manifest: Manifest) -> Rig:
-    """Return what a manifest knows of the lens and camera; each fact None where it does not.
+    """Return what a manifest knows about lens and camera; a fact that it lacks is None.
 
-    Where it says no near and far, they are those between which its depth levels lie.
+    If it gives no near and far, they are the distances at the ends of its depth levels.
 
     Examples
     --------
@@ -50,14 +50,14 @@ def rig_of(manifest: Manifest) -> Rig:
 def given_by_lens(
     manifest: Manifest, parameters: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return parameters whose `recipe` is a blur law where they name a lens.
+    """Return a method's parameters, with a `recipe` that names a lens replaced by its blur law.
 
     Parameters
     ----------
     manifest : Manifest
-        Of the data set: its ``rig`` and ``depth.scale`` say what the user does not.
+        The data set's; its ``rig`` and ``depth.scale`` fill in what the user leaves out.
     parameters : mapping
-        Of a method. `recipe` may be ``rig``, or fields of a lens or a TOML file of them, see
+        The method's. `recipe` may be ``rig``, or fields of a lens or a TOML file of them, see
         `lens_law`.
 
     Returns
@@ -65,13 +65,13 @@ def given_by_lens(
     taken : dict
         The parameters, with a `BlurLaw`.
     recorded : dict
-        What a result is to say of `recipe` instead of the law's many widths; empty where
+        What a result records as `recipe` instead of the law's many widths; empty if the
         parameters name no lens.
 
     Raises
     ------
     MethodError
-        Where facts are lacking, unknown or wrong, all of them named, or the file cannot be read.
+        If facts are missing, unknown or wrong (it names all of them), or the file cannot be read.
     """
     recipe = parameters.get("recipe")
     where = "parameter recipe"
@@ -100,22 +100,22 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     ----------
     given : mapping
         ``focal_length``, ``focus_distance`` and ``pixel_pitch`` in metres and
-        ``defocus_f_number``; ``scale``, the fields of a `DepthScale`: what levels are in metres.
-        ``infocus_f_number`` where the in-focus image has blur of its own. Besides, what a
-        `BlurLaw` has beside its widths: ``noise``, ``gain``, ``registered`` and so on.
+        ``defocus_f_number``; ``scale``, the fields of a `DepthScale`: what levels are in metres;
+        ``infocus_f_number`` if the in-focus image has blur of its own. Also any field of a
+        `BlurLaw` other than its widths: ``noise``, ``gain``, ``registered`` and so on.
     where : str
         The file, for messages.
 
     Raises
     ------
     MethodError
-        Where facts are lacking, unknown or wrong, all of them named.
+        If facts are missing, unknown or wrong; it names all of them.
 
     Notes
     -----
-    The widths are `ThinLens.blur_sigma` at each level's distance, at least a tenth of a pixel: at
-    the focus there is no blur. The kernels are Gaussians unless ``exponent`` says otherwise, cut
-    off beyond three of the largest width unless ``kernel_size`` does.
+    The widths are `ThinLens.blur_sigma` at each level's distance, but at least a tenth of a pixel,
+    since there is no blur at the focus. The kernels are Gaussians unless ``exponent`` says
+    otherwise, and are cut off at three times the largest width unless ``kernel_size`` is given.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A method loaded with the facts of the data set that it asks for."""
+"""Load a method with the facts of the data set that it asks for."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -29,25 +29,25 @@ def load_for(
     seed: int = 0,
     given_blur: bool = False,
 ) -> Method:
-    """Load a method and hand it the facts of the data set that it asks for.
+    """Load a method and give it the facts of the data set that it asks for.
 
     A method is named as for `dfdbench.methods.load`, or is the function, class or object itself. A
-    class with a parameter ``recipe`` gets the data set's blur recipe
-    (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
-    name, empty for captured defocus, one with ``training_mean`` or ``training_median`` that depth
-    level of the training split, one with ``seed`` the run's seed, one with ``rig`` a
-    `dfdbench.datasets.manifest.Rig` of what the manifest knows of the lens. A recipe that is a
-    lens becomes the blur law that follows: see `dfdbench.evaluation.lens`.
+    class gets facts by the names of its parameters: ``recipe``, the data set's blur recipe (None
+    if there is none and the class has a ``fit``); ``recipe_name``, that recipe's name, empty for
+    captured defocus; ``training_mean`` or ``training_median``, that depth level of the training
+    split; ``seed``, the run's seed; ``rig``, a `dfdbench.datasets.manifest.Rig` of what the
+    manifest knows about the lens. A recipe that is a lens becomes the blur law that follows from
+    it: see `dfdbench.evaluation.lens`.
 
-    With `given_blur`, a method on a track gets the law of its formation as ``recipe``, see
-    `dfdbench.blur.formation.given_law`: what is that knowledge worth? The result then has
-    ``recipe`` among the method's uses, by which it has no rank.
+    With `given_blur`, a method on a track gets the law of the track's formation as ``recipe``, see
+    `dfdbench.blur.formation.given_law`, which shows what that knowledge is worth. The result then
+    has ``recipe`` among the method's uses, and so no rank.
 
     Raises
     ------
     MethodError
-        If the method asks for what there is not, takes no blur with `given_blur`, or answers in
-        metres where nothing says what the set's levels are in metres, or the other way round.
+        If the method asks for a fact that does not exist, or takes no blur with `given_blur`; if it
+        answers in metres and nothing converts the set's levels to metres, or the other way round.
     """
     images, parameters = images_in(parameters)
     taken, recorded = given_by_lens(store.manifest, parameters)
@@ -70,7 +70,7 @@ def load_for(
 
 
 def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:
-    """Return which two images the method is to get as a pair, and the other parameters."""
+    """Return which two images the method gets as a pair, and the other parameters."""
     others = dict(parameters)
     said = others.pop("images", None)
     if said is None:
@@ -84,7 +84,7 @@ def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, di
 
 
 def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
-    """Return what is offered to a class that asks for it, and what instead to one with a fit."""
+    """Return the facts that a class may ask for, and those that replace them if it has a fit."""
 
     def recipe() -> Blur | None:
         return _formation_of(store) if given_blur else store.recipe
@@ -104,7 +104,7 @@ def _formation_of(store: Dataset) -> Blur | None:
     manifest = store.manifest
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
-    # Here: it needs scipy, which no other method's loading does.
+    # Imported here because it needs scipy, which loading otherwise does not.
     from dfdbench.blur.formation import given_law
 
     formation = find_degradation(manifest.degradation).formation
@@ -129,14 +129,14 @@ def _recipe_of(store: Dataset) -> BlurRecipe:
 
 
 def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:
-    """Return what a result is to say where training leaves depths of the test uncovered.
+    """Return the result's warnings if training does not cover all depths of the test.
 
-    Training is what the method says of itself, and what it is fitted on before the split is run.
+    Training is what the method says it was trained on, and what it is fitted on before the run.
 
     Raises
     ------
     MethodError, StoreError
-        As `training_scenes`, for a method that is fitted.
+        As for `training_scenes`, if the method is fitted.
     """
     saw = [method.trained_on]
     if method.learner is not None:
@@ -150,20 +150,20 @@ def training_mean(store: Dataset) -> float:
     Raises
     ------
     StoreError
-        Where the data set has no split ``train``, or the store no pair of it.
+        If the data set has no split ``train``, or the store no pair of it.
     """
     counts = _training_levels(store)
     return int(counts @ np.arange(len(counts))) / int(counts.sum())
 
 
 def training_median(store: Dataset) -> float:
-    """Return the median level, as `training_mean` the mean."""
+    """Return the median depth level; otherwise as `training_mean`."""
     counts = _training_levels(store)
     return float(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
 
 
 def _training_levels(store: Dataset) -> NDArray[np.int64]:
-    """Return how many known pixels of the training split's depth maps have each level."""
+    """Return the number of known pixels at each level in the training split's depth maps."""
     splits = [split.name for split in store.manifest.splits]
     if "train" not in splits:
         what = "the method asks for the depth of the training split, and there is no split train"

@@ -1,4 +1,4 @@
-"""Depth maps in files: write those that are estimated, find and check those made elsewhere."""
+"""Depth maps in files: write estimated ones, and find and check those made elsewhere."""
 
 import contextlib
 import hashlib
@@ -28,19 +28,19 @@ from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
 
-#: How the file of a depth map may end.
+#: The suffixes of depth map files.
 MAPS = (".npy", ".npz", ".png")
-# Hidden: `dfdbench score` takes every other file of the folder for a depth map.
+# Hidden, because `dfdbench score` takes every other file of the folder for a depth map.
 _RECORD = ".predicted.json"
 
 
 def require_map(path: Path) -> None:
-    """Do nothing where a file's name is that of a depth map.
+    """Raise if a file's name does not have the suffix of a depth map.
 
     Raises
     ------
     InputError
-        If it ends otherwise.
+        If it has another suffix.
     """
     if path.suffix not in MAPS:
         raise InputError("a depth map is written as .npy, .npz or .png", where=str(path))
@@ -51,13 +51,13 @@ def write_depth(
 ) -> None:
     """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
 
-    Only ``.npz`` has room for sigma too, the standard deviation of each pixel: arrays ``depth`` and
+    Only ``.npz`` can also hold sigma, the standard deviation of each pixel: arrays ``depth`` and
     ``sigma``, as ``dfdbench score`` reads them.
 
     Raises
     ------
     InputError
-        If the file's name ends otherwise, it cannot be written, or it is a PNG file and pixels have
+        If the file has another suffix or cannot be written, or if it is a PNG file and pixels have
         no answer.
     """
     file = io.BytesIO()
@@ -78,23 +78,23 @@ def write_depth(
 
 
 class KeptMaps:
-    """The depth maps of a folder, and what each was made of: a stopped call goes on with the rest.
+    """The depth maps in a folder and what each was made from, so that a stopped call can resume.
 
     Parameters
     ----------
     folder : Path
-        Where they lie.
+        Where they are.
     method : Method
-        What makes them.
+        The method that makes them.
     identity : mapping
-        What has to be the same for maps of an earlier call to be taken over.
+        What has to be the same to reuse an earlier call's maps.
     """
 
     def __init__(self, folder: Path, method: Method, identity: Mapping[str, Any]) -> None:
         self._folder, self._method, self._identity = folder, method, identity
         self._maps: dict[str, dict[str, str]] = {}
         differences: Sequence[str] = ()
-        # What cannot be read, or is no record of ours, says nothing of the maps.
+        # Ignore a record that cannot be read or is not ours.
         with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
             before = parse_json((folder / _RECORD).read_text("utf-8"))
             self._maps = {
@@ -102,11 +102,11 @@ class KeptMaps:
                 for name, found in before.pop("maps").items()
             }
             differences = differences_from(before, identity, method)
-        #: Where the maps of another method, or of other parameters, were moved.
+        #: Where the maps of another method or other parameters were moved.
         self.set_aside = self._moved_aside() if differences else None
 
     def _moved_aside(self) -> Path:
-        # A folder such as . has no name to go by.
+        # A folder such as . has no name of its own.
         folder = self._folder if self._folder.name.strip(".") else self._folder.resolve()
         aside = previous_of(folder)
         files = [_RECORD, *(found["file"] for found in self._maps.values())]
@@ -123,12 +123,12 @@ class KeptMaps:
         return aside
 
     def left(self, captures: Collection[str]) -> list[str]:
-        """Return the files of earlier calls' maps of other captures than these."""
+        """Return the files of earlier calls' maps that are not of these captures."""
         files = [found["file"] for name, found in self._maps.items() if name not in captures]
         return [file for file in files if (self._folder / file).is_file()]
 
     def place_of(self, name: str, images: Iterable[Path]) -> Path | None:
-        """Return the depth map that an earlier call made of the same images; None without one."""
+        """Return the depth map that an earlier call made from the same images, or None."""
         found = self._maps.get(name, {})
         place = self._folder / found.get("file", name)
         same = place.is_file() and found.get("images") == _sha256(images)
@@ -137,7 +137,7 @@ class KeptMaps:
     def add(
         self, name: str, images: Iterable[Path], depth: DepthMap, sigma: DepthMap | None
     ) -> Path:
-        """Write a depth map, ``.npz`` with its sigma if there is one, and return where it lies."""
+        """Write a depth map, as ``.npz`` if it has a sigma, and return its path."""
         place = self._folder / f"{name}.{'npy' if sigma is None else 'npz'}"
         write_depth(place, depth, sigma=sigma)
         file = place.relative_to(self._folder).as_posix()
@@ -148,7 +148,7 @@ class KeptMaps:
 
 
 def _sha256(images: Iterable[Path]) -> str:
-    """Return the SHA-256 of images, or of all that lies in a stack's folder."""
+    """Return the SHA-256 of images, or of everything in a stack's folder."""
     hashed = hashlib.sha256()
     for place in images:
         for path in sorted(place.iterdir()) if place.is_dir() else [place]:
@@ -166,13 +166,13 @@ def write_submission(path: Path, depths: Iterable[tuple[str, DepthMap]]) -> None
     path : Path
         The zip.
     depths : iterable of (str, ndarray)
-        Each capture's name, which begins with its scene's, as ``test_0001``; its depth in metres,
-        float32, shape (y, x).
+        Each capture's name, which begins with its scene's, such as ``test_0001``; and its depth in
+        metres, float32, shape (y, x).
 
     Raises
     ------
     InputError
-        If a scene has no number, or two captures have the same, or the file cannot be written.
+        If a scene has no number, two captures have the same one, or the file cannot be written.
     """
     content, written = io.BytesIO(), dict[str, str]()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -200,34 +200,34 @@ def _write_content(path: Path, content: bytes, what: str) -> None:
         raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
 
 
-#: The formats that are read, by how a file's name ends.
+#: The suffixes of the formats that are read.
 SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
-#: What 16-bit images hold, by unit: so many to a level, or to a metre.
+#: The factor in 16-bit images, by unit: how many grey levels to a depth level or a metre.
 SIXTEEN_BIT = {"levels": 256.0, "metres": 1000.0}
 _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
-# Of what is wrong with single files, so many are named: a wrong unit is wrong in all of them.
+# The most problems of single files to name: a wrong unit is wrong in all of them.
 _MOST = 20
 
 
 @dataclass(frozen=True)
 class PredictionFiles:
-    """The depth maps of a split's captures, all of them there and sound.
+    """The depth maps of all captures of a split, found and checked.
 
     Parameters
     ----------
     files : mapping of Pair to Path
         The file of each pair.
     unit : {"levels", "metres"}
-        What they hold.
+        The unit of the files.
     about : Depth
         What the data set's depth means.
     others : int
-        How many files of the folder are of other pairs of the data set.
+        How many files in the folder are of other pairs of the data set.
     beyond : float
-        Of all pixels, which part lies beyond the scale's two ends and counts as the end.
+        The share of all pixels beyond the scale's two ends, which count as the end.
     highest : float
-        The highest level of all.
+        The highest level in any file.
     """
 
     files: Mapping[Pair, Path]
@@ -243,29 +243,29 @@ class PredictionFiles:
 
 
 def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
-    """Find the depth maps of a split in a folder, and look at every one.
+    """Find the depth maps of a split in a folder, and check every one.
 
-    A file is named by its pair, as ``dfdbench info NAME --pairs SPLIT`` lists them, in folders or
-    with ``_`` for ``/``: ``Art/view1.npy`` or ``Art_view1.npy``.
+    A file is named after its pair, as ``dfdbench info NAME --pairs SPLIT`` lists them, in folders
+    or with ``_`` for ``/``: ``Art/view1.npy`` or ``Art_view1.npy``.
 
     Parameters
     ----------
     folder : Path
-        Where they lie. Hidden files are not looked at.
+        Where they are. Hidden files are ignored.
     store : Dataset
         The data set.
     split : str
         Which pairs.
     unit : {"levels", "metres"}
-        What they hold. Arrays (npy, npz) and TIFF files of floats hold the unit itself; 8-bit
-        images levels; 16-bit images levels times 256 or millimetres. Of an npz file its array
-        ``depth`` is taken, and ``sigma``, the standard deviation of each pixel, if it has one.
+        Their unit. Arrays (npy, npz) and TIFF files of floats hold the unit itself; 8-bit images
+        hold levels; 16-bit images hold levels times 256 or millimetres. From an npz file the array
+        ``depth`` is read, and ``sigma``, the standard deviation of each pixel, if there is one.
 
     Raises
     ------
     ResultError
-        With all that is wrong: pairs without a file or with two, files of no pair, and files that
-        cannot be read, have another shape than the pair's images, or hold what is no depth.
+        If a pair has no file or two, a file belongs to no pair, or a file cannot be read, differs
+        in shape from the pair's images, or holds invalid depth. It lists every problem.
     """
     about = store.manifest.depth
     problems = _unfit(folder, store, split, unit)
@@ -350,12 +350,13 @@ def _answer(
 ) -> tuple[DepthMap, DepthMap | None, int]:
     """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
 
-    Beyond is nothing in metres of a set in metres. A ValueError says what is wrong with the file.
+    Metres are never beyond the ends of a set in metres. A ValueError says what is wrong with the
+    file.
     """
     try:
         values, spread = _read(path, unit)
     except UNREADABLE_IMAGE as error:
-        # What is no array NumPy takes for a pickle, and says how it would run it.
+        # NumPy takes anything but an array for a pickle, and explains how to run that.
         reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
         raise ValueError(f"cannot be read: {reason}") from error
     if unit == "metres" and values.shape == shape and values.dtype.kind in "uif":
@@ -383,7 +384,7 @@ def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
             return depth, np.asarray(arrays["sigma"]) if "sigma" in arrays else None
     with Image.open(path) as image:
         image.load()
-        # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
+        # A PNG file has at most 16 bits, which older versions of Pillow widen to 32.
         mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
         values = np.asarray(image)
     if mode == "F" or (mode == "L" and unit == "levels"):

@@ -1,4 +1,4 @@
-"""Evaluate one pair: call the method, score what it gives; in this process or another."""
+"""Evaluate one pair: call the method and score its answer, in this process or another."""
 
 import json
 import platform
@@ -31,20 +31,20 @@ from dfdbench.results.run_folder import answer_digest
 from dfdbench.system.location import is_local
 from dfdbench.tables.table import counted, listed
 
-#: How a pair's warning begins where the method printed, where its depth goes the wrong way, and
-#: where a second call gave something else.
+#: How a pair's warning begins if the method printed, if its depth is reversed, and if a second
+#: call gave a different answer.
 _PRINTED = "printed"
 _TURNED = "depth falls where the truth rises"
 _DIFFERS = "a second call on the same pair"
-#: And where more than so much of its depth lies beyond the set's ends.
+#: And if more than this share of its depth is beyond the set's ends.
 _BEYOND = "over a tenth of the pixels lie beyond the set's ends, and count as the end"
 _MOST_BEYOND = 0.1
-#: Of many pairs, so many are named.
+#: The most pairs that a warning names.
 _NAMED = 10
 
 
 class Evaluated(NamedTuple):
-    """What became of a pair in a process: what that had used until then, and where it is."""
+    """The result of a pair, with the files its process had used until then and its environment."""
 
     record: PairResult
     answer: Prediction
@@ -52,14 +52,14 @@ class Evaluated(NamedTuple):
     environment: Environment
 
     def differs_from(self, again: Self) -> str:
-        """Return a warning if a second call on the pair gave something else; else nothing."""
+        """Return a warning if a second call on the pair gave a different answer, else nothing."""
         one, other = self.answer, again.answer
         differs = difference(one.depth, other.depth) or difference(one.sigma, other.sigma)
         return f"{_DIFFERS} {differs}" if differs else ""
 
 
 class PairEvaluator:
-    """Calls a method on one pair after the other, and scores each.
+    """Call a method on one pair after the other, and score each answer.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class PairEvaluator:
     seed : int
         Set in `random` and `numpy.random` before each pair.
     protocols : iterable of Protocol, optional
-        Under which to score; default: the current ones that the data set allows.
+        The protocols to score under; by default the current ones that the data set allows.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class PairEvaluator:
         self._one_at_a_time = threading.Lock()
 
     def __call__(self, pair: Pair) -> tuple[PairResult, Prediction]:
-        """Return what became of a pair, and the answer, in the data set's unit."""
+        """Return a pair's record, and the answer in the data set's unit."""
         images = self._images(pair)
         unit = self._store.manifest.depth.kind
         predict, arguments = self._method.called_on(images)
@@ -95,7 +95,7 @@ class PairEvaluator:
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
         about, answered, beyond = self._store.manifest.depth, self._method.answers_in(unit), 0.0
         if prediction.depth is not None:
-            # What is beyond the set's ends becomes the end.
+            # Clip to the set's ends.
             if answered == "metres":
                 beyond = float(about.beyond(prediction.depth).mean())
             depth, sigma = about.answer_of_unit(prediction.depth, prediction.sigma, answered)
@@ -104,7 +104,7 @@ class PairEvaluator:
         return record_of(self._store, images, prediction, protocols, answered, beyond), prediction
 
     def warm_up(self, pair: Pair) -> None:
-        """Let the method load and compile what its first call would, untimed."""
+        """Let the method load and compile, untimed, what its first call would."""
         with self._one_at_a_time:
             self._warm_up(self._images(pair))
 
@@ -115,7 +115,7 @@ class PairEvaluator:
     def _warm_up(self, images: Capture) -> None:
         if self._method.warm_up and not self._warm:
             if not (images.is_pair or self._method.takes_stack):
-                # A method of pairs that knows stacks, too, is warmed up on a pair.
+                # A method of pairs that also takes stacks is warmed up on a pair.
                 images = images.two_of((0, 1))
             with seeded(self._seed), self._method.sources.watch():
                 call(self._method.warm_up, *self._method.called_on(images)[1])
@@ -124,18 +124,18 @@ class PairEvaluator:
 
 @dataclass(frozen=True)
 class RemoteEvaluator:
-    """Does the same in another process, which opens the store and loads the method itself.
+    """Do the same in another process, which opens the store and loads the method itself.
 
     Parameters
     ----------
     place : str
         The store's path or URL.
     entry, parameters : str
-        The method, and what the user set, as JSON.
+        The method, and the parameters that the user set, as JSON.
     seed : int
         As for `PairEvaluator`.
     learned : bytes or None
-        What the method's fit learned here, from `pack`; None where it has no fit.
+        What the method's fit learned here, from `pack`; None if it has no fit.
     given_blur : bool
         As for `dfdbench.evaluation.loading.load_for`.
     expected : str
@@ -152,7 +152,7 @@ class RemoteEvaluator:
 
     @classmethod
     def of(cls, store: Dataset, method: Method, seed: int, fit: Fit | None = None) -> Self:
-        """Return the evaluator for a store and a method that are open, and fitted, here."""
+        """Return the evaluator for a store that is open and a method that is fitted here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
         given = store.manifest.on_track and "recipe" in method.uses
@@ -176,7 +176,7 @@ class RemoteEvaluator:
 
 @lru_cache(maxsize=1)
 def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
-    # A process keeps what it has loaded: graph cuts compile, networks read their weights.
+    # A process keeps what it loaded, since graph cuts compile and networks read their weights.
     store = Dataset(remote.place)
     parameters = json.loads(remote.parameters)
     method = load_for(store, remote.entry, parameters, remote.seed, remote.given_blur)
@@ -200,7 +200,7 @@ def _require_same(expected: dict[str, Hashes], method: Method) -> None:
         raise MethodError(what, where=f"{method.entry}, on {platform.node()}", fix=fix)
 
 
-# Asked after the first pair: a method may load PyTorch only then.
+# Called after the first pair, since a method may load PyTorch only then.
 _environment_here = lru_cache(maxsize=1)(describe_environment)
 
 
@@ -212,7 +212,7 @@ def record_of(
     unit: Unit,
     beyond: float = 0.0,
 ) -> PairResult:
-    """Return what became of a pair: its prediction scored under every protocol, or its error.
+    """Return a pair's record: its prediction scored under every protocol, or its error.
 
     Parameters
     ----------
@@ -223,11 +223,11 @@ def record_of(
     prediction : Prediction
         Depth levels, or why there are none.
     protocols : iterable of Protocol
-        Under which to score; `SURE` besides where pixels have a sigma or no answer.
+        The protocols to score under; `SURE` is added if pixels have a sigma or no answer.
     unit : {"levels", "metres"}
-        What the answer was in.
+        The unit of the answer.
     beyond : float
-        Which part of its pixels lay beyond the set's ends.
+        The share of its pixels that were beyond the set's ends.
     """
     warnings = []
     if prediction.printed:
@@ -264,7 +264,7 @@ def record_of(
 def _oddities(
     about: Depth, images: Capture, depth: NDArray[np.float32], unit: Unit, beyond: float
 ) -> list[str]:
-    """Say what of a depth map looks like a mistake of unit or direction."""
+    """Return what looks like a mistake of unit or direction in a depth map."""
     odd = []
     known = images.valid & ~np.isnan(depth)
     likeness = correlation(images.truth[known], depth[known])
@@ -292,7 +292,7 @@ def warned(
     evaluated: list[PairResult],
     environments: list[Environment],
 ) -> list[str]:
-    """Return the warnings of a run that follow from its pairs, and from where they were run."""
+    """Return the warnings that follow from a run's pairs and from where they were run."""
     warnings = []
     if missing := [pair.id for pair in pairs if pair.status == "missing"]:
         warnings.append(
@@ -308,9 +308,9 @@ def warned(
             if text.startswith(_DIFFERS)
         ]
     turned = _how_many(evaluated, _TURNED)
-    # A flat board tells no direction: half the pairs of a set that has some are enough.
+    # A flat board shows no direction, so half of the pairs are enough for a warning.
     if turned and 2 * turned >= len(evaluated):
-        # A method in metres that does not say so answers the wrong way round on such a set.
+        # A method that answers in metres without saying so is reversed on such a set.
         metres = "; or are these metres?" if manifest.depth.kind == "metres" else ""
         warnings.append(
             f"{_TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "

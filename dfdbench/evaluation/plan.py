@@ -1,4 +1,4 @@
-"""What a run is to evaluate, and by what it knows an earlier run as its own."""
+"""What a run evaluates, and how it recognises an earlier call of the same run."""
 
 import json
 from collections.abc import Mapping
@@ -20,18 +20,18 @@ from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import differences
 from dfdbench.tables.table import listed
 
-# Of a value in a message.
+# The most characters of a value in a message.
 _LONGEST = 60
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is made.
+    """The options of a run.
 
     Parameters
     ----------
     limit : int, optional
-        Evaluate only that many pairs; the run is then incomplete and has no average.
+        Evaluate only this many pairs; the run is then incomplete and has no average.
     keep_predictions : bool
         Write the depth maps beside the result; figures need them.
     fresh : bool
@@ -39,7 +39,7 @@ class RunOptions:
     seed : int
         Set in `random` and `numpy.random` before each pair; kept in the result.
     fitted : Path, optional
-        A run's folder: use what its fit learned, and fit nothing here.
+        A run's folder: use what its fit learned, and do not fit again.
     """
 
     limit: int | None = None
@@ -58,16 +58,16 @@ class RunPlan:
     store : Dataset
         The data set.
     method : Method
-        What is evaluated.
+        The method to evaluate.
     split : str
         Which pairs.
     options : RunOptions
-        How.
+        The options of the run.
     expected, available, chosen : tuple of Pair
         Pairs of the manifest's split; of those, the ones that the store holds; of those, the ones
         to evaluate.
     fit : Fit or None
-        How the method was fitted before; None where it has no fit.
+        How the method was fitted; None if it has no fit.
     """
 
     store: Dataset
@@ -81,21 +81,21 @@ class RunPlan:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must be the same for pairs of an earlier call to be taken over."""
+        """What must be the same to reuse the pairs of an earlier call."""
         return {
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
             "protocols": [protocol.as_dict() for protocol in protocols_on(self.store)],
             "keep_predictions": self.options.keep_predictions,
-            # The same method, parameters and data without them are another run.
+            # With the blur given, the same method, parameters and data are a different run.
             "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
             **identity_of(self.method, self.options.seed, self.options.fitted),
         }
 
 
 def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[str, Any]:
-    """Return what must be the same of a method for its earlier answers to be taken over."""
+    """Return what must be the same about a method to reuse its earlier answers."""
     identity = {
         "dfdbench": PACKAGE_VERSION,
         "entry": method.entry,
@@ -113,16 +113,17 @@ def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[s
 def differences_from(
     before: Mapping[str, Any], identity: Mapping[str, Any], method: Method
 ) -> list[str]:
-    """Say in what a call differs from an earlier one; nothing if its answers may be taken over.
+    """Return how a call differs from an earlier one; nothing if its answers may be reused.
 
-    Files that the earlier call used are hashed again: what this one will open is not known yet.
+    Files that the earlier call used are hashed again, since we do not know yet which files this
+    call will open.
 
     Parameters
     ----------
     before, identity : mapping
-        By what the two are known: `identity_of`, and more.
+        The identity of each call: `identity_of`, and more.
     method : Method
-        What this call runs.
+        The method of this call.
     """
     now = dict(identity)
     used = before.get("used")
@@ -150,14 +151,14 @@ def _short(value: Any) -> str:
 def protocols_on(store: Dataset) -> tuple[Protocol, ...]:
     """Return the protocols to score under on a data set.
 
-    Those in metres are among them where its manifest says how levels become metres.
+    They include those in metres if its manifest says how levels become metres.
     """
     depth = store.manifest.depth
     return tuple(protocols_of(depth.scale is not None, depth.kind).values())
 
 
 def protocol_on(manifest: Manifest, name: str | None) -> str:
-    """Return the label of a protocol that runs on a data set are scored under.
+    """Return the label of a protocol, checking that runs on a data set are scored under it.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def protocol_on(manifest: Manifest, name: str | None) -> str:
     Raises
     ------
     UnknownNameError
-        If there is none, or runs on this data set are not scored under it.
+        If there is no such protocol, or runs on this data set are not scored under it.
     """
     label = find_protocol(name).label if name else first_protocol(manifest.short)
     there = [*protocols_of(manifest.depth.scale is not None, manifest.depth.kind), SURE]
@@ -178,14 +179,14 @@ def protocol_on(manifest: Manifest, name: str | None) -> str:
 
 
 def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) -> RunPlan:
-    """Return which pairs a run evaluates.
+    """Plan which pairs a run evaluates.
 
     Raises
     ------
     StoreError
-        Where the store holds no pair of the split, or has lost what was built.
+        If the store holds no pair of the split, or has lost something that was built.
     MethodError
-        Where the method needs stacks, and the store holds pairs.
+        If the method needs stacks and the store holds pairs.
     """
     require_truth(store)
     require_what_was_built(store, split)
@@ -197,7 +198,7 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
 
 
 def require_truth(store: Dataset) -> None:
-    """Refuse a data set that has no depth to score against."""
+    """Raise if a data set has no depth to score against."""
     if not store.manifest.has_truth:
         name = store.manifest.short
         export = f"dfdbench export {name} --png IMAGES --images-only"
@@ -206,7 +207,7 @@ def require_truth(store: Dataset) -> None:
 
 
 def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
-    """Refuse a set of pairs for a method that could answer to none of them."""
+    """Raise if a method needs stacks and the data set has pairs."""
     dot = (slice(1), slice(1))
     if method.attribute("needs_stack") and store.read(pair, dot).is_pair:
         manifest = store.manifest
@@ -218,20 +219,20 @@ def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:
-    """Refuse a store that has lost scenes, or pairs of the split, since it was built.
+    """Raise if a store has lost scenes, or pairs of the split, since it was built.
 
-    Its fingerprint, which a result names, is no longer that of what it holds. What the build itself
-    was lacking is another matter: the store says so, and a run on it is incomplete.
+    Its fingerprint, which a result records, then no longer matches its content. Anything that was
+    already missing when it was built is different: the store records it, and a run is incomplete.
 
     Raises
     ------
     StoreError
-        Where there are such; the scenes are named.
+        If something was lost; it names the scenes.
     """
     manifest = store.manifest
     lacking = set(store.attributes.get("missing_pairs", ()))
     there = {pair.id for pair in store.pairs(split)} | lacking
-    # Of other scenes, on which a method may be fitted, only whether they are there at all.
+    # For other scenes, on which a method may be fitted, only check that they exist.
     whole = set(manifest.scene_names) - set(store.scenes)
     gone = [p for p in manifest.pairs("all") if p.id not in lacking and p.scene in whole]
     gone += [pair for pair in manifest.pairs(split) if pair.id not in there]

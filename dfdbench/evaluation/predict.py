@@ -1,4 +1,4 @@
-"""Estimate depth from photographs of one's own; no data set is needed."""
+"""Estimate depth from your own photographs, without a data set."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     import xarray
 
 Image = NDArray[np.uint8]
-# So large a share of the pixels at one end of the levels is odd.
+# A larger share of pixels at one end of the levels is odd.
 _MANY = 0.3
-#: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
+#: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or as a TOML file.
 Camera = str | os.PathLike[str] | Mapping[str, Any] | Blur
 
 
@@ -67,9 +67,9 @@ class Estimate:
         How the photographs were aligned, in words; empty if they were in register.
     sigma : ndarray of float32, shape (y, x), or None
         The standard deviation that the method gives each pixel, in the unit of the depth; None
-        where it gives none.
+        if it gives none.
     odd : tuple of str
-        What looks like a mistake, in words.
+        Anything that looks like a mistake, in words.
     """
 
     depth: DepthMap
@@ -88,19 +88,19 @@ class DepthPredictor:
         A registered name, ``module:attribute``, ``file.py:attribute``, or the function or class
         itself; by default the method of the run that `camera` names.
     camera : Run, Path, str, mapping, BlurRecipe or BlurLaw, optional
-        What is known of the blur: a run or its folder, whose fit is used; a lens, a blur recipe or
-        a law, as fields or as a TOML file (`run` writes ``law.toml``).
+        What is known about the blur: a run or its folder, whose fit is used; or a lens, a blur
+        recipe or a law, as fields or as a TOML file (`run` writes ``law.toml``).
     parameters : mapping
-        The method's.
+        The method's parameters.
     align : bool
-        Lay the photographs on each other and match their brightness if they need it.
+        Align the photographs and match their brightness if they need it.
     seed : int
         For methods that draw random numbers.
 
     Raises
     ------
     MethodError
-        If the method cannot be loaded, or nothing says what the blur is.
+        If the method cannot be loaded, or needs the blur and is not given it.
     ResultError
         If the run's files are damaged.
     """
@@ -145,7 +145,7 @@ class DepthPredictor:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must be the same for depth maps of an earlier call to be taken over."""
+        """What must be the same to reuse the depth maps of an earlier call."""
         return {"align": self._align, **identity_of(self.method, self._seed, self._fitted)}
 
     def _restore(self, fitted: Path | None) -> None:
@@ -176,12 +176,12 @@ class DepthPredictor:
         )
 
     def metres(self, depth: DepthMap) -> DepthMap:
-        """Return a depth map of its own in metres.
+        """Convert one of its depth maps to metres.
 
         Raises
         ------
         MethodError
-            If it holds levels, and nothing says how far they are.
+            If it holds levels, and nothing says what they are in metres.
         """
         if self.unit == "metres":
             return depth
@@ -192,24 +192,24 @@ class DepthPredictor:
         return self._scale.to_metres(depth).astype(np.float32)
 
     def of_files(self, paths: Sequence[Path]) -> Estimate:
-        """Estimate depth from two photographs, or from a stack's folder, as `captures_in` has it.
+        """Estimate depth from two photographs or from a stack's folder, as `captures_in` finds it.
 
         Raises
         ------
         InputError, SourceError, MethodError
-            As where they are read and estimated from.
+            If the files cannot be read, or there is no estimate.
         """
         if len(paths) == 1:
             return self.of_stack(read_stack(*paths))
         return self(*read_images(paths))
 
     def of_stack(self, stack: xarray.DataArray) -> Estimate:
-        """Estimate depth from a focal stack, as `dfdbench.Capture.stack` has it, in register.
+        """Estimate depth from a registered focal stack in the form of `dfdbench.Capture.stack`.
 
         Raises
         ------
         InputError
-            If it is no stack, or the method takes pairs and it has no two images for one.
+            If it is not a stack, or the method takes pairs and it has no two images for one.
         MethodError
             If the method raises or returns no depth map.
         """
@@ -226,12 +226,12 @@ class DepthPredictor:
         return Estimate(answer.depth, answer.seconds, found, answer.sigma)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
-        """Estimate depth from an in-focus and a defocus image, as of `predict`.
+        """Estimate depth from an in-focus and a defocus image, as for `predict`.
 
         Raises
         ------
         InputError
-            If they are no photographs, differ in size, or cannot be aligned.
+            If they are not photographs, differ in size, or cannot be aligned.
         MethodError
             If the method raises, returns no depth map, or needs a stack.
         """
@@ -252,7 +252,7 @@ class DepthPredictor:
         changes = [ViewChange.of(law) for law in laws if isinstance(law, BlurLaw)]
         words = ", ".join(change.words() for change in changes if change.changes)
         if self._align and words:
-            # The method takes that out by itself: twice would be worse than never.
+            # The method removes that itself; removing it twice would be worse than not at all.
             found = f"the law says of the defocus image: {words}; that is taken out"
         elif self._align:
             needed = matching.matching_of([("the photographs", infocus, defocus)])
@@ -304,13 +304,13 @@ def predict(
     Returns
     -------
     ndarray of float32, shape (y, x)
-        Depth levels, 0 (far) to 255 (near), or metres where the method answers in those; NaN where
-        it has no answer. How sure it is `DepthPredictor` gives besides, as ``Estimate.sigma``.
+        Depth levels, 0 (far) to 255 (near), or metres if the method answers in metres; NaN where
+        it has no answer. `DepthPredictor` also returns how sure it is, as ``Estimate.sigma``.
 
     Raises
     ------
     InputError, SourceError
-        If an image cannot be read, or the two do not fit each other.
+        If an image cannot be read, or the two do not match.
     MethodError
         If the method cannot be loaded, is not given the blur, or returns no depth map.
 
@@ -338,12 +338,12 @@ def predict(
 
 
 def read_images(images: Iterable[Image | Path | str]) -> list[Image]:
-    """Read the photographs among images, as `read_image`; arrays are taken as they are.
+    """Read images that are files, as `read_image` does; return arrays as they are.
 
     Raises
     ------
     SourceError
-        With all that is wrong, of each image.
+        If images cannot be read; it lists the problems of each.
     """
     found, problems = list[Image](), list[Problem]()
     for image in images:
@@ -356,14 +356,14 @@ def read_images(images: Iterable[Image | Path | str]) -> list[Image]:
 
 
 def read_image(path: Path) -> Image:
-    """Read a photograph, turned upright by its EXIF data: RGB, uint8 of shape (y, x, 3).
+    """Read a photograph, upright according to its EXIF data: RGB, uint8 of shape (y, x, 3).
 
     Raises
     ------
     InputError
         If there is no such file.
     SourceError
-        If it is damaged or no photograph.
+        If it is damaged or not a photograph.
     """
     try:
         return image_files.read_photograph(path.read_bytes(), str(path), rotation="apply")
@@ -377,7 +377,7 @@ def read_stack(place: Path) -> xarray.DataArray:
     Raises
     ------
     InputError
-        If an image is missing, damaged, or of another size.
+        If an image is missing, damaged or of a different size.
     """
     import xarray
 
@@ -407,8 +407,8 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
     Returns
     -------
     dict of str to tuple of Path
-        Of a pair the in-focus and the defocus image, ``PAIR/infocus.png`` and
-        ``PAIR/defocus.png``; of a stack its folder, which has a ``stack.json``.
+        For a pair, the in-focus and the defocus image, ``PAIR/infocus.png`` and
+        ``PAIR/defocus.png``; for a stack, its folder, which has a ``stack.json``.
     """
     return {
         name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
@@ -418,7 +418,7 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
 
 
 def lone_images(folder: Path) -> list[Problem]:
-    """Return what is to be said of folders that hold one image of a pair."""
+    """Return a problem for each folder that holds only one image of a pair."""
     return [
         Problem(f"there is no {other} image beside it", where=str(found[role]))
         for found in _images_in(folder).values()
@@ -440,7 +440,7 @@ def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
 def _load(
     method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int
 ) -> tuple[Method, bool]:
-    """Return a method, and whether it would take a lens that it was not given."""
+    """Return a method, and whether it takes a lens but was not given one."""
     asked = []
 
     def recipe() -> None:
@@ -453,7 +453,7 @@ def _load(
 
 
 def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
-    """Return what a method takes as `recipe`, and what levels are in metres if that is known."""
+    """Return a method's `recipe`, and what levels are in metres if that is known."""
     fields, where = camera, "camera"
     if isinstance(camera, str | Path) and Path(camera).suffix == ".toml":
         fields, where = read_fields(camera), str(camera)
@@ -463,7 +463,7 @@ def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
 
 
 def _scale_of(result: Result, folder: Path) -> DepthScale | None:
-    # The store may lie on another machine, and a set of one's own has no manifest here.
+    # The store may be on another machine, and a user's own set has no manifest here.
     name = result.dataset.name
     with contextlib.suppress(DfdbenchError):
         return find_manifest(name).depth.scale
@@ -473,7 +473,7 @@ def _scale_of(result: Result, folder: Path) -> DepthScale | None:
 
 
 def _as_photograph(image: Any) -> Image:
-    """Return an array as it is, or grey as RGB; refuse what is no photograph."""
+    """Return an array as it is, or grey as RGB; raise if it is not a photograph."""
     array = np.asarray(image)
     shape = array.shape[:2] if array.ndim == 2 else (*array.shape[:2], 3)
     if array.dtype not in (np.uint8, np.uint16) or array.shape != shape or not array.size:

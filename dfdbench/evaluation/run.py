@@ -1,4 +1,4 @@
-"""Run a method over a split: predict once a pair, score under every protocol, keep it all."""
+"""Run a method over a split: predict each pair once, score it under every protocol, keep it all."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -39,13 +39,13 @@ class RunDone:
     result : Result
         The scores.
     folder : Path
-        Where ``result.json`` and ``predictions.zarr`` lie.
+        Where ``result.json`` and ``predictions.zarr`` are.
     reused : int
         Pairs kept from an earlier call that was stopped or limited.
     set_aside : Path or None
-        Where an earlier run of another kind in the same folder was moved.
+        Where a different earlier run in the same folder was moved.
     because : tuple of str
-        In what that differed from this one; empty if it was to be started over anyway.
+        How that run differed from this one; empty if this one was to start afresh anyway.
     """
 
     result: record.Result
@@ -56,7 +56,7 @@ class RunDone:
 
     @property
     def notes(self) -> list[str]:
-        """What is to be said of an earlier run in the same folder."""
+        """Notes about an earlier run in the same folder."""
         notes = []
         if self.because:
             notes.append(f"started over: {listed(self.because, most=5)}")
@@ -82,14 +82,14 @@ def run_method(
     warnings: Sequence[str] = (),
     on_pair: OnPair | None = None,
 ) -> RunDone:
-    """Evaluate a method on a split; go on where an earlier call was stopped.
+    """Evaluate a method on a split, resuming an earlier call that was stopped.
 
-    An earlier call of the same run has the same data, method (its modules and the files it opened),
-    parameters, versions and processor architecture; any other run is set aside.
+    A call is of the same run if it has the same data, method (its modules and the files it opened),
+    parameters, versions and processor architecture. Any other run is set aside.
 
-    A method with a fit is fitted first, before anything is written, or is given what it learned
-    in an earlier call of the same run. The first pair is run twice, to see whether the answers are
-    the same; its time is that of the first call.
+    A method with a fit is fitted first, before anything is written, or gets what it learned in an
+    earlier call of the same run. The first pair is run twice to check that the answers are the
+    same; its time is that of the first call.
 
     Parameters
     ----------
@@ -102,24 +102,24 @@ def run_method(
     folder : Path
         Where result and predictions go.
     options : RunOptions, optional
-        How the run is made.
+        The options of the run.
     pool : Pool, optional
-        Where pairs are evaluated several at once, in other processes; by default one after the
-        other in this one, which alone gives times that can be compared.
+        Processes that evaluate several pairs at once. By default pairs are evaluated one after the
+        other in this process; only then can times be compared.
     warnings : sequence of str
-        What the result is to say besides, such as
-        `dfdbench.audit.leaks.coverage_warnings` of training and test.
+        Further warnings for the result, such as the `dfdbench.audit.leaks.coverage_warnings` of
+        training and test.
     on_pair : callable, optional
-        Called with (pairs done, pairs to do, the mean score of those done, as text).
+        Called with the number of pairs done, the number to do, and the mean score so far as text.
 
     Raises
     ------
     StoreError
-        Where the store holds no pair of the split, or none to fit the method on.
+        If the store holds no pair of the split, or none to fit the method on.
     MethodError
-        Where the method cannot be fitted, or not for this split or this pool.
+        If the method cannot be fitted, or not for this split or this pool.
     ResultError
-        Where the folder cannot be written.
+        If the folder cannot be written.
     """
     plan = plan_run(store, method, split, options or RunOptions())
     with writing_folder(folder, "run"):
@@ -146,7 +146,7 @@ def run_method(
 
 
 def _begun(folder: Path) -> dict[str, Any] | None:
-    """Return what a folder's run is known by; None if there is none, empty if it is damaged."""
+    """Return the identity of a folder's run; None if there is no run, empty if it is damaged."""
     found = run_folder.read_identity(folder)
     try:
         _Environments.validate_python((found or {}).get(_ENVIRONMENTS, []), strict=True)
@@ -156,12 +156,12 @@ def _begun(folder: Path) -> dict[str, Any] | None:
 
 
 class _Known:
-    """By what a run is known, on disk too: its identity, and the machines that it was run on.
+    """What identifies a run, here and on disk: its identity, and the machines it was run on.
 
     Parameters
     ----------
     identity : dict
-        Of this call.
+        The identity of this call.
     before : dict or None
         The content that an earlier call of the same run left.
     """
@@ -175,12 +175,12 @@ class _Known:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What is written down."""
+        """What is written to disk."""
         environments = [environment.model_dump() for environment in self.environments]
         return {**self._identity, "used": self._used, _ENVIRONMENTS: environments}
 
     def add(self, used: Hashes, environment: record.Environment | None) -> bool:
-        """Add what was used and where; return whether that was new."""
+        """Add the files that were used and the machine; return whether any were new."""
         before = len(self.environments), dict(self._used)
         if environment and environment not in self.environments:
             self.environments.append(environment)
@@ -220,7 +220,7 @@ class _Journal:
         self._first: Evaluated | None = None
 
     def note(self, pair: Pair, evaluated: Evaluated) -> None:
-        """Write down what became of a pair; the first comes twice, and is compared."""
+        """Write down a pair's record; the first pair comes twice, and its answers are compared."""
         plan = self._plan
         if pair == self.to_do[0]:
             if self._first is not None:
@@ -239,7 +239,7 @@ class _Journal:
             self._on_pair(self.done, len(plan.chosen), self._so_far())
 
     def _so_far(self) -> str:
-        """Return the mean of what is done, by the metric that ranks on this data set."""
+        """Return the mean score so far, in the metric that ranks on this data set."""
         protocol = record.first_protocol(self._plan.store.manifest.short)
         metric = ranked_by(protocol)[0]
         found = (each.score(protocol, metric) for each in self._finished.values())
@@ -255,7 +255,7 @@ class _Journal:
             self._keep(kept.model_copy(update={"warnings": [*kept.warnings, differs]}))
 
     def records(self) -> list[record.PairResult]:
-        """Return the records of all pairs of the split, those not evaluated too."""
+        """Return the records of all pairs of the split, including those not evaluated."""
         present = {pair.id for pair in self._plan.available}
         return [
             self._finished.get(pair.id)
@@ -271,12 +271,12 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
         environment = None
         for pair in to_do:
             found, answer = evaluate(pair)
-            # After the first pair: a method may load PyTorch only then.
+            # After the first pair, since a method may load PyTorch only then.
             environment = environment or describe_environment()
             journal.note(pair, Evaluated(found, answer, plan.method.used, environment))
         return
     if to_do and plan.method.warm_up:
-        # Here, once: each worker would compile the same at the same time.
+        # Once, here: otherwise every worker would compile the same code at the same time.
         PairEvaluator(plan.store, plan.method, plan.options.seed).warm_up(to_do[0])
     remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(to_do), _BATCH):
@@ -299,17 +299,17 @@ def compose(
     store : Dataset
         The data set.
     split : str
-        Which pairs of it.
+        Which of its pairs.
     method : MethodRecord
-        Where the depth maps come from.
+        The method that made the depth maps.
     pairs : list of PairResult
         A record for each pair of the split.
     seed : int
-        Of the run.
+        The seed of the run.
     warnings : sequence of str
-        What is said after the warnings that follow from the records.
+        Warnings to add after those that follow from the records.
     environments : sequence of Environment
-        Where the pairs were run, as their `machine` counts them; by default here.
+        Where the pairs were run; each pair's `machine` is an index into it. By default here.
     """
     first, *others = environments or [describe_environment()]
     manifest, protocols = store.manifest, list(protocols_on(store))
@@ -345,9 +345,9 @@ def compose(
 
 
 def _with_sureness(pair: record.PairResult) -> record.PairResult:
-    """Score a pair for how sure the method is.
+    """Add scores of how sure the method is to a pair that lacks them.
 
-    One that is answered everywhere without a sigma has its own error at any density.
+    Such a pair has an answer everywhere and no sigma, so its error is the same at any density.
     """
     if pair.status != "ok" or SURE in pair.scores:
         return pair
@@ -378,7 +378,7 @@ def _method_record(plan: RunPlan) -> record.MethodRecord:
 
 
 def trained_on_of(method: Method, manifest: Manifest) -> str | None:
-    """Return what a result says that a method was trained on: its own word, or the mean's split."""
+    """Return a result's `trained_on`: what the method says, or the split of a training mean."""
     if method.trained_on is None and {"training_mean", "training_median"} & {*method.uses}:
         return f"{manifest.stem}, split train"
     return method.trained_on

@@ -1,1 +1,1 @@
-"""Results, coverage, trainings, lenses and captures drawn as figures."""
+"""Draw results, coverage, trainings, lenses and captures as figures."""

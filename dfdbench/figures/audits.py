@@ -34,14 +34,14 @@ _LABELLED = 12
 _SHADE = 0.6
 _ALL_COVERED = "largest errors; training covers every level"
 _PANELS = 3
-# Levels drawn as one: single ones are of few scenes.
+# Levels drawn as one: single levels come from few scenes.
 _TOGETHER = 4
 _METRES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0)
 _LEAST_APART = 0.03  # of the axis: marks in metres that would overlap are left out
 
 
 def coverage_figure(record: CoverageRecord) -> Figure:
-    """Draw the depths of both sides as Figs 5.10, 5.19 and 5.9, the offending ranges marked."""
+    """Draw the depths of both sides as in Figs 5.10, 5.19 and 5.9, and mark uncovered ranges."""
     figure = Figure(figsize=(12, 10), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     figure.suptitle(f"depths of {_name(record.test)}, held against {_name(record.train)}")
@@ -72,7 +72,7 @@ def coverage_figure(record: CoverageRecord) -> Figure:
 
 
 def depths_figure(side: Side) -> Figure:
-    """Draw how often each depth level occurs in some scenes, as Figs 3.5, 3.9 and 7.4."""
+    """Draw how often each depth level occurs in some scenes, as in Figs 3.5, 3.9 and 7.4."""
     histogram = side.histogram
     figure, axis = style.single_axes(11, 5)
     axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=style.BLUE)
@@ -110,9 +110,9 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
 
 
 def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -> Figure:
-    """Draw truth, prediction, mask, error and both overlaid, as Figs 5.20 and 7.5.
+    """Draw truth, prediction, mask, error and both overlaid, as in Figs 5.20 and 7.5.
 
-    The pairs are of different scenes, those with the most uncovered pixels; if all is covered,
+    The pairs are from different scenes, those with the most uncovered pixels; if all is covered,
     those with the largest errors.
     """
     rows = _most_uncovered(result, join)
@@ -155,8 +155,8 @@ def difficulty_figure(
 ) -> Figure:
     """Draw in-focus images and, beside them, the smallest level step that their blur shows.
 
-    A panel is a pair's name, its in-focus image and what `smallest_step` found. Pixels of unknown
-    depth are light blue.
+    A panel is a pair's name, its in-focus image and the result of `smallest_step`. Pixels of
+    unknown depth are light blue.
     """
     labels = [*map(str, STEPS), "none"]
     steps = [(name, image, np.log2(found.step), found.valid) for name, image, found in panels]
@@ -164,7 +164,7 @@ def difficulty_figure(
 
 
 def bound_figure(title: str, panels: Sequence[tuple[str, NDArray[np.uint8], Bound]]) -> Figure:
-    """Draw in-focus images and, beside them, the least error of a method that looks at a window.
+    """Draw in-focus images and, beside them, the least error of a method with a limited window.
 
     A panel is a pair's name, its in-focus image and its bound. Pixels of unknown depth are light
     blue.
@@ -226,7 +226,7 @@ def _steps(axis: Axes, counts: ArrayLike, label: str, colour: str, fill: bool = 
 
 
 def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
-    # Neighbouring levels of one verdict share a label; there is room for the largest only.
+    # Neighbouring levels of one verdict share a label; there is only room for the largest.
     marked = [None if verdict is Verdict.covered else verdict for verdict in record.verdicts]
     counts = np.asarray(record.test.counts)
     largest = sorted(runs(marked), key=lambda span: -counts[span[0] : span[1] + 1].sum())
@@ -246,7 +246,7 @@ def depth_error_figure(
 ) -> Figure:
     """Draw runs' mean absolute error over true depth, and below it each run's answers.
 
-    With a scale, an axis on top shows metres.
+    If given a scale, an axis at the top shows metres.
     """
     figure = Figure(figsize=(max(9.0, 3.6 * len(found)), 8), layout="constrained")
     figure.suptitle(style.plain_text(title))
@@ -283,7 +283,8 @@ def _curve(errors: LevelErrors) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def _draw_answers(axis: Axes, one: DepthErrors, span: tuple[float, float]) -> None:
-    # Shares of each true depth: otherwise common depths would hide the answers at rare ones.
+    # Divide by the total of each true depth: otherwise common depths would hide answers at rare
+    # ones.
     side = LEVELS // _TOGETHER
     answers = one.answers.reshape(side, _TOGETHER, side, _TOGETHER).sum(axis=(1, 3))
     known = answers.sum(axis=1, keepdims=True)

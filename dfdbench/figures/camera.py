@@ -22,9 +22,9 @@ _SHARPNESS = "discrete cosine sharpness measure"
 
 
 def law_figure(calibration: Calibration) -> Figure:
-    """Draw a law's widths over the depth levels with what was measured, and the residual below.
+    """Draw a law's widths over the depth levels, the measurements, and the residual below.
 
-    A level's dot grows with the number of its pixels.
+    A level's dot grows with its number of pixels.
     """
     law = calibration.law
     levels = np.arange(law.levels)
@@ -43,7 +43,7 @@ def law_figure(calibration: Calibration) -> Figure:
     gain = f"gain {law.gain:.3f}" if law.even else "a gain a pair"
     kernels = f"kernels exp(-(r / c)^p), p = {law.exponent:g}; {images}; {place}; {gain}"
     title = f"{kernels}\nthe defocus image: {change.words()}"
-    # A level that shows no blur may be off by pixels: the law sets the scale.
+    # A level without visible blur may be off by pixels, so the law sets the scale.
     widths.set(ylabel="standard deviation (pixels)", title=title, ylim=(0, 1.3 * max(law.sigmas)))
     style.legend_beside(widths)
     left.plot(levels, calibration.residual, ".", color=style.BLUE)
@@ -61,7 +61,7 @@ def law_figure(calibration: Calibration) -> Figure:
 
 
 def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title: str) -> Figure:
-    """Draw depth maps (levels, valid) over an RGB image, a panel each, with their outlines."""
+    """Draw depth maps (levels, valid) over an RGB image, one panel each, with their outlines."""
     # Dark exposures are drawn brighter: otherwise there would be nothing to compare with.
     shown = np.clip(image / max(float(np.percentile(image, 99)), 1.0), 0, 1)
     all_known = np.concatenate([levels[valid] for levels, valid in depths.values()])
@@ -81,7 +81,7 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
 
 
 def temperature_figure(measured: Sequence[Measurement]) -> Figure:
-    """Draw sharpness over the camera's temperature, as the thesis's Fig. 7.11."""
+    """Draw sharpness over the camera's temperature, as in the thesis's Fig. 7.11."""
     figure, axis = style.single_axes(7, 4.5)
     degrees = [item.temperature for item in measured]
     sharpness, background = zip(*((m.sharpness, m.background) for m in measured), strict=True)
@@ -94,7 +94,7 @@ def temperature_figure(measured: Sequence[Measurement]) -> Figure:
 
 
 def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Figure:
-    """Draw sharpness over the voltage step, one line a direction, as the thesis's Fig. 7.12."""
+    """Draw sharpness over the voltage step, one line per direction, as in thesis Fig. 7.12."""
     figure, axis = style.single_axes(7, 4.5)
     for measured, marker, colour in ((up, "o", style.BLUE), (down, "s", style.ORANGE)):
         if measured:
@@ -110,7 +110,7 @@ def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Fi
 
 
 def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
-    """Draw blur, quantised blur and its limit over a range in metres, as the thesis's Fig. 2.5."""
+    """Draw blur, quantised blur and its limit over a range in metres, as in thesis Fig. 2.5."""
     distance = np.linspace(near, far, 4001)
     figure, axis = style.single_axes(9, 5)
     limit = lens.max_blur_radius() / lens.pixel_size
@@ -129,7 +129,7 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
 
 
 def pair_figure(table: LensTable, pairs: Sequence[StepPair]) -> Figure:
-    """Draw two steps' radii and their difference for each pair, as the thesis's Fig. 7.15."""
+    """Draw two steps' radii and their difference for each pair, as in the thesis's Fig. 7.15."""
     figure = Figure(figsize=(4.5 * len(pairs), 4), layout="constrained")
     grid = figure.subplots(1, len(pairs), squeeze=False, sharey=True)[0]
     for axis, pair in zip(grid, pairs, strict=True):

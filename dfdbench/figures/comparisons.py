@@ -21,18 +21,18 @@ from dfdbench.results.summary import median_seconds
 
 _COLUMNS = 4
 _WIDTH, _HEIGHT = 2.7, 2.4
-# For methods beyond the number of colours.
+# Used when there are more methods than colours.
 _LINES = ("-", "--", ":")
-#: What the colours of a transfer's matrix are.
+#: The meaning of the colours of a transfer's matrix.
 OVER_OWN = "over that of its own fit"
 
 
 def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:
-    """Draw runs on the same data: each metric by scene and exposure, a figure an illumination.
+    """Draw each metric of comparable runs by scene and exposure, one figure per illumination.
 
-    As the thesis's Figs 4.5, 4.7, 4.8, 5.11 to 5.13 and, with several methods, 5.15 to 5.17. The
-    key says what a figure shows; without illuminations there is one, and of a single scene one with
-    each lighting beside the other.
+    As in the thesis's Figs 4.5, 4.7, 4.8, 5.11 to 5.13 and, with several methods, 5.15 to 5.17. The
+    key says what a figure shows. Without illuminations there is only one figure; for a single scene
+    there is one with the lightings side by side.
     """
     dataset = runs[0].result.dataset
     pairs = [pair for run in runs for pair in run.result.evaluated]
@@ -68,9 +68,9 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
 
 
 def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
-    """Draw the ranking metric against the seconds per pair, a mark a method; both logarithmic.
+    """Draw the ranking metric against the seconds per pair, one mark per method, both logarithmic.
 
-    Runs that are incomplete or whose seconds cannot be compared are left out; None if all are.
+    Runs that are incomplete or whose seconds are not comparable are left out; None if all are.
     """
     name = ranked_by(protocol)[0]
     found = [
@@ -98,7 +98,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
 def change_figure(
     first: SavedRun, second: SavedRun, found: Sequence[PairChange], metric: str
 ) -> Figure | None:
-    """Draw truth, both predictions and both errors, a row a pair; None without depth maps."""
+    """Draw truth, both predictions and both errors, one row per pair; None without depth maps."""
     rows = []
     for change in found:
         before, after = first.images(change.first), second.images(change.second)
@@ -152,7 +152,7 @@ def _one_scene_figure(runs: Sequence[SavedRun], protocol: str) -> Figure:
 
 
 def _by_lighting(run: SavedRun) -> list[PairResult]:
-    """Return a run's pairs, named by their lighting in place of their scene."""
+    """Return a run's pairs, named by their lighting instead of their scene."""
     dataset = run.result.dataset
     named = []
     for pair in _pairs_at(run, {}):
@@ -166,17 +166,17 @@ def _pairs_at(run: SavedRun, place: dict[str, int]) -> list[PairResult]:
 
 
 def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:
-    """Draw a metric against severity, a panel a track, a line a method.
+    """Draw a metric against severity, one panel per track, one line per method.
 
     Parameters
     ----------
     scores : mapping of str to DataFrame
-        By method: a row a track, a column a severity, 0 for clean images; see
+        By method: a row per track, a column per severity, 0 for clean images; see
         `dfdbench.results.frame.track_means`.
     metric : str
-        Its name.
+        The metric's name.
     title : str
-        Above all panels.
+        The title above all panels.
     """
     tracks = list(dict.fromkeys(track for means in scores.values() for track in means.index))
     rows = -(-len(tracks) // _COLUMNS)
@@ -199,7 +199,7 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         axis.grid(alpha=0.3)
     for axis in axes[:, 0]:
         axis.set_ylabel(find_metric(metric).heading)
-    # Only now is the height of the shared axis known.
+    # The height of the shared axis is only known now.
     axes.flat[0].set_ylim(bottom=0)
     figure.suptitle(style.plain_text(title), fontsize=11)
     if len(scores) > 1:
@@ -211,14 +211,14 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
 def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     """Draw the scores of foreign fits beside a set's own, as a matrix.
 
-    A column is coloured by its score over that of its own fit, on the diagonal.
+    A column's colours show its score over that of its own fit, which is on the diagonal.
 
     Parameters
     ----------
     means : DataFrame
         See `dfdbench.report.objects.Transfer.table`.
     title : str
-        Above the matrix.
+        The title above the matrix.
     """
     side = 2.2 + 0.8 * len(means)
     figure = Figure((side + 2.4, side), layout="constrained")
@@ -229,7 +229,7 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
 
 
 def draw_transfer(axis: Axes, means: pd.DataFrame, most: float | None = None) -> AxesImage:
-    """Draw the matrix of `transfer_figure`; `most` is the last colour's share of the own score."""
+    """Draw the matrix of `transfer_figure`; the last colour is `most` times the own score."""
     shares = means.to_numpy() / np.diag(means)
     most = most or float(np.nanmax(shares))
     image = axis.imshow(shares, vmin=1, vmax=most, cmap="cividis_r")

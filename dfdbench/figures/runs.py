@@ -38,9 +38,9 @@ def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Pat
     run : SavedRun
         The run, with its predictions.
     protocol : str
-        By which pairs are ranked and scored.
+        The protocol that ranks and scores pairs.
     also : sequence of str
-        Further forms of each figure, "pdf" or "svg", beside the PNG file.
+        Further formats of each figure, "pdf" or "svg", beside the PNG file.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Pat
 def panel_figure(
     run: SavedRun, pairs: Sequence[PairResult], protocol: str, kind: str
 ) -> Figure | None:
-    """Draw in-focus, defocus, truth, prediction and error, a row a pair; None without pairs."""
+    """Draw in-focus, defocus, truth, prediction and error, one row per pair; None without pairs."""
     rows = [(record, *found) for record in pairs if (found := run.images(record))]
     if not rows:
         return None
@@ -87,7 +87,7 @@ def panel_figure(
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
         draw_pair(figure, axes, images, prediction, both=True)
         scores = map(" ".join, titled_scores(record, protocol, "undefined"))
-        # Lines break between scores, not within one.
+        # Break lines between scores, not within one.
         whole = "  ".join(score.replace(" ", _NO_BREAK) for score in scores)
         axes[4].set_xlabel(textwrap.fill(whole, _CAPTION), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
@@ -95,7 +95,7 @@ def panel_figure(
 
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
-    """Draw each metric by scene and lighting, as the thesis's Figs 5.11 to 5.13."""
+    """Draw each metric by scene and lighting, as in the thesis's Figs 5.11 to 5.13."""
     pairs, first = result.evaluated, next(iter(metrics_of(protocol)))
     if all(pair.score(protocol, first) is None for pair in pairs):
         return None
@@ -130,12 +130,12 @@ def scene_grid(
     spread: float,
     colours: int = len(style.COLOURS),
 ) -> tuple[Figure, Any]:
-    """Draw each metric by scene, a row a metric, and a column the series under each title.
+    """Draw each metric by scene: one row per metric, one column for the series under each title.
 
     `size` is a panel's width and the height of all rows.
     """
     metrics = metrics_of(protocol)
-    # Title and legend are of one width, however few scenes and panels there are.
+    # Title and legend have a fixed width, however few scenes and panels there are.
     whole = max(size[0] * len(panels), 8.0), size[1]
     figure = Figure(figsize=whole, layout="constrained")
     grid = figure.subplots(len(metrics), len(panels), squeeze=False, sharey="row", sharex=True)
@@ -157,7 +157,7 @@ def draw_by_scene(
     spread: float,
     colours: int = len(style.COLOURS),
 ) -> None:
-    """Draw a score by scene, a mark a pair; series stand beside each other, by their labels."""
+    """Draw a score by scene, one mark per pair; series are side by side, with their labels."""
     for number, (label, pairs) in enumerate(series.items()):
         offset = (number - (len(series) - 1) / 2) * spread / len(series)
         found = [(p.scene, v) for p in pairs if (v := p.score(protocol, metric)) is not None]
@@ -193,9 +193,9 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
 
 
 def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
-    """Draw seconds by number of pixels, as Fig. 4.4; None if all pairs are of one size.
+    """Draw seconds by number of pixels, as in Fig. 4.4; None if all pairs have the same size.
 
-    Pairs that ran beside others are left out.
+    Pairs that ran at the same time as others are left out.
     """
     times = _times_by_pixels(store, result)
     if len(times) < 2:
@@ -203,7 +203,7 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     pixels = np.array([size for size, taken in times.items() for _ in taken])
     seconds = np.array([one for taken in times.values() for one in taken])
     sizes = np.array(sorted(times))
-    # An intercept would mean nothing for sizes that are much alike, as Middlebury's.
+    # An intercept means nothing if sizes are much alike, as Middlebury's are.
     rate = seconds.sum() / pixels.sum()
     figure, axis = style.single_axes(9, 5)
     axis.plot(pixels, seconds, ".", color=style.BLUE, alpha=0.4, label="a pair")
@@ -239,12 +239,12 @@ def group_figures(
     protocol : str
         The protocol.
     scenes : sequence of Scene
-        Of the manifest; if they have neither geometry nor texture, nothing is drawn.
+        The manifest's scenes; if they have neither geometry nor texture, nothing is drawn.
 
     Returns
     -------
     dict of str to Figure
-        By what groups the pairs.
+        By the property that groups the pairs.
     """
     labels = scene_labels(scenes)
     if not labels or not any(result.evaluated for result in results.values()):
@@ -304,10 +304,10 @@ def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, na
         axis.plot(values, [at] * len(values), alpha=0.35, markeredgewidth=0, **dots)
         spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
         axis.errorbar(mean_of(values) or 0.0, at, xerr=spread, label=name, **bars)
-        name = "_"  # one entry of the legend a run
+        name = "_"  # one legend entry per run
 
 
-# Characters below a panel.
+# Maximum length of a line below a panel, in characters.
 _CAPTION = 40
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 HEADS = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
@@ -342,7 +342,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     TypeError
         If it is not a pair.
     InputError
-        If the prediction has another shape than the pair's images.
+        If the prediction's shape differs from that of the pair's images.
 
     Examples
     --------
@@ -380,7 +380,7 @@ def draw_pair(
 ) -> None:
     """Draw a pair into axes: its images, its truth, the predictions, then their errors.
 
-    Of the images, `both` or the in-focus one alone. Depth and error get scales.
+    If `both`, draw both images, otherwise only the in-focus one. Depth and error get scales.
     """
     known = images.depth.astype(np.float64)
     scale, errors = style.depth_scales(images.about, known)

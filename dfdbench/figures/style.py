@@ -18,7 +18,7 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Depth
 from dfdbench.system.files import write_whole
 
-# Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
+# Okabe and Ito's colours, which colour-blind people can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 BLUE, ORANGE, GREEN, PINK, SKY, RED, BLACK = COLOURS
 _DPI = 120
@@ -26,17 +26,17 @@ _LEAST_SPAN = 20.0
 # An image counts as dark if nearly all of it is below half of this grey level.
 _BRIGHT, _NEARLY_ALL = 235.0, 99
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-#: Errors of depth are drawn up to so many levels.
+#: Depth errors are drawn up to this many levels.
 ERROR_LIMIT = 50.0
 _LEGEND_COLUMNS = 3
 _LABEL_LENGTH = 60
-# In ems: a character, rather wide since browsers use fonts of their own; a mark and the space
-# around it; a line.
+# In ems: a character, rather wide because browsers use their own fonts; a mark and the space around
+# it; a line.
 _CHARACTER, _MARK, _LINE = 0.65, 5.0, 1.6
 
 
 def single_axes(width: float, height: float, **grid: Any) -> tuple[Figure, Axes]:
-    """Return a figure of a size in inches with one axes and a faint grid, its lines by `grid`."""
+    """Return a figure, its size in inches, with one axes and a faint grid with `grid` lines."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axis = figure.subplots()
     axis.grid(alpha=0.3, **grid)
@@ -55,15 +55,15 @@ def rows_of_images(names: Sequence[str], heads: Sequence[str], height: float) ->
 
 
 def marks(number: int) -> dict[str, Any]:
-    """Return colour and marker of a method or other series, by its number."""
+    """Return the colour and marker of a method or other series, by its number."""
     colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
     return {"linestyle": "none", "markersize": 5, "color": colour, "marker": marker}
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the form that the file's suffix names.
+    """Write a figure in the format of the file's suffix.
 
-    The same figure gives the same bytes: no form holds the time.
+    The same figure gives the same bytes: no format contains the time.
     """
     form, content = path.suffix[1:].lower(), io.BytesIO()
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(form)
@@ -73,7 +73,7 @@ def write_figure(figure: Figure, path: Path) -> None:
 
 
 def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -> list[Path]:
-    """Write a figure in each of several forms, "png", "pdf", "svg", each once; return the files."""
+    """Write a figure once in each of several formats, "png", "pdf", "svg"; return the files."""
     paths = [folder / f"{name}.{form}" for form in dict.fromkeys(forms)]
     for path in paths:
         write_figure(figure, path)
@@ -87,10 +87,10 @@ def without_ticks(axes: Iterable[Axes], background: str) -> None:
 
 
 def depth_span(depth: NDArray[np.float64], whole: float = LAST_LEVEL) -> tuple[float, float]:
-    """Return the least and largest depth to draw, NaN left out.
+    """Return the least and largest depth to draw, ignoring NaN.
 
-    They are at least 20 levels, or as much of the data set's `whole` range, apart: a flat board
-    would otherwise be drawn as its noise.
+    They are at least 20 levels apart, or as much of the data set's `whole` range. Otherwise a flat
+    board would be drawn as its noise.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def depth_span(depth: NDArray[np.float64], whole: float = LAST_LEVEL) -> tuple[f
 
 
 def depth_scales(about: Depth, known: NDArray[np.float64]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return how a depth map and its error are drawn: near is bright, errors up to a fifth."""
+    """Return how to draw a depth map and its error: near is bright, errors up to a fifth."""
     low, high = depth_span(known, about.span)
     near_bright = about.ends[0] > about.ends[1]
     limit = ERROR_LIMIT * about.span / LAST_LEVEL
@@ -113,12 +113,12 @@ def depth_scales(about: Depth, known: NDArray[np.float64]) -> tuple[dict[str, An
     )
 
 
-#: What the scales beside depth and error say, by the kind of depth.
+#: The labels of the depth and error scales, by the kind of depth.
 DEPTH_LABELS = {"levels": "depth level", "metres": "metres"}
 
 
 def brightening(infocus: NDArray[np.uint8]) -> int:
-    """Return how many times brighter a dark pair must be drawn; 1 for most pairs.
+    """Return the factor by which to brighten a dark pair; 1 for most pairs.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def brightening(infocus: NDArray[np.uint8]) -> int:
 
 
 def brightened(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Multiply an image's brightness, cut off at white.
+    """Multiply an image's brightness, clipped at white.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Figure of how sure methods are: error against density, and what their intervals hold."""
+"""A figure of how sure methods are: error against density, and truths within their intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ class Curves:
     Parameters
     ----------
     label : str
-        What the method is called.
+        The method's name.
     errors, least : ndarray of float64, shape (density,)
-        NRMSE of the surest 2 %, 4 % and so on of the known pixels, and of those with the least
-        errors; NaN where a pair has not as many answers.
+        NRMSE of the surest 2 %, 4 % and so on of the known pixels, and of those with the smallest
+        errors; NaN if a pair has too few answers.
     held : ndarray of float64, shape (interval,), or None
         The share of truths within the intervals of 5 %, 10 % and so on to 95 % of a Gaussian; None
-        where no pair has a sigma.
+        if no pair has a sigma.
     """
 
     label: str
@@ -44,16 +44,16 @@ class Curves:
 
 
 def curves_of(run: SavedRun, label: str) -> Curves | None:
-    """Return the lines of a run, out of the answers that it kept.
+    """Return the lines of a run, from the answers that it kept.
 
-    None where the method does not say how sure it is, where no answer was kept, and without images.
+    Return None if the method does not say how sure it is, if no answer was kept, or without images.
 
     Parameters
     ----------
     run : SavedRun
         The run.
     label : str
-        What the method is called.
+        The method's name.
     """
     if run.store is None or SURE not in run.result.protocol_names:
         return None
@@ -94,14 +94,14 @@ def _curve(found: Errors, order: Floats) -> Floats:
 
 
 def sureness_figure(methods: Sequence[Curves], title: str) -> Figure:
-    """Draw error against density, a line a method, and the share of truths in each interval.
+    """Draw error against density, one line per method, and the share of truths in each interval.
 
     Parameters
     ----------
     methods : sequence of Curves
         At least one, on the same data.
     title : str
-        What they were run on.
+        The data that they were run on.
 
     Examples
     --------

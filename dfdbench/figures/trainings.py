@@ -28,7 +28,7 @@ _POINTS = 400
 
 
 def training_figure(log: Log, title: str) -> Figure:
-    """Draw loss and learning rate, and each metric on train and test, as Fig. 5.7 does."""
+    """Draw loss and learning rate, and each metric on train and test, as in Fig. 5.7."""
     lines = 1 + math.ceil(len(METRICS) / 2)
     figure = Figure(figsize=(11, 3 * lines), layout="constrained")
     figure.suptitle(title)
@@ -53,7 +53,7 @@ def training_figure(log: Log, title: str) -> Figure:
 
 
 def cameras_figure(log: Log, title: str) -> Figure:
-    """Draw loss and learning rate of `volume-net`, and the error for each camera held out."""
+    """Draw loss and learning rate of `volume-net`, and the error for each held-out camera."""
     figure = Figure(figsize=(11, 6 if log.scores else 3), layout="constrained")
     figure.suptitle(title)
     axes = figure.subplots(2 if log.scores else 1, 2, sharex=True, squeeze=False)
@@ -81,7 +81,7 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
 
 
 def levels_figure(rows: Sequence[Row], title: str) -> Figure:
-    """Draw how often each level occurs in the training pairs and was trained on, as Fig. 5.9."""
+    """Draw how often each level occurs in the training pairs and was trained on, as in Fig. 5.9."""
     figure, axis = style.single_axes(11, 5)
     edges = np.array([*(int(row["level"]) for row in rows), LEVELS]) - 0.5
     for name, label, colour in (
@@ -97,10 +97,10 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
 
 
 def patches_figure(drawn: Selections, title: str) -> Figure:
-    """Draw how often each pair was drawn from, and each pixel of three of them, as Fig. 5.8."""
+    """Draw how often each pair was drawn from, and each pixel of three of them, as in Fig. 5.8."""
     patches = drawn.patches
     median = int(np.argsort(patches, kind="stable")[len(patches) // 2])
-    # Of fewer than three pairs, show the least and the most.
+    # If there are fewer than three pairs, the least and the most take precedence.
     names = {median: "median", int(patches.argmax()): "most", int(patches.argmin()): "least"}
     maps = {number: drawn.uses(number) for number in sorted(names, key=lambda n: patches[n])}
     figure = Figure(figsize=(13, 8), layout="constrained")
@@ -127,20 +127,20 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
 
 
 def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: str = "") -> Figure:
-    """Draw the scores of trainings by value, as Figs 5.18 and 5.21 to 5.23 do.
+    """Draw the scores of trainings by value, as in Figs 5.18 and 5.21 to 5.23.
 
-    For a value trained several times: the mean with bars of two standard deviations, minimum and
-    maximum; for a single value, every training and the mean. The band is two standard deviations
+    A value trained several times gets the mean with bars of two standard deviations, minimum and
+    maximum. A single value gets every training and the mean. The band is two standard deviations
     about the baseline's mean, if that was trained several times.
 
     Parameters
     ----------
     title : str
-        Of the figure.
+        The figure's title.
     cards : sequence of (str, Card)
         Value and card of each training.
     baseline : str
-        The value with the band.
+        The value that gets the band.
     """
     by_value = grouped(cards)
     figure = Figure(figsize=(12, 4), layout="constrained")
@@ -206,7 +206,7 @@ def _by_iteration(title: str) -> tuple[Figure, Axes]:
 
 
 def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
-    """Draw the best objective so far, and the least and the mean of each iteration."""
+    """Draw the best objective so far, and the minimum and the mean of each iteration."""
     figure, axis = _by_iteration(title)
     numbers = [item.number for item in course]
     best = [item.best for item in course]
@@ -220,7 +220,7 @@ def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
 
 
 def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
-    """Draw the share of all components that are equal to the best position's, and its marks."""
+    """Draw the share of all components that equal the best position's, and its marks."""
     from dfdbench.training.search.swarm_search import MARKS
 
     figure, axis = _by_iteration(title)

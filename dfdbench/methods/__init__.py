@@ -1,6 +1,6 @@
-"""Methods: found, called, checked; a module a method."""
+"""Find, call and check methods. Each method has its own module."""
 
 import lazy_loader
 
-# Names come when they are asked for: whoever reads a manifest needs neither numba nor torch.
+# Names are imported on first use: reading a manifest needs neither numba nor torch.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

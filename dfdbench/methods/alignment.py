@@ -1,4 +1,4 @@
-"""Align the images of a pair: the unit to compare them in, their shift and their gain."""
+"""Align the images of a pair: bring them to one unit, and find their shift and gain."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 
 Array = NDArray[Any]
 
-# Rounding's standard deviation: a law may be measured on too few pixels to show even that.
+# The standard deviation of rounding. A law measured on few pixels may not even show that much.
 ROUNDING = ROUNDING_VARIANCE**0.5
-# Sigma by which the defocus image is smoothed before its noise is looked up by grey level: else
-# a pixel's own noise would choose its weight.
+# The defocus image is smoothed by this sigma before its noise is looked up by grey level.
+# Otherwise a pixel's own noise would determine its weight.
 
 
 def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
-    """Return grey levels 0 to 255 as they are, or as linear light, of which white has 255.
+    """Return grey levels 0 to 255 as they are, or as linear light in which white is 255.
 
     Parameters
     ----------
@@ -37,29 +37,29 @@ def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
     ndarray of float32, shape as `image`
     """
     if linear and image.dtype == np.uint8:
-        # There are few of them: a power is slow.
+        # A table, since there are few grey levels and powers are slow.
         return (LINEAR * LAST_LEVEL).astype(np.float32)[image]
     return np.asarray(decode(image) * LAST_LEVEL if linear else image, np.float32)
 
 
 def grey_of(light: Array, linear: bool) -> NDArray[np.float64]:
-    """Return the grey levels, 0 to 255, of what `light_of` gives: float64, shape as `light`."""
+    """Convert what `light_of` returns to grey levels, 0 to 255: float64, shape as `light`."""
     return encode(light / LAST_LEVEL) if linear else np.asarray(light, np.float64)
 
 
 def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> NDArray[np.float32]:
-    """Return a defocus image as `light_of` has it, moved back, of the other image's brightness.
+    """Return a defocus image in the unit of `light_of`, aligned to the in-focus image.
 
     Parameters
     ----------
     defocus : ndarray of uint8, shape (y, x, channel)
         As it was taken.
     linear : bool
-        As of `light_of`.
+        As for `light_of`.
     how : Alignment
-        How it lies to the in-focus image; undone.
+        Its shift and gain against the in-focus image, to undo.
     offset : float
-        Grey levels that it has on top, in the unit of `light_of`; taken away.
+        Its offset in the unit of `light_of`, to subtract.
 
     Returns
     -------
@@ -74,14 +74,14 @@ def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> N
 
 
 def noise_of(law: BlurLaw, aim: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the noise to expect of a defocus image, rounding the least: (y, x, channel)."""
+    """Return a defocus image's expected noise, at least that of rounding: (y, x, channel)."""
     grey = smooth_grey(aim, law.linear)
     noise = noise_at(law.noise, grey)
     return np.maximum(noise, rounding_at(grey, law.linear)).astype(np.float32)
 
 
 def smooth_grey(aim: NDArray[np.float32], linear: bool) -> NDArray[np.float64]:
-    """Return the grey level about each pixel, by which its noise is looked up: (y, x, channel)."""
+    """Return the grey level around each pixel, for looking up its noise: (y, x, channel)."""
     smooth = cv2.GaussianBlur(aim, (0, 0), _SMOOTHING).reshape(aim.shape)
     return np.clip(grey_of(smooth.astype(np.float64), linear), 0, LAST_LEVEL)
 
@@ -94,7 +94,7 @@ def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     grey : ndarray of float, any shape
         Grey levels 0 to 255.
     linear : bool
-        As of `light_of`.
+        As for `light_of`.
 
     Returns
     -------
@@ -106,30 +106,30 @@ def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     return np.asarray(ROUNDING * np.interp(grey, np.arange(LEVELS), widths))
 
 
-# Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
-# blur then weighs less than what differs in place.
+# Both images are smoothed by a Gaussian of this sigma before they are compared, so that
+# differences in blur count less than differences in position.
 _SMOOTHING = 2.0
-# Newton's steps; each leaves a tenth of the shift or less.
+# Newton steps; each leaves a tenth of the shift or less.
 _STEPS = 5
-# Above this share of white an image may have been cut off.
+# Above this share of white an image may be clipped.
 _BRIGHT = 0.96
-# Pixels that a pair may be moved by, and times that it may be brighter.
+# The largest shift of a pair in pixels, and its largest gain.
 _FARTHEST = 6.0
 _LARGEST_GAIN = 4.0
-# Pixels at the border that are left out of comparisons.
+# Pixels at the border that comparisons leave out.
 _BORDER = 8
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How a pair's defocus image lies to its in-focus image.
+    """The shift and gain of a pair's defocus image against its in-focus image.
 
     Parameters
     ----------
     down, right : float
-        How far the defocus image is moved, in pixels.
+        How far the defocus image is shifted, in pixels.
     gain : float
-        How much brighter it is.
+        How many times brighter it is.
     """
 
     down: float
@@ -138,21 +138,21 @@ class Alignment:
 
 
 def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float = 0) -> Alignment:
-    """Return how a defocus image is moved and brightened against the in-focus image.
+    """Return how a defocus image is shifted and brightened against the in-focus image.
 
     Parameters
     ----------
     infocus, defocus : ndarray, shape (y, x, channel)
         Grey levels, or light.
     offset : float
-        What the defocus image has besides.
+        The offset of the defocus image.
 
     Notes
     -----
-    The smoothed defocus image is taken for a sum of the smoothed in-focus image, its two first
-    derivatives, by which it moves, and its Laplacian, by which its blur changes; least squares
-    give the factors (Lucas and Kanade 1981, with blur). Blur, being symmetric, moves nothing. The
-    gain is the ratio of sums, which blur leaves as they are.
+    We model the smoothed defocus image as a sum of the smoothed in-focus image, its two first
+    derivatives, which shift it, and its Laplacian, which changes its blur. Least squares give the
+    factors (Lucas and Kanade 1981, with blur). Blur is symmetric, so it shifts nothing. The gain
+    is the ratio of sums, which blur does not change.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float =
         factors = np.linalg.lstsq(columns, aim, rcond=None)[0]
         step = factors[1:3] / factors[0] if factors[0] > 0 else np.full(2, np.inf)
         if not (np.abs(place - step) <= _FARTHEST).all():
-            # Images without texture, or of two scenes, cannot be aligned.
+            # Images without texture, or of different scenes, cannot be aligned.
             return Alignment(0.0, 0.0, 1.0)
         place -= step
     total, other = (float(image[inner][known].sum(dtype=np.float64)) for image in (sharp, here))

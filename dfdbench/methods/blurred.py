@@ -1,7 +1,7 @@
-"""A pair under a blur law: the in-focus image blurred by few kernels, whose sums are its blurs.
+"""A pair under a blur law: the in-focus image blurred by few kernels, which combine to every blur.
 
-Blurring is linear: what a level's blurred image is takes a sum of the few. They are large, so that
-of a large image they are made in parts.
+Blurring is linear, so each level's blurred image is a weighted sum of these few. They take much
+memory, so large images are processed in parts.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.methods.alignment import Alignment, Array, aim_of, find_alignment, light_of, noise_of
 from dfdbench.methods.view_change import ViewChange
 
-# Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
+# Largest sum of absolute differences between a level's kernel and the sum that replaces it: at
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
-# What the images of a band blurred by the few kernels take: those of half a megapixel do.
+# The most memory for a band's images, blurred by the few kernels: enough for half a megapixel.
 _MOST_BYTES = 80_000_000
-# Levels at which it is looked at what a pixel tells.
+# The number of levels at which a pixel's information is computed.
 _LOOKED_AT = 8
 
 
 @dataclass(frozen=True)
 class Blurred:
-    """A pair under a law: its images, and what each level takes of few kernels.
+    """A pair under a law: its images, and each level's weights for the few kernels.
 
     Parameters
     ----------
     law : BlurLaw
         How the defocus image came about.
     infocus : ndarray of uint8, shape (y, x, channel)
-        The in-focus image; of a part, with what its blur reaches beside it.
+        The in-focus image; for a part, with the margin that its blur reaches.
     inside : tuple of slice
-        Where the part lies in it.
+        Where the part is within it.
     aim : ndarray of float32, shape (y, x, channel)
-        The defocus image moved back and of the in-focus image's brightness: in grey levels, or
-        where the law is linear 255ths of light.
+        The defocus image, aligned to the in-focus image and of its brightness: in grey levels or,
+        if the law is linear, in 255ths of light.
     factors : ndarray of float32, shape (node, level)
-        What a level's blurred image takes of each kernel's.
+        The weight of each kernel's image in a level's blurred image.
     noise : ndarray of float32, shape (y, x, channel)
         Standard deviation of the defocus image's noise, in the same unit.
     spread : ndarray of float64, shape (level,)
-        How much more variance a residual has at each level, the in-focus image's noise counted.
+        The factor by which the in-focus image's noise increases a residual's variance, by level.
     """
 
     law: BlurLaw
@@ -62,7 +62,7 @@ class Blurred:
 
     @cached_property
     def nodes(self) -> NDArray[np.float32]:
-        """The in-focus image blurred by each kernel, shape (y, x, channel, node): large."""
+        """The in-focus image blurred by each kernel, shape (y, x, channel, node); it is large."""
         kernels = _few(self.law)[0]
         light = light_of(self.infocus, self.law.linear)
         nodes = np.empty((*self.aim.shape, len(kernels)), np.float32)
@@ -71,7 +71,7 @@ class Blurred:
         return nodes
 
     def part(self, rows: slice = slice(None), columns: slice = slice(None)) -> Blurred:
-        """Return it of a part of the whole image."""
+        """Return the same for a part of the whole image."""
         height, width = self.aim.shape[:2]
         (top, bottom, _), (left, right, _) = rows.indices(height), columns.indices(width)
         if (bottom - top, right - left) == (height, width):
@@ -87,7 +87,7 @@ class Blurred:
         )
 
     def bands(self) -> Iterator[Blurred]:
-        """Yield it in bands of rows whose `nodes` are not large, the whole if it is small."""
+        """Yield it in bands of rows small enough for their `nodes`, or whole if it is small."""
         height, width, channels = self.aim.shape
         rows = max(_MOST_BYTES // (4 * width * channels * len(self.factors)), 1)
         for top in range(0, height, rows):
@@ -100,7 +100,7 @@ def all_blurred(
     images: Sequence[Array],
     levels: NDArray[np.intp] | None = None,
 ) -> Iterator[Blurred]:
-    """Yield `blurred_by` of each defocus image and its law, one at a time: they are large."""
+    """Yield `blurred_by` of each defocus image and its law, one at a time as they are large."""
     for law, image in zip(blurs, images, strict=True):
         yield blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(image), levels)
 
@@ -117,7 +117,7 @@ def blurred_by(
     infocus, defocus : ndarray of uint8, shape (y, x, channel)
         The pair.
     levels : ndarray of int, optional
-        The depth levels in question; default: all.
+        The depth levels to cover; by default all.
     """
     _, factors, shares = _few(law)
     chosen = slice(None) if levels is None else levels
@@ -129,7 +129,7 @@ def blurred_by(
 
 
 def aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
-    """Return a defocus image as it would lie over the in-focus image, in the same unit."""
+    """Return a defocus image aligned to the in-focus image, in the same unit."""
     defocus = ViewChange.of(law).undone(defocus)
     how = Alignment(0.0, 0.0, law.gain)
     if not (law.registered and law.even):
@@ -144,7 +144,7 @@ def aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray
 
 
 def blur(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:
-    """Return an image (y, x, channel) correlated with a 2-D kernel, its edge repeated outside."""
+    """Correlate an image (y, x, channel) with a 2-D kernel, repeating its edge outside."""
     rings = np.flatnonzero(np.abs(kernel).max(axis=0) > 1e-7)
     start = int(rings[0]) if rings.size else 0
     inner = kernel[start : kernel.shape[0] - start, start : kernel.shape[1] - start]
@@ -156,7 +156,7 @@ def blur(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:
 def _few(law: BlurLaw) -> tuple[Array, NDArray[np.float32], NDArray[np.float64]]:
     kernels = law.kernels()
     radius = law.kernel_size // 2
-    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    # In sums over the kernel, a tap off an axis also counts for its mirror images.
     times = np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
     quadrants = kernels[:, radius:, radius:] * times[:, np.newaxis] * times
     chosen, factors = few_kernels(quadrants.reshape(len(kernels), -1), KERNEL_TOLERANCE)
@@ -165,28 +165,28 @@ def _few(law: BlurLaw) -> tuple[Array, NDArray[np.float32], NDArray[np.float64]]
 
 
 def few_kernels(planes: Array, tolerance: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Choose few kernels, and the sums of them that stand for all.
+    """Choose few kernels, and weights with which they sum to all kernels.
 
-    Blurring is linear: the same sums of images blurred with the few give the images blurred with
-    all.
+    Blurring is linear: images blurred with the few kernels sum to images blurred with any, by the
+    same weights.
 
     Parameters
     ----------
     planes : ndarray of float64, shape (label, tap)
-        The kernels; a tap that stands for its mirror images too is as many times as large.
+        The kernels; a tap that also counts for its mirror images is multiplied by their number.
     tolerance : float
-        Largest sum of absolute differences between a kernel and what stands for it.
+        Largest sum of absolute differences between a kernel and the sum that replaces it.
 
     Returns
     -------
     chosen : ndarray of int
-        Rows of the kernels chosen.
+        Rows of the chosen kernels.
     factors : ndarray of float64, shape (chosen, label)
-        What the sum for a label takes of each.
+        The weight of each in the sum for a label.
     """
     rest, chosen = planes.copy(), list[int]()
     while len(chosen) < min(planes.shape):
-        # The kernel that those chosen stand for worst; what is along it is taken from all.
+        # Choose the worst approximated kernel, and remove its direction from all kernels.
         chosen.append(int(np.argmax(np.square(rest).sum(1))))
         along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
         rest -= np.outer(rest @ along, along)
@@ -197,17 +197,17 @@ def few_kernels(planes: Array, tolerance: float) -> tuple[NDArray[np.intp], NDAr
 
 
 def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
-    """Return what a pixel tells of its depth level: Fisher's information, a level to the -2.
+    """Return a pixel's Fisher information about its depth level, in levels^-2.
 
-    The mean over pixels and some levels of the squared change a level makes, in units of the
-    noise. Its root is one over the error of a pixel's level, were the pixel alone.
+    It is the mean, over pixels and some levels, of the squared change from one level to the next,
+    in units of the noise. Its root is one over the error of a level estimated from one pixel.
 
     Parameters
     ----------
     blurred : Blurred
         The pair.
     levels : ndarray of int
-        The depth levels that `blurred` holds, rising.
+        The depth levels that `blurred` holds, ascending.
     """
     last = len(levels) - 1
     middles = np.linspace(0, last, min(_LOOKED_AT, last + 1)).astype(int)
@@ -223,11 +223,11 @@ def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
 
 
 def information_at(blurred: Blurred, levels: NDArray[Any]) -> NDArray[np.float64]:
-    """Return what each pixel tells of its own depth level, as `information`: shape (y, x).
+    """Return each pixel's Fisher information about its own depth level, shape (y, x).
 
     Its inverse root is the least standard deviation, in levels, of an unbiased estimate from this
-    pixel alone (Cramér and Rao). Of normal noise with mean m and variance v, both a level's, a
-    channel tells ``m'^2 / v + (v' / v)^2 / 2``.
+    pixel alone (Cramér and Rao). With normal noise whose mean m and variance v depend on the level,
+    a channel contributes ``m'^2 / v + (v' / v)^2 / 2``.
 
     Parameters
     ----------
@@ -236,9 +236,10 @@ def information_at(blurred: Blurred, levels: NDArray[Any]) -> NDArray[np.float64
     levels : ndarray of int, shape (y, x)
         The depth level of each pixel.
     """
-    # Slopes are taken over a level to either side; at the ends of the scale to the inner one.
+    # Slopes are central differences, one-sided at the ends of the scale.
     slopes = np.gradient(blurred.factors, axis=1)
-    # Blur leaves bare surfaces as they are, few kernels nearly so: over wide windows that adds up.
+    # Blur does not change bare surfaces, but the few kernels do slightly, which would add up over
+    # wide windows.
     slopes -= slopes.mean(axis=0)
     change = np.zeros(blurred.aim.shape, np.float32)
     for node, slope in enumerate(slopes.astype(np.float32)):

@@ -1,4 +1,4 @@
-"""Measure a blur law from training pairs: how wide, of which shape, how bright, how noisy.
+"""Measure a blur law from training pairs: width, shape, brightness and noise.
 
 The methods that use the law inherit `dfdbench.methods.fitted.Calibrated`.
 """
@@ -28,27 +28,27 @@ from dfdbench.methods.view_change import Images, ViewChange, find_change
 #: Side of the kernels that are tried, in pixels.
 KERNEL_SIZE = 27
 _GAUSSIAN = 2.0
-# Pairs that are looked at, evenly among all, and the side of the part of each: a minute's work.
+# How many pairs to use, evenly among all, and the side of the part of each: a minute's work.
 _PAIRS = 16
-# Whole images in which it is measured what the camera changes beside the blur.
+# How many whole images to use for what the camera changes besides the blur.
 _VIEWS = 8
 _SIDE = 320
-# A pixel counts where the depth around it, a window of so many pixels, spans so many levels only.
+# A pixel counts if the depth within a window of this side around it spans at most this many levels.
 _WINDOW = 11
 _SPAN = 10
-# The defocus image may be cut off above.
+# Above this the defocus image may be clipped.
 _BRIGHT = 253
-# Texture is what blurs of two widths, in pixels, differ by, so many grey levels or more.
+# A pixel has texture if blurs of these two widths, in pixels, differ by this many grey levels.
 _NARROW, _WIDE = 1.0, 3.0
 _LEAST_TEXTURE = 1.0
-# A level with less texture, as a part of its pixels, does not count; few pixels mislead nobody.
+# A level of which a smaller share of pixels has texture does not count; few pixels do no harm.
 _TEXTURED = 0.1
 _MANY_PIXELS = 200
 
 
 @dataclass(frozen=True)
 class Way:
-    """How defocus images may come about, but for the widths."""
+    """How defocus images may come about, apart from the widths."""
 
     exponent: float = _GAUSSIAN
     linear: bool = False
@@ -68,12 +68,12 @@ class Part:
     counts: NDArray[np.bool_]
 
     def found(self, linear: bool) -> alignment.Alignment:
-        """Return how the defocus image lies to the in-focus image."""
+        """Return the shift and gain of the defocus image against the in-focus image."""
         images = alignment.light_of(self.infocus, linear), alignment.light_of(self.defocus, linear)
         return alignment.find_alignment(*images)
 
     def sample(self, way: Way, turned: bool = False) -> Sample:
-        """Return what counts of it; `turned` moves the defocus image the wrong way."""
+        """Return the pixels that count; `turned` shifts the defocus image the wrong way."""
         how = alignment.Alignment(0.0, 0.0, way.gain)
         if not (way.registered and way.even):
             found = self.found(way.linear)
@@ -89,9 +89,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Sample:
-    """What counts of a part: light (y, x, 1) to blur; of the pixels what there is to explain.
+    """The light (y, x, 1) of a part to blur, and for each pixel that counts what to explain.
 
-    That is their light, the grey level about them by which their noise is looked up, their depth.
+    That is its light in the defocus image, the grey level around it, which gives its noise, and its
+    depth.
     """
 
     light: NDArray[np.float32]
@@ -101,12 +102,12 @@ class Sample:
     counts: NDArray[np.bool_]
 
     def trials(self, way: Way) -> Iterator[NDArray[np.float64]]:
-        """Yield the light that each width of the ladder would give: float64, shape (pixel,)."""
+        """Yield the light expected at each width of the ladder: float64, shape (pixel,)."""
         for kernel in point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent):
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
-# What reads the in-focus image and the defocus images of a capture.
+# Reads the in-focus image and the defocus images of a capture.
 Read = Callable[[TrainingPair], tuple[Array, Sequence[Array]]]
 
 
@@ -119,11 +120,11 @@ def parts_of(
     read: Read = _of_pair,
     changes: Sequence[ViewChange] = (ViewChange(),),
 ) -> list[list[Part]]:
-    """Return the parts of each defocus image, less what is said to have changed in it.
+    """Return the parts of each defocus image, with its `changes` undone.
 
-    They are evenly among all captures, the same ones each time. Of a depth level that is seen on
-    bare surfaces alone no pixel counts: how grey levels happen to be rounded there looks like a
-    width, the same one in every pixel.
+    They are spread evenly over all captures and are the same each time. If a depth level occurs
+    only on bare surfaces, none of its pixels count. There, rounding is the only difference between
+    the two images, and looks like a blur width, the same one in every pixel.
     """
     parts: list[list[Part]] = []
     for number, place in enumerate(_places(len(captures))):
@@ -131,14 +132,14 @@ def parts_of(
         region = part_of(capture.levels.shape, number, _SIDE)
         known = capture.levels[region], capture.valid[region]
         infocus, images = read(capture)
-        # What changes is about the middle of the whole image.
+        # The changes are about the middle of the whole image.
         images = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
         parts.append([_part(infocus[region], image, *known) for image in images])
     return [_without_bare(each) for each in zip(*parts, strict=True)]
 
 
 def _changes(captures: Sequence[TrainingPair], read: Read) -> list[ViewChange]:
-    """Return what the camera changes in each defocus image beside the blur."""
+    """Return what the camera changes in each defocus image besides the blur."""
     seen: list[list[Images]] = []
     for place in _places(len(captures), _VIEWS):
         infocus, images = read(captures[place])
@@ -152,7 +153,7 @@ def _places(count: int, most: int = _PAIRS) -> list[int]:
 
 
 def _without_bare(parts: Sequence[Part]) -> list[Part]:
-    """Leave out depth levels of which many pixels are seen, and hardly one with texture."""
+    """Leave out depth levels that have many pixels, but hardly any with texture."""
     pixels, textured = np.zeros(LEVELS), np.zeros(LEVELS)
     for part in parts:
         grey = part.infocus[..., 0].astype(np.float32)
@@ -165,7 +166,7 @@ def _without_bare(parts: Sequence[Part]) -> list[Part]:
 
 
 def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:
-    # One channel, the least noisy of a camera, tells as much of the blur as three.
+    # Green, a camera's least noisy channel, says as much about the blur as all three.
     middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
     defocus = defocus[..., middle]
     counts = _flat(depth, valid) & (defocus[..., 0] <= _BRIGHT)
@@ -173,7 +174,7 @@ def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:
 
 
 def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where the depth about a pixel is known and spans few levels, away from the border."""
+    """Return where the depth around a pixel is known and spans few levels, away from the border."""
     window = np.ones((_WINDOW, _WINDOW), np.uint8)
     low = cv2.erode(np.where(valid, depth, 0).astype(np.uint8), window).astype(int)
     high = cv2.dilate(np.where(valid, depth, 255).astype(np.uint8), window).astype(int)
@@ -183,17 +184,17 @@ def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool
     return np.asarray(flat)
 
 
-# Of them, about those from which the shape is chosen.
+# About how many of the parts are used to choose the shape.
 _FEW = 4
-# p of the kernels that are tried.
+# The exponents p of the kernels to try.
 _EXPONENTS = (2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
-# What is less simple has to leave less than this part of the squared differences.
+# A more complex model has to leave less than this share of the squared differences.
 _BETTER = 0.97
 _MUCH_BETTER = 0.8
 _ROUNDS = 3
-# In grey levels; less is taken for none.
+# In grey levels; a smaller offset counts as none.
 _LEAST_OFFSET = 0.5
-# Fewer pixels do not show the noise at a grey level.
+# Fewer pixels are not enough to measure the noise at a grey level.
 _FEW_PIXELS = 200
 
 
@@ -203,24 +204,24 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     Parameters
     ----------
     pairs : sequence of TrainingPair
-        Of them some are looked at, the same ones each time.
+        Some of them are used, the same ones each time.
 
     Raises
     ------
     MethodError
-        If no pixel of known depth shows any blur, or not all pairs were taken at one aperture.
+        If no pixel of known depth shows any blur, or if the pairs differ in aperture.
 
     Notes
     -----
-    The in-focus image is blurred at a ladder of widths. For each depth level the squared
-    difference to the defocus image, summed over the pixels around which the depth is about the
-    same, is a curve over the width, and its least value tells the width. What noise of the
-    in-focus image adds, which blur lessens, is taken off. The widths of all levels are smoothed by
-    a curve of least bending (Whittaker), each weighted by how sharp its minimum is, so that levels
-    that training lacks lie on the curve through their neighbours; beyond all that it shows they
-    have no width of others (`held_at_ends`), and an end that turns back goes on straight
-    (`grown_from_focus`). Of the shapes, and of blur in grey levels or in linear light, that with
-    the least difference is taken.
+    The in-focus image is blurred at a ladder of widths. For each depth level, the squared
+    difference from the defocus image is summed over pixels around which the depth is nearly
+    constant. As a function of the width, its minimum gives the level's width. The noise of the
+    in-focus image, which blur reduces, is subtracted. The widths of all levels are smoothed by a
+    curve of least bending (Whittaker), each weighted by the sharpness of its minimum, so levels
+    that training lacks follow their neighbours. Beyond all levels that training shows, no width of
+    another level returns (`held_at_ends`), and an end that turns back continues straight
+    (`grown_from_focus`). The kernel shape, and blur in grey levels or in linear light, are chosen
+    by the least difference.
     """
     require_alike(pairs)
     (change,) = _changes(pairs, _of_pair)
@@ -231,12 +232,12 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     """Measure the blur law of each defocus image of training captures: pairs, or stacks.
 
-    Without an image in focus all over it is that against the stack's sharpest pixels.
+    If there is no image in focus everywhere, the stack's sharpest pixels replace it.
 
     Raises
     ------
     MethodError
-        As for `calibrate`; if not all captures are focused at the same depths.
+        As for `calibrate`, and if captures are focused at different depths.
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
@@ -250,7 +251,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
     if way.even and not way.linear:
-        # Of a wrong shape, gain and offset make up for what the shape leaves.
+        # Choose the shape first: gain and offset would compensate for a wrong one.
         way = replace(way, exponent=_exponent(few, way))
         gain, offset = _line([part.sample(way) for part in few], way)
         if abs(offset) > _LEAST_OFFSET:
@@ -264,7 +265,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
     sigmas = width_curve.grown_from_focus(width_curve.held_at_ends(sigmas, pixels), pixels)
     residual, noise = _residuals(samples, way, sigmas)
-    # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
+    # The residual includes the in-focus image's noise: see `BlurLaw.noise`.
     shares = np.interp(sigmas, width_curve.LADDER, _shares(way))
     both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
     law = BlurLaw(
@@ -281,7 +282,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
 
 
 def _way(few: Sequence[Part]) -> Way:
-    """Choose what fits better: grey levels or light, and pairs as they are or aligned."""
+    """Choose what fits better: grey levels or light, pairs as they are or aligned."""
     best, least = Way(), _misfit(few, Way())
     gains = {
         linear: float(np.median([part.found(linear).gain for part in few]))
@@ -297,7 +298,7 @@ def _way(few: Sequence[Part]) -> Way:
         misfit = _misfit(few, way)
         if misfit < _BETTER * least:
             best, least = way, misfit
-    # Moving an image smooths it a little: hold it against as long a move the wrong way.
+    # Shifting an image smooths it a little, so compare with an equal shift the wrong way.
     way = replace(best, registered=False)
     return way if _misfit(few, way) < _MUCH_BETTER * _misfit(few, way, turned=True) else best
 
@@ -312,7 +313,7 @@ def _misfit(few: Sequence[Part], way: Way, turned: bool = False) -> float:
 
 
 def _shares(way: Way) -> NDArray[np.float64]:
-    """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
+    """Return the share of the in-focus image's noise variance that is left at each width."""
     kernels = point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent)
     return np.asarray(np.square(kernels).sum(axis=(1, 2)))
 
@@ -320,9 +321,9 @@ def _shares(way: Way) -> NDArray[np.float64]:
 def _sums(
     samples: Sequence[Sample], way: Way, noise: Array | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return squared differences by depth level and width, and the pixels.
+    """Return squared differences by depth level and width, and the number of pixels.
 
-    In units of the noise; without it in grey levels, so that ways can be held against each other.
+    They are in units of the noise or, without it, in grey levels, so that ways can be compared.
     """
     sums = np.zeros((LEVELS, width_curve.LADDER.size))
     pixels = np.zeros(LEVELS, np.int64)
@@ -338,9 +339,9 @@ def _sums(
 
 
 def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
-    """Return gain and offset of the defocus images that leave least, each level at its width.
+    """Return the best gain and offset of the defocus images, with each level at its width.
 
-    Less contrast looks like more blur: both have to be found together.
+    Lower contrast looks like more blur, so gain and widths have to be found together.
     """
     trials = np.zeros((3, LEVELS, width_curve.LADDER.size))
     aims = np.zeros((3, LEVELS, 1))
@@ -368,9 +369,9 @@ def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
 def _residuals(
     samples: Sequence[Sample], way: Way, sigmas: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the root mean square of what widths leave.
+    """Return the root mean square residual at some widths.
 
-    By depth level, in grey levels; and by grey level, in the unit of a law's noise.
+    It is given by depth level, in grey levels, and by grey level, in the unit of a law's noise.
     """
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
     place = np.interp(sigmas, width_curve.LADDER, np.arange(width_curve.LADDER.size))
@@ -378,7 +379,7 @@ def _residuals(
     part = place - first
     for sample in samples:
         steps, weights = first[sample.depth], part[sample.depth]
-        # Between two widths of the ladder a blurred image lies straight, near enough.
+        # Between two widths of the ladder, linear interpolation of blurred images is close enough.
         fit = np.zeros(sample.aim.shape)
         for number, trial in enumerate(sample.trials(way)):
             fit += np.where(steps == number, (1 - weights) * trial, 0)
@@ -402,7 +403,7 @@ def _residuals(
 
 
 def _cleared_curve(sums: Array, pixels: Array, way: Way) -> tuple[NDArray[np.float64], float]:
-    """Return the widths by depth level, and the in-focus image's noise as a part of the other's."""
+    """Return the widths by depth level, and the in-focus image's noise relative to the other's."""
     shares = _shares(way)
     infocus_noise = 0.0
     for _ in range(_ROUNDS):

@@ -20,9 +20,9 @@ from dfdbench.metrics.scores import LARGEST_NUMBER
 
 
 class TorchMethod:
-    """A network as a method: in evaluation mode, and without gradients.
+    """A network as a method, in evaluation mode and without gradients.
 
-    Its attributes are the network's, so that its `fit` or `trained_on` is found.
+    It has the network's attributes, so that `fit` or `trained_on` are found.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class TorchMethod:
 
     def __call__(self, infocus: Image, defocus: Image, **parameters: Any) -> Any:
         """Return what the network returns."""
-        # Not `inference_mode`: a network may itself switch gradients on for a part of its work.
+        # Not `inference_mode`: a network may itself enable gradients for part of its work.
         with sys.modules["torch"].no_grad():
-            # Each time: its own fit or forward may have called train().
+            # At each call, since its own fit or forward may have called train().
             return self.network.eval()(infocus, defocus, **parameters)
 
     def __getattr__(self, name: str) -> Any:
@@ -47,21 +47,21 @@ class TorchMethod:
 
 
 def as_method(found: Any) -> Any:
-    """Return a `TorchMethod` of a network; anything else as it is.
+    """Wrap a network in a `TorchMethod`; return anything else as it is.
 
     Examples
     --------
     >>> as_method(len) is len
     True
     """
-    # What has not loaded PyTorch is no network.
+    # If PyTorch is not loaded, it is not a network.
     torch = sys.modules.get("torch")
     is_network = torch is not None and isinstance(found, torch.nn.Module)
     return TorchMethod(found) if is_network else found
 
 
 def without_gradient(returned: Any) -> Any:
-    """Return a tensor as one on the CPU without a gradient, for NumPy; anything else as it is.
+    """Move a tensor to the CPU without its gradient, for NumPy; return anything else as it is.
 
     Examples
     --------
@@ -73,38 +73,38 @@ def without_gradient(returned: Any) -> Any:
     return returned.detach().cpu() if is_tensor else returned
 
 
-# Each becomes a row of every table of a run.
+# Each becomes a row in every table of a run.
 _MOST_NUMBERS = 100
-# A level this far out of 0..255 is rounding, not a mistake.
+# A level this far outside 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
 
-# Metres, shares of the depth and classes lie below, levels of a whole scene hardly ever.
+# Metres, shares of the depth and class indices are below this; levels of a whole scene hardly ever.
 _FEW_LEVELS = 10
-#: What is said of depth maps in which something else than levels seems to be.
+#: The warning for depth maps that seem to hold something other than levels.
 FEW_LEVELS = f"all levels between 0 and {_FEW_LEVELS}; levels go from 0 (far) to 255 (near)"
-#: What is said of depth maps in which 1000 seems to stand for a metre.
+#: The warning for depth maps that seem to be in millimetres.
 MILLIMETRES = "most of it at the set's far end or beyond, where it ends: are these metres?"
 
 
 def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
-    """Call a method on one capture and check what it returns; nothing it does raises.
+    """Call a method on one capture and check what it returns; catch whatever it raises.
 
     Parameters
     ----------
     predict : callable
         The method, or its ``from_stack``.
     *images : ndarray of uint8, shape (y, x, 3), or DataArray
-        What it is called with: an in-focus and a defocus image, or a stack of dimensions (image, y,
-        x, channel). The method gets copies.
+        Its arguments: an in-focus and a defocus image, or a stack of dimensions (image, y, x,
+        channel). The method gets copies.
     unit : {"levels", "metres"}
-        What it answers in.
+        The unit of its answer.
 
     Notes
     -----
-    Numbers that a result is to keep, an energy for example, are read after the call from the
-    method's attribute ``numbers``, a mapping of at most 100 names to what the last call came to.
+    Numbers for the result, such as an energy, are read after the call from the method's attribute
+    ``numbers``, which maps at most 100 names to the values of the last call.
 
-    What the method changes of the process is put back: see `process_kept`.
+    Changes that the method makes to the process are undone: see `process_kept`.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
 
 
 class _Printed(io.StringIO):
-    """What a method prints, which stays there where the method closes its standard output."""
+    """What a method prints, which is kept even if the method closes its standard output."""
 
     def close(self) -> None:
         pass
@@ -160,24 +160,24 @@ def check_answer(
     Parameters
     ----------
     returned : object
-        What the method returned: a depth map, NaN where it has no answer; or a tuple of one and of
+        What the method returned: a depth map, NaN where it has no answer; or a tuple of depth and
         sigma, the standard deviation that it gives each pixel.
     shape : tuple of int
-        Of the images, (y, x).
+        The shape of the images, (y, x).
     unit : {"levels", "metres"}
-        What both are in.
+        The unit of both.
 
     Returns
     -------
     depth : ndarray of float32, shape (y, x)
         Levels 0 to 255, or metres above 0; NaN where there is no answer.
     sigma : ndarray of float32, shape (y, x), or None
-        Above 0, and NaN where there is no answer. None where the method gives none.
+        Above 0, and NaN where there is no answer. None if the method gives none.
 
     Raises
     ------
     ValueError
-        Where it is no answer; it says what is wrong.
+        If the answer is invalid; it says what is wrong.
 
     Examples
     --------
@@ -256,12 +256,12 @@ def _as_array(returned: Any, shape: tuple[int, ...], what: str = "") -> NDArray[
 
 
 def difference(one: DepthMap | None, other: DepthMap | None) -> str:
-    """Say in what two answers to one pair differ; rounding does not count.
+    """Describe how two answers to one pair differ, ignoring rounding.
 
     Parameters
     ----------
     one, other : ndarray of float32, shape (y, x), or None
-        Depth levels, NaN where there is no answer; None where a call gave none.
+        Depth levels, NaN where there is no answer; None if the call returned no depth map.
 
     Examples
     --------
@@ -284,7 +284,7 @@ def difference(one: DepthMap | None, other: DepthMap | None) -> str:
 
 
 def in_few_levels(depth: DepthMap) -> bool:
-    """Return whether a depth map holds levels from 0 to 10 alone, and not just zeros.
+    """Return whether a depth map holds only levels from 0 to 10, but not just zeros.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def in_few_levels(depth: DepthMap) -> bool:
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:
-    # Strings, infinities and the like are no numbers that a result could average: left out.
+    # Leave out strings, infinities and the like, which a result could not average.
     numbers = {}
     for name, value in given.items() if isinstance(given, Mapping) else ():
         numeric = isinstance(value, (int, float, np.integer, np.floating))

@@ -1,8 +1,8 @@
-"""What a fit chooses on training captures: how often depths occur, how much to smooth, the readout.
+"""What a fit chooses on training captures: the weight of the depths' prior, smoothing, the readout.
 
-A lens that is focused inside the scene gives two depths the same blur, and bare surfaces have no
-blur to see: what then remains is which depths occur, and what lies near. How much each counts is
-chosen by cross-validation.
+A lens focused inside the scene gives two depths the same blur, and bare surfaces show no blur. All
+that is left then is how often each depth occurs, and the depth of neighbours. Cross-validation
+chooses how much each of these counts.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from dfdbench.methods.readout import AS_USUAL, Chosen
 if TYPE_CHECKING:
     from dfdbench.methods.view_change import ViewChange
 
-#: What is tried: weights of the prior and factors on the smoothing, until they do not help; how
-#: sharp a posterior is.
+#: The values to try: weights of the prior and factors of the smoothing, in this order until they
+#: stop helping; sharpnesses of a posterior.
 WEIGHTS = (0.0, 0.0625, 0.25, 1.0, 4.0, 16.0)
 SMOOTHINGS = (1, 4, 13)
 SHARPNESSES = (0.25, 1.0, 4.0)
-#: Where no groups are known, consecutive captures are taken for alike: so many parts of them.
+#: The number of folds if no groups are known; consecutive captures then go into the same fold.
 FOLDS = 4
-#: Fewer training captures choose nothing.
+#: With fewer training captures, nothing is chosen.
 FEWEST = 4
-# Captures that are solved, evenly among all, and the side of the part of each.
+# How many captures to solve, evenly among all, and the side of the part of each.
 _LOOKED_AT, _SIDE = 16, 192
-# Smoothing that errs so much more, all else as it was best before, is not looked into.
+# Smoothing with this many times the best error so far, all else unchanged, is not tried further.
 _HOPELESS = 1.2
-# Levels that a histogram is smoothed by, and the share that is spread over all.
+# How many levels a histogram is smoothed over, and the share that is spread over all levels.
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
-# So many weights in a row that do not help end the search.
+# The search ends after this many weights in a row that do not help.
 _ENOUGH = 2
-# A gain of a tenth on parts cost `sgm` 0.003 on demo's `law-3`: less than a seventh is taken
-# for chance, and all left as usual; so it is where the error is but a few levels.
+# A gain of a tenth on parts cost `sgm` 0.003 on demo's `law-3`. So a gain below a seventh counts
+# as chance and changes nothing, nor does any gain if the error is only a few levels.
 _BETTER, _FEW_LEVELS = 0.85, 5.0
-# What rounding leaves of an error, so that one of 0 has a logarithm.
+# Added to errors, so that an error of 0 has a logarithm: about the error of rounding.
 _ROUNDING = 0.5
 
 
@@ -58,7 +58,7 @@ class Part(NamedTuple):
 
 
 def energy_of(shares: Array) -> NDArray[np.float64]:
-    """Return what each level costs by how often it is shown: nats, the most frequent one 0."""
+    """Return each level's cost in nats from how often it occurs; the most frequent costs 0."""
     mean = shares.mean(axis=0, keepdims=True)
     smooth = cv2.GaussianBlur(mean, (0, 0), _SMOOTH, borderType=cv2.BORDER_REFLECT)[0]
     known = (1 - _ANYWHERE) * smooth / max(smooth.sum(), 1e-12) + _ANYWHERE / LEVELS
@@ -75,25 +75,26 @@ def choose(
 ) -> Chosen:
     """Choose the prior's weight, smoothing and readout by cross-validation over training pairs.
 
-    Parts of some captures are solved with the histogram of the other groups' captures. What
-    has the least root mean square error is taken, the mean over parts: at each smoothing the weight
-    first, then the readout. All is left as usual if that is not a seventh below the usual error, in
-    the geometric mean too: two bare walls can outweigh the gain or loss on all else.
+    Parts of some captures are solved with the histogram of the other groups' captures. The choice
+    with the least root mean square error, averaged over parts, is taken: at each smoothing first
+    the weight, then the readout. Everything stays as usual unless that error is a seventh below the
+    usual one, in the geometric mean as well: two bare walls can outweigh the gain or loss on
+    everything else.
 
     Parameters
     ----------
     solve : callable
-        ``solve(part, chosen)`` gives levels, shape (y, x).
+        ``solve(part, chosen)`` returns levels, shape (y, x).
     captures : sequence of TrainingPair
-        Of fewer than `FEWEST`, or of one ``group``, nothing is chosen.
+        If there are fewer than `FEWEST`, or all are of one ``group``, nothing is chosen.
     prior : bool
-        Whether a prior is tried.
+        Whether to try a prior.
     smooth : bool
-        Whether more smoothing than usual is tried.
+        Whether to try more smoothing than usual.
     readouts : bool, optional
         Whether the method has a volume of costs, from which a median can be read.
     change : ViewChange, optional
-        Of the defocus image: undone before parts are cut out.
+        The change of the defocus image, which is undone before parts are cut out.
     """
     count = len(captures)
     if count < FEWEST:
@@ -101,7 +102,7 @@ def choose(
     read = evenly_spread(count)
     looked_at = {place: turn for turn, place in enumerate(evenly_spread(len(read), _LOOKED_AT))}
     shares, named, parts = np.zeros((len(read), LEVELS)), list[str](), dict[int, Part]()
-    # One capture after the other: they may be large.
+    # One capture at a time, as they may be large.
     for place, index in enumerate(read):
         capture = captures[index]
         shares[place] = shares_of(capture)
@@ -133,13 +134,13 @@ def choose(
 
 
 def shares_of(capture: TrainingPair) -> NDArray[np.float64]:
-    """Return how often a capture shows each level, as a part of its known pixels."""
+    """Return the share of a capture's known pixels at each level."""
     counts = np.bincount(capture.levels[capture.valid], minlength=LEVELS)
     return np.asarray(counts / max(counts.sum(), 1))
 
 
 class _Search:
-    """What was tried on parts, each with the energy of other groups."""
+    """The choices tried on parts, each part with the energy from other groups."""
 
     def __init__(
         self, solve: Callable[[Part, Chosen], Array], parts: Sequence[tuple[Part, Array]]
@@ -149,7 +150,7 @@ class _Search:
         self.tried: list[Chosen] = []
 
     def best(self, choices: Sequence[Chosen]) -> Chosen:
-        """Return the best of some choices, tried until several in a row do not help."""
+        """Try choices until several in a row do not help, and return the best."""
         found, worse = choices[0], 0
         for choice in choices[1:]:
             if self.error(choice) < self.error(found):
@@ -159,7 +160,7 @@ class _Search:
         return found
 
     def error(self, choice: Chosen) -> float:
-        """Return the root mean square error in levels, the mean over parts."""
+        """Return the root mean square error in levels, averaged over parts."""
         return float(np.mean(self._on_parts(choice)))
 
     def is_better(self, choice: Chosen) -> bool:

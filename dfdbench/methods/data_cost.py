@@ -1,9 +1,9 @@
 """The data cost of depth from defocus: how badly each blur explains each pixel (Eq. 4.1).
 
-The definition blurs the in-focus image once per label. Here it is blurred at a dozen sigmas only:
-the kernels of all labels are sums of those few kernels, to a fraction of a thousandth, and
-blurring is linear, so that the same sums of the few images give the blurred images of all labels.
-One image row is in work at a time, and no blurred image is ever stored.
+The definition blurs the in-focus image once per label. We blur it at only a dozen sigmas: the
+kernels of all labels are sums of those few, to a fraction of a thousandth. Blurring is linear, so
+the same sums of the few images give the blurred images of all labels. Rows are processed one at a
+time, and no blurred image is ever stored.
 """
 
 import math
@@ -15,19 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
-# Largest sum of absolute differences between a label's kernel and what stands for it: at most
+# Largest sum of absolute differences between a label's kernel and the sum that replaces it: at most
 # 0.013 grey levels where black meets white, a hundredth of that in photographs.
 KERNEL_TOLERANCE = 1e-4
 
-# Weight of the factors' own size in the fit of the kernels. Without it they grow to hundreds and
-# float32 rounding with them; with it they stay below 6 and the fit is nearly as good.
+# Weight of the factors' size in the fit of the kernels. Without it they, and float32 rounding with
+# them, grow to hundreds. With it they stay below 6 and the fit is nearly as good.
 RIDGE = 1e-6
 
-# Added before a cost is cut down to an integer. Flat areas have integer costs, which rounding
-# must not put just below themselves.
+# Added before a cost is truncated to an integer. Flat areas have integer costs, which rounding must
+# not push just below the integer.
 ROUNDING = np.float32(2**-13)
 
-# Taps below this part of a kernel's whole cannot change a float32 sum of 8-bit values.
+# Taps below this share of a kernel's sum cannot change a float32 sum of 8-bit values.
 NEGLIGIBLE = 1e-9
 
 Array = NDArray[Any]
@@ -44,43 +44,44 @@ def data_cost(
     rows: slice = slice(None),
     columns: slice = slice(None),
 ) -> tuple[NDArray[np.uint16], int]:
-    """Compute what every label costs at every pixel, Eq. 4.1 with integer costs.
+    """Compute the cost of every label at every pixel: Eq. 4.1 with integer costs.
 
     ``cost[y, x, i] = int(weight * sum over channels of (defocus - blurred_i)^2)``, where
     ``blurred_i`` is the in-focus image correlated with a Gaussian of ``sigmas[i]``, cut off to a
-    square, normalised to sum 1, the image's edge repeated outside. A cost differs by 1 from this
-    definition in float64 in about one of a thousand cells, by more in next to none.
+    square and normalised to sum to 1; the image's edge is repeated outside. About one cost in a
+    thousand differs by 1 from this definition in float64, and hardly any by more.
 
     Parameters
     ----------
     infocus, defocus : (y, x, channel) uint8 or float32
-        The two images, in the colour space to compare them in (the thesis: Y, Cr, Cb), with one
-        to four channels.
+        The two images, in the colour space in which to compare them (in the thesis Y, Cr, Cb), with
+        one to four channels.
     sigmas : (label,) float64
         Standard deviation of the blur of each label in pixels, ascending, above 0.
     weight : float, optional
         Factor of the squared differences; c of Eq. 4.1.
     limit : int, optional
-        Costs this far above a pixel's least are stored as `limit`, at most 65535. Choose
-        four times the largest smoothness cost and one, or more; 1021 is for costs up to 255.
+        Costs this far above a pixel's least are stored as `limit`, at most 65535. Choose at least
+        four times the largest smoothness cost plus one; 1021 suits costs up to 255.
     kernel_size : int, optional
         Side of the square kernel in pixels, odd, whatever the sigma.
     out : (y, x, label) uint16, optional
-        Contiguous memory to write the costs into: fresh memory takes as long on some systems.
+        Contiguous memory to write the costs into: on some systems, allocating it takes as long as
+        the computation.
     rows, columns : slice, optional
-        The part of the image whose costs are asked for, without a step; all where not given.
+        The part of the image whose costs to compute, without a step; by default all of it.
 
     Returns
     -------
     unary : (y, x, label) uint16
-        Costs relative to the least of the pixel.
+        Costs relative to the pixel's least.
     offset : int
         Sum of the least costs of all pixels.
 
     Raises
     ------
     InputError
-        If an image is not as above.
+        If an image is not as described above.
 
     Examples
     --------
@@ -107,9 +108,9 @@ def data_cost(
         (kernels[:, radius:] > NEGLIGIBLE).sum(1),
         mixture.astype(np.float32),
         float(weight),
-        # Four neighbours pay at most four times the largest smoothness cost, so that a label
-        # that is dearer than the pixel's least by more than that is in no labeling of least
-        # energy: its exact cost does not matter, only that it stays above.
+        # Four neighbours cost at most four times the largest smoothness cost. A label that exceeds
+        # the pixel's least cost by more than that is in no labeling of least energy, so its exact
+        # cost does not matter as long as it stays above.
         limit,
         unary,
     )
@@ -119,9 +120,9 @@ def data_cost(
 def part_of_pair(
     infocus: Array, defocus: Array, radius: int, rows: slice, columns: slice
 ) -> tuple[Array, Array]:
-    """Return a part of both images: the first with what its blur reaches, (channel, y, x).
+    """Return a part of both images, (channel, y, x); the first with the margin its blur reaches.
 
-    Where that lies outside the image, its edge is repeated.
+    The margin repeats the image's edge where it extends outside.
     """
     (top, bottom, _), (left, right, _) = map(slice.indices, (rows, columns), infocus.shape[:2])
     padded = np.pad(infocus, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
@@ -130,12 +131,12 @@ def part_of_pair(
 
 
 def require_pair(infocus: Array, defocus: Array, *kinds: str) -> None:
-    """Refuse images of another shape than (y, x, channel), of other kinds, or of two sizes.
+    """Raise unless images have the shape (y, x, channel), an allowed kind and the same size.
 
     Raises
     ------
     InputError
-        If they are such.
+        If they do not.
     """
     for name, image in (("infocus", infocus), ("defocus", defocus)):
         if image.ndim != 3 or 0 in image.shape or image.shape[2] > 4:
@@ -156,7 +157,7 @@ def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:
 
 
 def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Choose few sigmas, and the sums of their 2-D kernels that stand for the given ones.
+    """Choose few sigmas, and weights with which their 2-D kernels sum to the given ones.
 
     Returns the sigmas of the nodes and a (node, label) float64 matrix whose columns sum to 1.
     """
@@ -167,7 +168,7 @@ def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[n
         low, high = math.sqrt(sigmas[0]), math.sqrt(sigmas[-1])
         nodes = ((low + high) / 2 + (high - low) / 2 * points) ** 2
         planes = planes_of(_kernels(nodes, radius))
-        # Least squares over the factors that sum to 1, so that flat areas come out exact.
+        # Least squares over factors that sum to 1, so that flat areas are exact.
         others, last = planes[:-1] - planes[-1], planes[-1]
         bent = np.concatenate([others.T, RIDGE * np.eye(count - 1)])
         aim = np.concatenate([(wanted - last).T, np.zeros((count - 1, len(sigmas)))])
@@ -179,15 +180,14 @@ def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def planes_of(kernels: Array) -> NDArray[np.float64]:
-    """Build 2-D kernels as rows of 1-D ones: their quadrant counts for all, by symmetry."""
+    """Build 2-D kernels from rows of 1-D ones; by symmetry one quadrant represents all four."""
     radius = kernels.shape[1] // 2
-    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    # In sums over the kernel, a tap off an axis also counts for its mirror images.
     half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
     return np.asarray(np.einsum("ia,ib->iab", half, half).reshape(len(half), -1))
 
 
-# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
-# dozen, for every pixel.
+# One long loop nest: shorter functions would need a dozen arrays and counters for every pixel.
 @compiled(fastmath={"contract"})
 def _fill(
     padded: Array,
@@ -203,11 +203,11 @@ def _fill(
     nodes, labels = mixture.shape
     radius = kernels.shape[1] - 1
     column_sums = np.empty(width + 2 * radius, np.float32)
-    # Four pixels share each trip to the mixture; the columns that fill up a last four are unused.
+    # Four pixels share each pass over the mixture; columns that pad the last four are unused.
     fours = (width + 3) // 4 * 4
     residuals = np.zeros((channels, (nodes + 1) // 2 * 2, fours), np.float32)
     factors = np.zeros((residuals.shape[1], labels), np.float32)
-    # By loops: numba takes seconds to compile what an assignment of arrays says when shapes differ.
+    # Use loops: numba takes seconds to compile the error message for an assignment of arrays.
     for node in range(nodes):
         for label in range(labels):
             factors[node, label] = mixture[node, label]
@@ -217,7 +217,7 @@ def _fill(
     scale, most = np.float32(weight), np.int32(limit)
     offset = 0
     for y in range(height):
-        # Residuals of the row at every node: a Gaussian separates into columns, then rows.
+        # Residuals of the row at every node; a Gaussian separates into columns, then rows.
         for channel in range(channels):
             rows = padded[channel]
             for node in range(nodes):

@@ -1,4 +1,4 @@
-"""What our own methods with a `fit` share; `fit.py` calls the `fit` of any method."""
+"""What our own methods with a `fit` share."""
 
 from __future__ import annotations
 
@@ -26,39 +26,39 @@ if TYPE_CHECKING:
 
 
 class Choosing(ABC):
-    """A method whose fit chooses how much the prior and its neighbours count for a pixel.
+    """A method whose fit chooses how much a prior and the neighbours of a pixel count.
 
     Parameters
     ----------
     window : int or None
-        Side of the square window in pixels that costs are summed over, odd; None leaves it to the
+        Side in pixels of the square window over which costs are summed, odd; None leaves it to the
         fit.
     prior : bool
-        Let the fit find out whether it helps to know how often training shows each depth.
+        Let the fit find out whether a prior of the depths in training helps.
     """
 
     #: Whether a median can be read from its costs.
     reads_out: ClassVar[bool] = True
-    #: Whether more or less can be smoothed.
+    #: Whether its smoothing can be varied.
     smooths: ClassVar[bool] = True
 
     def __init__(self, window: int | None, prior: bool) -> None:
         self._with_prior = prior
         self._given_window = window
-        #: What the fit chose; as usual before.
+        #: What the fit chose; `AS_USUAL` before.
         self.chosen = AS_USUAL
 
     @abstractmethod
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
-        """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
+        """Return depth levels from an in-focus image and the defocus images, shape (y, x)."""
 
     def window_in(self, image: Image) -> tuple[int, int]:
-        """Return the window for an image: one that a fit chose on larger ones is cut to fit.
+        """Return the window for an image, reducing one that the fit chose on larger images.
 
         Raises
         ------
         MethodError
-            If the window that was given is larger than the image.
+            If the user's window is larger than the image.
         """
         if given := self._given_window:
             require_window_fits(given, image, type(self).__name__)
@@ -70,8 +70,8 @@ class Choosing(ABC):
     def _with_choices(
         self, learned: Learned, captures: Sequence[TrainingPair], change: ViewChange | None = None
     ) -> Learned:
-        """Return what was learned with what is chosen by it; to be called on a copy."""
-        # Imported here and in the fits: they load half of scipy, for the fit alone.
+        """Return what was learned, plus the choices made with it; call it on a copy."""
+        # Imported here and in the fits because they load half of scipy, which only fits need.
         from dfdbench.methods.choices import Part, choose
 
         def solve(part: Part, chosen: Chosen) -> Array:
@@ -84,19 +84,19 @@ class Choosing(ABC):
 
 
 class Calibrated(Choosing):
-    """A method that needs the blur: it is given, or measured on training pairs.
+    """A method that needs the blur, which is given or measured on training pairs.
 
     Parameters
     ----------
     recipe : BlurRecipe, BlurLaw or None
         The blur; None leaves it to the fit.
     window, prior
-        As of `Choosing`.
+        As for `Choosing`.
 
     Raises
     ------
     MethodError
-        For a window or a prior that is none.
+        If the window or the prior is invalid.
     """
 
     def __init__(
@@ -105,12 +105,12 @@ class Calibrated(Choosing):
         MethodError.raise_if(fit_problems(prior, window))
         super().__init__(window, prior)
         self._told = recipe
-        #: What the fit measured of each defocus image; nothing if the blur was given, or before.
+        #: What the fit measured for each defocus image; empty before, or if the blur was given.
         self.calibrations: tuple[Calibration, ...] = ()
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
-        """Measures the blur law of training pairs; None if the blur was given."""
+        """A function that measures the blur law of training pairs; None if the blur was given."""
         return self._fit if self._told is None else None
 
     def restore(self, learned: dict[str, Any]) -> None:
@@ -151,7 +151,7 @@ class Calibrated(Choosing):
 
     def _learned(self, found: Sequence[Calibration], captures: Sequence[TrainingPair]) -> Learned:
         learned = Calibration.all_as_learned(found)
-        # A stack leaves less to choose, and its fit takes long enough.
+        # A stack leaves less to choose, and its fit is slow enough.
         if len(found) > 1:
             return learned
         trial = copy.copy(self)
@@ -160,19 +160,19 @@ class Calibrated(Choosing):
 
 
 class Solver(Calibrated):
-    """What solves with the blur of any number of defocus images: pairs, and focal stacks.
+    """A method that uses the blur of one or more defocus images: of pairs or focal stacks.
 
-    Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
-    it is not in focus all over, against the stack's sharpest pixels; and it notes whether levels of
-    training captures grow with distance, which says what covers what.
+    For a stack, the fit measures one law for each defocus image, against the in-focus image or, if
+    that is not in focus everywhere, against the stack's sharpest pixels. It also notes whether the
+    levels of training captures grow with distance, which says what occludes what.
 
     Parameters
     ----------
     recipe, window, prior
-        As of `Calibrated`.
+        As for `Calibrated`.
     sure : bool
-        Also say how sure it is, in levels: the spread of its costs about the answer, times the
-        factor with which its intervals hold on training captures. So it is fitted even where the
+        Also return how sure it is, in levels: the spread of its costs around the answer, times the
+        factor that makes its intervals hold on training captures. It is then fitted even if the
         blur is given.
     """
 
@@ -189,9 +189,9 @@ class Solver(Calibrated):
         self._sure = Sureness(sure, type(self).__name__)
 
     def __call__(self, infocus: Image, defocus: Image) -> Answer:
-        """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x).
+        """Return depth levels, shape (y, x), for two images of uint8, (y, x, 3) or (y, x).
 
-        And where it says how sure it is, sigma.
+        With `sure`, return depth levels and sigma.
         """
         self._require(1)
         for name, image in (("infocus", infocus), ("defocus", defocus)):
@@ -200,18 +200,18 @@ class Solver(Calibrated):
         return self._sure.answer(*self._settled(infocus, [defocus]))
 
     def from_stack(self, stack: DataArray) -> Answer:
-        """Return depth levels, shape (y, x), and where it says how sure it is, sigma.
+        """Return depth levels, shape (y, x), and, with `sure`, sigma.
 
         Raises
         ------
         MethodError
-            If there are more or fewer defocus images than were fitted.
+            If the number of defocus images differs from the fit's.
         """
         self._require(int((stack["role"] != "infocus").sum()))
         return self._sure.answer(*self._settled(*self._images_in(stack)))
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
+        """Compile the code that the first call would compile."""
         part = (slice(max(32, self._given_window or 0)),) * 2
         self._settled(infocus[part].copy(), [defocus[part].copy()] * len(self.blurs))
 
@@ -219,12 +219,12 @@ class Solver(Calibrated):
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
     ) -> NDArray[np.float32]:
-        """Return depth levels, shape (y, x); tell `posterior` what every level costs."""
+        """Return depth levels, shape (y, x), and add every level's costs to `posterior`."""
 
     def _settled(
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return depth levels, and their spread if that is asked for; shape (y, x)."""
+        """Return depth levels and, with `sure`, their spread; shape (y, x)."""
         from dfdbench.methods.rims import settle_rims
 
         posterior = self._posterior(infocus.shape[:2])
@@ -236,7 +236,7 @@ class Solver(Calibrated):
         return levels, raw
 
     def _posterior(self, shape: tuple[int, ...]) -> Posterior | None:
-        """Return what hears costs of an image of this shape; None if it says not how sure it is."""
+        """Return the posterior that collects costs for an image of this shape, if `sure`."""
         from dfdbench.methods.posterior import Posterior
 
         told = isinstance(self.blur, BlurRecipe)
@@ -254,7 +254,7 @@ class Solver(Calibrated):
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
-        """Measures the blur law of training captures if no blur was given, and how sure to be."""
+        """A function that measures the blur law, unless it was given, and how sure to be."""
         return self._fit if self._told is None or self._sure.asked else None
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
@@ -277,7 +277,7 @@ class Solver(Calibrated):
         return learned | self._sure.learned_on(answer, pairs)
 
     def _images_of(self, capture: TrainingPair) -> tuple[Image, list[Image]]:
-        """Return a capture's image in focus, or what stands for it, and its defocus images."""
+        """Return a capture's in-focus image, or what replaces it, and its defocus images."""
         if capture.is_pair:
             return capture.infocus, [capture.defocus]
         return self._images_in(capture.stack)
@@ -299,26 +299,26 @@ class Solver(Calibrated):
 Array = NDArray[Any]
 #: How defocus images were made.
 Blur = BlurRecipe | BlurLaw
-#: Depth levels, float32 of shape (y, x), or a tuple of them and sigma: it depends on a parameter.
+#: Depth levels, float32 of shape (y, x), or a tuple of them and sigma, depending on a parameter.
 Answer = Any
 Image = NDArray[np.uint8]
 Fit = Callable[[Sequence[TrainingPair]], Learned]
 
-# How costs say how sure a method is, as `Posterior` takes it: of windows of 7, 13 and 25 pixels,
-# 1/4 to 16 a nat, and 2 to 10 nats at most, what told the training errors of the demo set and of a
-# rendered one best. More nats let pixels that no level explains speak for a window; but a recipe
-# knows of no noise, and its nats are cheap.
+# The arguments of `Posterior` that best predicted the training errors of the demo set and of a
+# rendered one, among windows of 7, 13 and 25 pixels, sharpnesses of 1/4 to 16 and limits of 2 to 10
+# nats. With more nats, pixels that no level explains dominate a window. But a recipe knows no
+# noise, so its nats mean less.
 _WINDOW, _SHARPNESS, _MOST_OF_LAW, _MOST_OF_RECIPE = 13, 4.0, 3.0, 10.0
 
-# What a fit learns to be so where levels grow with distance.
+# The name under which a fit keeps whether levels grow with distance.
 _TURNED = "farther_is_higher"
-#: At most so many training pairs are read, evenly spread over all.
+#: The most training pairs that are read, evenly spread over all.
 MOST_PAIRS = 64
 REFIT = "fit the method again"
 _USUAL_WINDOW = 7
 # The largest default.
 _SMALL_WINDOW = 9
-# Entries of a table of depths, and pixels of a pair that go into it.
+# The number of entries in a table of depths, and of pixels per pair that go into it.
 _ENTRIES = 256
 _PIXELS = 20_000
 
@@ -336,7 +336,7 @@ def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
 
 
 def part_of(shape: tuple[int, ...], number: int, side: int) -> tuple[slice, slice]:
-    """Return which part of an image to look at, another of each: left, middle, right, and so on.
+    """Return which part of the image with this number to use: left, middle, right, and so on.
 
     Examples
     --------
@@ -351,24 +351,24 @@ def part_of(shape: tuple[int, ...], number: int, side: int) -> tuple[slice, slic
 
 
 def not_fitted(method: str) -> MethodError:
-    """Return the error of a method that was neither given the blur nor fitted."""
+    """Return the error for a method that was neither given the blur nor fitted."""
     what = "the method knows no blur yet"
     fix = "give recipe=NAME, or call restore(fit(pairs)) first"
     return MethodError(what, where=method, fix=fix)
 
 
 def nothing_to_fit(method: str, expected: str, got: str) -> MethodError:
-    """Return the error of a method that cannot be fitted to these pairs."""
+    """Return the error for a method that cannot be fitted to these pairs."""
     return MethodError("nothing to fit to", where=method, expected=expected, got=got)
 
 
 def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> Array:
-    """Return an array of what a fit learned, as float64.
+    """Return an array that a fit learned, as float64.
 
     Raises
     ------
     MethodError
-        If it is not there, of other dimensions, or not finite.
+        If it is missing, has other dimensions, or is not finite.
     """
     found = np.asarray(learned.get(name, ()), np.float64)
     if found.ndim != dimensions or not found.size or not np.isfinite(found).all():
@@ -380,11 +380,11 @@ def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> 
 def depth_table(
     measure: Callable[[Image, Image], Array], pairs: Sequence[TrainingPair], method: str
 ) -> Learned:
-    """Learn which depth goes with what a method measures.
+    """Learn which depth goes with each value of a method's measure.
 
-    The known pixels of the training pairs are sorted by what is measured there and cut into
-    groups of equal number; a group's median depth goes with its mean measure. Nothing is assumed
-    of the curve, not even that it rises.
+    The known pixels of the training pairs are sorted by the measure and divided into groups of
+    equal size; a group's median depth goes with its mean measure. Nothing is assumed about the
+    curve, not even that it rises.
 
     Parameters
     ----------
@@ -393,7 +393,7 @@ def depth_table(
     pairs : sequence
         Training pairs.
     method : str
-        Its name, for errors.
+        The method's name, for errors.
 
     Returns
     -------
@@ -423,25 +423,25 @@ def depth_table(
 
 
 def channels_of(image: Image) -> NDArray[np.float32]:
-    """Return an image in float32 with an axis of channels, shape (y, x, channel)."""
+    """Return an image as float32 with a channel axis, shape (y, x, channel)."""
     return np.atleast_3d(image).astype(np.float32)
 
 
 def odd_window(name: str, value: Any, most: int = 255) -> list[Problem]:
-    """Return what is wrong with the side of a window in pixels: odd, positive, at most `most`."""
+    """Return the problem if a window's side in pixels is not odd, positive and at most `most`."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     right = whole and 0 < value <= most and value % 2
     return [] if right else [wrong(name, f"an odd number from 1 to {most}", value)]
 
 
 def require_window_fits(window: int, image: Image, method: str) -> None:
-    """Refuse a window that is larger than the image: it would see little but copies of its edge.
+    """Raise if a window is larger than the image, when it would mostly see copies of the edge.
 
     Raises
     ------
     MethodError
-        If a side of the image is shorter; windows of up to 9 pixels pass, so that with the
-        defaults any image has a depth map.
+        If a side of the image is shorter. Windows of up to 9 pixels pass, so that the defaults work
+        on any image.
 
     Examples
     --------
@@ -454,18 +454,18 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
 
 
 def fit_problems(prior: Any, window: Any) -> list[Problem]:
-    """Return what is wrong with the parameters of a fit: true or false, and a window."""
+    """Return the problems of a fit's parameters: the prior must be a bool, the window valid."""
     problems = [] if isinstance(prior, bool) else [wrong("prior", "true or false", prior)]
     return problems + ([] if window is None else odd_window("window", window))
 
 
 def number_within(name: str, value: Any, most: float) -> list[Problem]:
-    """Return what is wrong with a number that must be above 0, at most `most`."""
+    """Return the problem of a number that is not above 0 and at most `most`."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     right = number and 0 < value <= most
     return [] if right else [wrong(name, f"above 0, at most {most:g}", value)]
 
 
 def wrong(name: str, expected: str, got: Any) -> Problem:
-    """Return the problem of a parameter."""
+    """Return the problem for a wrong parameter."""
     return Problem("wrong parameter", where=name, expected=expected, got=repr(got))

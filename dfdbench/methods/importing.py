@@ -1,4 +1,4 @@
-"""Import what an entry names, and say what is wrong where that fails."""
+"""Import what an entry names, and explain failures."""
 
 import ast
 import hashlib
@@ -15,10 +15,10 @@ from typing import Any
 from dfdbench.errors import MethodError, unknown_name
 from dfdbench.system.packages import absent, extra_of
 
-#: How the file of a network ends that is a method by the description beside it.
+#: The suffix of a network's file that a description beside it makes a method.
 ONNX = ".onnx"
 _NOTHING = object()
-# Of an exception's text: a result keeps it for every pair.
+# The most characters of an exception's text, which a result keeps for every pair.
 _MOST_TEXT = 500
 
 
@@ -28,7 +28,7 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
     Raises
     ------
     MethodError
-        Where it cannot be imported, or has no such attribute.
+        If the module cannot be imported, or has no such attribute.
     """
     place, _, attribute = entry.rpartition(":")
     if not place or not attribute:
@@ -52,23 +52,23 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
 
 
 def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any:
-    """Return an attribute of what a user wrote, whose own code may be what answers.
+    """Return an attribute of a user's code, catching what that code raises.
 
     Parameters
     ----------
     target : object
         A module, class, function or object.
     name : str
-        Of the attribute.
+        The attribute's name.
     entry : str
-        What an error calls the target.
+        The target's name in errors.
     default : object
-        What is returned where it has none.
+        What to return if there is no such attribute.
 
     Raises
     ------
     MethodError
-        Where reading it raises.
+        If reading it raises.
 
     Examples
     --------
@@ -83,14 +83,14 @@ def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any
 
 
 def near_entry(name: str) -> str:
-    """Return the entry that a name without a colon seems to mean; empty where there is none.
+    """Return the entry that a name without a colon seems to mean, or an empty string.
 
-    The file is looked for from the working directory; it is parsed, not imported.
+    The file is searched for from the working directory, and parsed but not imported.
 
     Parameters
     ----------
     name : str
-        As ``mymodule.predict``, ``mymodule`` or ``folder/mymodule.py``.
+        Such as ``mymodule.predict``, ``mymodule`` or ``folder/mymodule.py``.
 
     Examples
     --------
@@ -114,8 +114,8 @@ def near_entry(name: str) -> str:
 
 
 def _import_module(name: str) -> ModuleType:
-    # The command line runs from anywhere: a module beside the user is found as `python -m` would.
-    # For our own there is no need, and what they import must not be found there.
+    # Find a module in the working directory, as `python -m` would. Our own modules do not need
+    # this, and must not import anything from there.
     own = name.split(".")[0] == "dfdbench"
     if not own and "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
@@ -141,7 +141,7 @@ def _import_file(path: Path) -> ModuleType:
     if specification is None or specification.loader is None:
         raise MethodError("not a Python file", where=str(path))
     module = importlib.util.module_from_spec(specification)
-    # Its own folder comes first, as when the file is run; dataclasses and pickle want the entry.
+    # Its own folder comes first, as when the file is run; dataclasses and pickle need the entry.
     sys.path.insert(0, str(path.resolve().parent))
     sys.modules[name] = module
     try:
@@ -155,7 +155,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def describe(error: BaseException) -> str:
-    """Return an exception's kind and text on one line.
+    """Return an exception's type and text on one line.
 
     Examples
     --------
@@ -169,17 +169,17 @@ def describe(error: BaseException) -> str:
 
 
 def error_of(what: str, where: str, error: BaseException) -> MethodError:
-    """Return the error for an exception that a user's own code raised, with where it did."""
+    """Return the error for an exception that a user's own code raised, with the place."""
     # A syntax error's own text names its file and line.
     raised = "" if isinstance(error, SyntaxError) else where_raised(error)
     return MethodError(what, where=where, got=describe(error) + raised)
 
 
 def where_raised(error: BaseException) -> str:
-    """Return where in a user's own code an exception arose, in brackets; empty where in none.
+    """Return where in a user's own code an exception arose, in brackets, or an empty string.
 
-    The last frame that belongs neither to dfdbench nor to Python and its libraries; where there
-    is none, the first that is not of dfdbench. Of the file only the name: results keep this.
+    It is the last frame that belongs neither to dfdbench nor to Python and its libraries or, if
+    there is none, the first outside dfdbench. Results keep this, so it has only the file's name.
 
     Examples
     --------
@@ -187,7 +187,7 @@ def where_raised(error: BaseException) -> str:
     ''
     """
     ours = str(Path(__file__).parents[1]) + os.sep
-    # Without their lines, whose files would be opened.
+    # Without source lines, for which files would be opened.
     walked = traceback.walk_tb(error.__traceback__)
     passed = traceback.StackSummary.extract(walked, lookup_lines=False)
     frames = [frame for frame in passed if not frame.filename.startswith(ours)]

@@ -1,10 +1,10 @@
-"""What every depth level costs at every pixel under a blur law: kernels of any shape, and noise.
+"""The cost of every depth level at every pixel under a blur law: kernels of any shape, and noise.
 
-As in `dfdbench.methods.data_cost` few kernels stand for all. Here they need not be Gaussians, the
-images may be of linear light, and a level's residual is held against the noise that it has to
-show: what the defocus image has of its own, and what is left of the in-focus image's after the
-level's blur. Where the law is linear, residuals are of light: there the noise of a dark pixel is
-as large to either side, which the sRGB curve makes it not.
+As in `dfdbench.methods.data_cost`, few kernels represent all. Here they need not be Gaussians, the
+images may be in linear light, and a level's residual is compared with the noise expected there:
+the defocus image's own, and what remains of the in-focus image's after the level's blur. If the
+law is linear, residuals are computed in linear light, where a dark pixel's noise is symmetric;
+after the sRGB curve it is not.
 """
 
 import math
@@ -24,37 +24,37 @@ from dfdbench.system.compiled import compiled
 
 #: Integer cost of one nat, a factor e of probability.
 UNIT = 4
-#: What an image of a stack says at most against a level. Of 2, 3, 5, 8 and 15 about the least error
-#: on the demo set's training stacks.
+#: The most nats that one image of a stack counts against a level. Among 2, 3, 5, 8 and 15 this had
+#: about the least error on the demo set's training stacks.
 MOST_NATS = 5
 
 
 def level_costs(
     blurs: Sequence[Blur], infocus: Image, images: Sequence[Image], limit: float
 ) -> NDArray[np.uint16]:
-    """Return a capture's cost volume: minus the logarithm of each level's probability, cut off.
+    """Return a capture's cost volume: minus the log probability of each level, cut off.
 
-    A level costs the squared difference between the defocus image and the in-focus image blurred
-    at it, summed over the channels, over twice its variance: of a recipe, that of rounding; of a
-    law, that of the noise it was measured with. Unlike the data cost of `graph-cuts` it compares
-    RGB, which is not rounded a second time.
+    A level's cost is the squared difference between the defocus image and the in-focus image
+    blurred for that level, summed over channels and divided by twice its variance: for a recipe
+    that of rounding, for a law that of the noise measured with it. Unlike the data cost of
+    `graph-cuts`, it compares RGB, which is not rounded a second time.
 
     Parameters
     ----------
     blurs : sequence of BlurRecipe or BlurLaw
-        How each defocus image was made; of several, laws.
+        How each defocus image was made; if there are several, they must be laws.
     infocus : ndarray of uint8, shape (y, x, channel) or (y, x)
-        What they are blurred from.
+        The image that they are blurred from.
     images : sequence of ndarray of uint8, of that shape
         The defocus images, whose costs are summed.
     limit : float
-        Nats above a pixel's least cost at which costs are cut off. An image of a stack says no
-        more than 5 against any level: where surfaces end, many of them explain nothing.
+        Nats above a pixel's least cost at which costs are cut off. One image of a stack counts at
+        most 5 against any level: where surfaces end, many images explain nothing.
 
     Returns
     -------
     ndarray of uint16, shape (y, x, label)
-        `UNIT` a nat; of a single image each pixel's least is 0. The blur's
+        Costs, `UNIT` per nat. For a single image each pixel's least cost is 0. The blur's
         ``depth_of_level`` gives a label's depth.
 
     Examples
@@ -71,13 +71,13 @@ def level_costs(
 def level_costs_by_rows(
     blurs: Sequence[Blur], infocus: Image, images: Sequence[Image], limit: float
 ) -> Callable[..., NDArray[np.uint16]]:
-    """Return what gives the `level_costs` of some ``rows``, a slice without a step.
+    """Return a function that gives the `level_costs` of some ``rows``, a slice without a step.
 
-    Of a pair no more is held than its two images.
+    For a pair it holds nothing but the two images.
     """
     most = max(round(UNIT * (limit if len(images) == 1 else min(limit, MOST_NATS))), 1)
     if isinstance(blurs[0], BlurRecipe):
-        # Of a recipe's residuals nothing is known but that images are rounded.
+        # All we know about a recipe's residuals is that images are rounded.
         weight = UNIT / (2 * ROUNDING_VARIANCE)
         sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(images[0])
         size = blurs[0].kernel_size
@@ -89,25 +89,26 @@ def level_costs_by_rows(
     costs: NDArray[np.uint16] | None = None
     for one in all_blurred(blurs, infocus, images):
         costs = law_cost(one, UNIT, most, costs, add=costs is not None, ceiling=most)[0]
-        del one  # Before the next is made: they are large.
+        del one  # before the next is made, as they are large
     assert costs is not None
-    # Twice all of it would be too much: whoever asks for all rows asks once.
+    # Do not copy the whole volume, which would double the memory; it is requested only once.
     return lambda rows: costs if rows == slice(None) else costs[rows].copy()
 
 
-# Levels whose squares are worked out, and held, at once.
+# The number of levels whose squares are computed and held at once.
 _AT_ONCE = 16
-# Every so many levels, and the side of the corner, that tell how well a law explains a pair.
+# The step between levels, and the side of the corner, for judging how well a law explains a pair.
 _COARSE, _CORNER = 8, 256
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
 
 
 def squares_of(blurred: Blurred) -> Iterator[NDArray[np.float32]]:
-    """Yield what each level costs at every pixel, two a nat: float32, shape (y, x).
+    """Yield each level's cost at every pixel, two per nat: float32, shape (y, x).
 
-    The squares that it leaves, of its own variance and summed over channels, and the logarithm
-    of that variance: of two levels that leave as much, the one that has to show more of it.
+    It is the squared residual over the level's variance, summed over channels, plus the logarithm
+    of that variance. So of two levels with equal normalised residuals, the one that expects less
+    variance costs less.
     """
     inverse = 1 / blurred.noise
     for level in range(0, len(blurred.spread), _AT_ONCE):
@@ -126,7 +127,7 @@ def law_cost(
     add: bool = False,
     ceiling: float = math.inf,
 ) -> tuple[NDArray[np.uint16], int]:
-    """Compute what every level costs at every pixel, for Gaussian noise.
+    """Compute the cost of every level at every pixel, for Gaussian noise.
 
     ``cost = unit * (sum over channels of residual^2 / (2 s n^2) + channels / 2 log s)`` with the
     noise n of the pixel and the spread s of the level.
@@ -142,14 +143,14 @@ def law_cost(
     out : (y, x, level) uint16, optional
         Memory to write the costs into.
     add : bool
-        Add them to what `out` holds, up to 65535.
+        Add the costs to those in `out`, up to 65535.
     ceiling : float
-        What no cost exceeds, however badly the least level explains the pixel.
+        The largest cost, however badly the best level explains the pixel.
 
     Returns
     -------
     unary : (y, x, level) uint16
-        Costs relative to the least of the pixel.
+        Costs relative to the pixel's least.
     offset : int
         Sum of the least costs of all pixels.
     """
@@ -172,12 +173,12 @@ def law_cost(
 
 
 def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: int) -> int:
-    """Add to each pixel's costs what a level costs everywhere; return the sum of the least.
+    """Add a cost per level to every pixel's costs, and return the sum of the least costs.
 
     Parameters
     ----------
     unary : ndarray of uint16, shape (y, x, level)
-        Written over; costs relative to a pixel's least, at most `limit` above it.
+        Costs relative to a pixel's least, at most `limit` above it; overwritten.
     energy : ndarray of float64, shape (level,)
         In integer costs, before rounding.
     limit : int
@@ -188,10 +189,10 @@ def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: in
 
 
 def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
-    """Return how badly a law explains a pair, whatever its depth: 1 if by its noise alone.
+    """Return how badly a law explains a pair, whatever its depth, in units of the law's noise.
 
-    The root of the median over a corner's pixels of what the best of some levels leaves, squared,
-    in units of the law's noise. It is below 1, as the best level is chosen.
+    It takes the squared residual of the best of some levels at each pixel of a corner, and returns
+    the root of the median. Since the best level is chosen, pure noise gives less than 1.
     """
     some = np.arange(0, LAST_LEVEL + 1, _COARSE)
     corner = blurred_by(law, infocus, defocus, some).part(slice(_CORNER), slice(_CORNER))
@@ -204,17 +205,18 @@ def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
 
 
 def law_misfits(blurred: Blurred, before: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
-    """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
+    """Return how far each level's residual is outside the interval of its noise.
 
-    The interval is that of the even distribution whose variance is the level's: half a grey level
-    where there is nothing but rounding. Whole multiples of 1 / 256 of the images' unit, rounded up.
+    The interval is that of the uniform distribution with the level's variance: half a grey level
+    if there is only rounding. Misfits are whole multiples of 1 / 256 of the images' unit, rounded
+    up, as in `rounded_cost`.
 
     Parameters
     ----------
     blurred : Blurred
         The pair, from `blurred_by`.
     before : ndarray of uint16, shape (y, x, level), optional
-        The misfits of other images, to whose squares those of this one are added; written over.
+        The misfits of other images; the squares of this one's are added to theirs. Overwritten.
 
     Returns
     -------
@@ -231,7 +233,7 @@ def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16
     return np.empty(shape, np.uint16) if out is None else out
 
 
-# Put into what calls it: a call for each pixel and channel takes as long as what it does.
+# Inlined, because a call for each pixel and channel takes as long as the work itself.
 @compiled(fastmath={"contract"}, inline="always")
 def _levels(nodes: Array, factors: Array, out: Array) -> None:
     """Write one pixel's value in one channel, blurred at every level."""
@@ -250,7 +252,7 @@ def _levels(nodes: Array, factors: Array, out: Array) -> None:
 def _leaves(
     nodes: Array, aim: Array, factors: Array, inverse: Array, grey: Array, squares: Array
 ) -> None:
-    """Write what every level leaves of a pixel, in noise, squared and summed over channels."""
+    """Write every level's squared residual at a pixel, in units of noise, summed over channels."""
     squares[:] = 0
     for channel in range(len(aim)):
         _levels(nodes[channel], factors, grey)

@@ -1,4 +1,4 @@
-"""A blur law that was measured, and what it was measured from."""
+"""A measured blur law, and what it was measured from."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dfdbench.blur.law import BlurLaw, law_of_fields
 from dfdbench.methods.method import Learned
 from dfdbench.methods.view_change import KNOTS, ViewChange
 
-# No fall-off.
+# The curve without fall-off.
 _EVEN = [1.0] * KNOTS
 
 
@@ -25,13 +25,13 @@ class Calibration:
     law : BlurLaw
         The law.
     measured : ndarray of float64, shape (level,)
-        The width that fits each depth level best by itself; NaN where no pixel counted.
+        The width that fits each depth level best by itself; NaN if no pixel counted.
     pixels : ndarray of int64, shape (level,)
-        How many pixels counted.
+        How many pixels counted at each level.
     residual : ndarray of float64, shape (level,)
-        Root mean square in grey levels of what the law leaves unexplained; NaN without pixels.
+        Root mean square, in grey levels, of what the law leaves unexplained; NaN without pixels.
     uneven : float
-        How much the light differs from place to place, fall-off apart: see `ViewChange`.
+        How much the light differs from place to place, apart from fall-off: see `ViewChange`.
     """
 
     law: BlurLaw
@@ -42,11 +42,11 @@ class Calibration:
 
     @property
     def change(self) -> ViewChange:
-        """What the camera changes beside the blur."""
+        """What the camera changes besides the blur."""
         return replace(ViewChange.of(self.law), uneven=self.uneven)
 
     def as_learned(self) -> Learned:
-        """Return it as a method's fit returns it."""
+        """Return it in the form that a method's fit returns."""
         law = self.law.as_dict()
         return {
             **{name: np.array(value) for name, value in law.items()},
@@ -59,18 +59,18 @@ class Calibration:
 
     @classmethod
     def all_as_learned(cls, found: Sequence[Calibration]) -> Learned:
-        """Return those of a stack's defocus images, stacked; a single one as `as_learned` does."""
+        """Return a stack's calibrations, stacked; return a single one as `as_learned` does."""
         each = [calibration.as_learned() for calibration in found]
         if len(each) == 1:
             return each[0]
-        # An image without fall-off has as many curves as the others.
+        # An image without fall-off needs as many curves as the others.
         rows = [np.shape(one["falloff"]) for one in each]
         each = [one | {"falloff": np.broadcast_to(one["falloff"], max(rows))} for one in each]
         return {name: np.stack([np.asarray(one[name]) for one in each]) for name in each[0]}
 
     @classmethod
     def all_of(cls, learned: Learned) -> tuple[Calibration, ...]:
-        """Return what `all_as_learned` was given."""
+        """Return the calibrations that `all_as_learned` was given."""
         if np.ndim(learned["sigmas"]) == 1:
             return (cls.of(learned),)
         names, columns = learned.keys(), map(np.asarray, learned.values())
@@ -80,7 +80,7 @@ class Calibration:
 
     @classmethod
     def of(cls, learned: Learned) -> Calibration:
-        """Return what `as_learned` gave."""
+        """Return the calibration that `as_learned` was called on."""
         fields = dict(learned)
         measured, pixels, residual = (
             np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")

@@ -1,6 +1,6 @@
-"""What a method is, what one call of it gives, and what its fit learns from training captures.
+"""What a method is, what one call returns, and what its fit learns from training captures.
 
-What the package's own methods share in theirs is `fitted.py`.
+The code that the fits of our own methods share is in `fitted.py`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ DepthMap = NDArray[np.float32]
 Predict = Callable[..., Any]
 
 
-#: What a fit may return: numbers and arrays of numbers by name.
+#: What a fit may return: numbers and arrays of numbers, by name.
 Learned = dict[str, bool | int | float | NDArray[Any]]
 
 _EXPECTED = "a mapping of names to numbers or NumPy arrays of numbers, or None"
@@ -57,30 +57,30 @@ class CaptureImages(Protocol):
 
     @property
     def stack(self) -> xarray.DataArray:
-        """All images, dimensions (image, y, x, channel), with what is known of them."""
+        """All images, dimensions (image, y, x, channel), with what is known about each."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A method ready to be run.
+    """A method that is ready to run.
 
     Parameters
     ----------
     name : str
-        As the user gave it.
+        The name as the user gave it.
     entry : str
         ``module:attribute`` or ``file.py:attribute``.
     predict : callable
-        ``predict(infocus, defocus) -> depth`` or ``predict(stack) -> depth``, told apart by the
-        name of the first parameter. What has ``from_stack(stack)`` besides does both.
+        ``predict(infocus, defocus) -> depth`` or ``predict(stack) -> depth``, distinguished by the
+        name of the first parameter. With a ``from_stack(stack)`` as well, it takes both.
     parameters : dict
-        What the user set, fit for JSON.
+        The parameters that the user set, fit for JSON.
     uses : tuple of str
-        Which facts of the data set it was handed, of those offered to `load_method`.
+        The facts of the data set that it was given, of those offered to `load_method`.
     images : tuple of int, optional
         The two images of a stack that it gets as a pair.
     sources : Sources
-        The modules and files that its answers come from.
+        The modules and files that its answers depend on.
     """
 
     name: str
@@ -97,12 +97,12 @@ class Method:
         Parameters
         ----------
         *images : ndarray of uint8, shape (y, x, 3), or DataArray
-            Two RGB images; or a stack, dimensions (image, y, x, channel), as `Capture.stack`.
+            Two RGB images; or a stack, dimensions (image, y, x, channel), like `Capture.stack`.
 
         Raises
         ------
         MethodError
-            If it takes a stack and got two images, or they differ in shape.
+            If it takes a stack but got two images, or if the images differ in shape.
         """
         if self.takes_stack and len(images) > 1:
             fix = "call it with a capture's stack, or choose a method of pairs"
@@ -115,10 +115,10 @@ class Method:
 
     @functools.cached_property
     def takes_stack(self) -> bool:
-        """Whether it is called with a stack alone: its first parameter is called so."""
+        """Whether it takes only stacks: its first parameter is named ``stack``."""
         try:
             return next(iter(inspect.signature(self.predict).parameters), "") == "stack"
-        except Exception:  # a signature of its own may raise anything
+        except Exception:  # its own `__signature__` may raise anything
             return False
 
     def two_images(self, usual: Sequence[int] | None) -> Sequence[int] | None:
@@ -127,14 +127,14 @@ class Method:
         Parameters
         ----------
         usual : sequence of int, optional
-            Those that the data set names for methods that know no stack.
+            The two that the data set names for methods that do not take stacks.
         """
         if self.images or self.takes_stack or self.attribute("from_stack"):
             return self.images
         return usual
 
     def called_on(self, capture: CaptureImages) -> tuple[Predict, tuple[Any, ...]]:
-        """Return what to call for a capture, and with what."""
+        """Return the callable for a capture and its arguments."""
         if self.takes_stack:
             return self.predict, (capture.stack,)
         of_stack = self.attribute("from_stack")
@@ -143,12 +143,12 @@ class Method:
         return self.predict, (capture.infocus, capture.defocus)
 
     def answers_in(self, unit: Unit) -> Unit:
-        """Return what its depth is in on a data set in this unit: levels unless it says so.
+        """Return the unit of its depth on a data set in this unit: levels unless it says otherwise.
 
         Raises
         ------
         MethodError
-            If what it says is no unit.
+            If it names an invalid unit.
         """
         units: dict[str, Unit] = {"levels": "levels", "metres": "metres", "stack": unit}
         said = self._said("unit") or "levels"
@@ -164,19 +164,19 @@ class Method:
 
     @property
     def used(self) -> Hashes:
-        """The SHA-256 of the modules and files that its answers came from until now.
+        """The SHA-256 of the modules and files that its answers have depended on so far.
 
         Raises
         ------
         MethodError
-            If a module was edited after this process had imported it.
+            If a module was edited after this process imported it.
         """
         if self.source_sha256 is None:
             return {self.entry: None}
         return self.sources.hashes()
 
     def used_again(self, labels: Iterable[str]) -> Hashes:
-        """Return the SHA-256 that files have now which an earlier call used, by their labels."""
+        """Return the present SHA-256 of the files that an earlier call used, by their labels."""
         if self.source_sha256 is None:
             return self.used
         return self.sources.hashes_again(labels)
@@ -199,36 +199,36 @@ class Method:
         Parameters
         ----------
         captures : sequence of Capture
-            With depth, as `Dataset.captures` gives them.
+            Captures with depth, as from `Dataset.captures`.
         seed : int
             Set in `random` and `numpy.random` for the fit.
 
         Raises
         ------
         MethodError
-            If the method has no fit, or its fit raises or returns what cannot be kept.
+            If the method has no fit, or its fit raises or returns something that cannot be kept.
         """
         teach(self, captures, seed)
         return self
 
     @property
     def trained_on(self) -> str | None:
-        """The data it was trained on, where it says so."""
+        """The data it was trained on, if it says so."""
         return self._said("trained_on")
 
     @property
     def paper(self) -> str | None:
-        """The publication it comes from, where it says so."""
+        """The publication it comes from, if it says so."""
         return self._said("paper")
 
     @property
     def weights_sha256(self) -> str | None:
-        """The SHA-256 of the weights it was given, where it says so.
+        """The SHA-256 of the weights it was given, if it says so.
 
         Raises
         ------
         MethodError
-            Where what it says is none.
+            If it is not a SHA-256.
         """
         digest = self._said("weights_sha256")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
@@ -243,26 +243,26 @@ class Method:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a result should say of how it is used here."""
+        """What the method wants results to say about its use here."""
         return tuple(_shown(text) for text in self.attribute("warnings") or ())
 
     def attribute(self, name: str) -> Any:
-        """Return an attribute of what is called, None where it has none.
+        """Return an attribute of the callable, or None if it has none.
 
         Raises
         ------
         MethodError
-            Where reading it raises.
+            If reading it raises.
         """
         return attribute_of(self.predict, name, self.entry)
 
     def require_readable(self) -> None:
-        """Do nothing where all that a result asks of the method besides depth can be read.
+        """Raise if an attribute that results need cannot be read.
 
         Raises
         ------
         MethodError
-            Where reading one of them raises.
+            If reading one of them raises.
         """
         self.answers_in("levels")
         for name in ("warm_up", "learner", "trained_on", "paper", "weights_sha256", "warnings"):
@@ -274,13 +274,13 @@ class Method:
 
 
 def _shown(said: Any) -> str:
-    # A result keeps it, and a terminal shows it.
+    # Results keep it and terminals show it.
     return steering_nothing(writable(str(said)))
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What one call gave: a depth map, or the reason why there is none.
+    """What one call returned: a depth map, or the reason why there is none.
 
     Parameters
     ----------
@@ -289,13 +289,13 @@ class Prediction:
     seconds : float
         Wall-clock time of the call.
     error : str
-        Why there is no depth; empty where there is one.
+        Why there is no depth; empty if there is.
     printed : str
         What the method wrote to standard output.
     numbers : dict of str to float
-        What the method said of its answer besides, an energy for example.
+        Other numbers that the method gave for this call, such as an energy.
     sigma : ndarray of float32, shape (y, x), or None
-        The standard deviation that the method gives each pixel, if it gives any.
+        The standard deviation that the method gives each pixel, if any.
     """
 
     depth: DepthMap | None
@@ -311,7 +311,7 @@ class TrainingPair(CaptureImages, Protocol):
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """Depth in the data set's unit, shape (y, x); NaN where it is not known."""
+        """Depth in the data set's unit, shape (y, x); NaN where it is unknown."""
 
     @property
     def levels(self) -> NDArray[np.uint8]:
@@ -327,22 +327,22 @@ def teach(
 ) -> tuple[Learned | None, float]:
     """Call a method's fit, check what it returns, and give it back to the method.
 
-    `random` and `numpy.random` are seeded for the call; what it prints goes to standard error,
-    since a command's tables go to standard output; what it changes of the process is put back.
+    `random` and `numpy.random` are seeded for the call. Its output goes to standard error, since a
+    command's tables go to standard output. Changes that it makes to the process are undone.
 
     Returns
     -------
     learned : dict or None
-        Numbers and arrays by name; None where the method keeps what it learned in itself.
+        Numbers and arrays by name; None if the method keeps what it learned in itself.
     seconds : float
         Wall-clock time of the call.
 
     Raises
     ------
     MethodError
-        Where the fit raises, or returns what cannot be kept.
+        If the fit raises, or returns something that cannot be kept.
     DfdbenchError
-        What reading a pair raises.
+        If reading a pair raises it.
 
     Examples
     --------
@@ -381,7 +381,7 @@ def restore(method: Method, learned: Learned) -> None:
     Raises
     ------
     MethodError
-        Where it has no `restore`, or that raises.
+        If it has no `restore`, or that raises.
     """
     give = method.attribute("restore")
     if not callable(give):
@@ -398,7 +398,7 @@ def restore(method: Method, learned: Learned) -> None:
 
 @contextlib.contextmanager
 def _running(method: Method, what: str, name: str) -> Iterator[None]:
-    """Run the method's own code; say what is wrong where it raises what is no error of ours."""
+    """Run the method's own code, and turn its exceptions, but not ours, into a MethodError."""
     try:
         with process_kept(), contextlib.redirect_stdout(sys.stderr), method.sources.watch():
             yield
@@ -409,15 +409,16 @@ def _running(method: Method, what: str, name: str) -> Iterator[None]:
 
 
 def check_learned(returned: Any, entry: str) -> Learned:
-    """Return what a fit returned as numbers and arrays that a file can hold.
+    """Convert what a fit returned to numbers and arrays that a file can hold.
 
-    Of an array some numbers may be NaN, for what training did not show; a number alone, or a whole
-    array of them, would say nothing.
+    An array may contain some NaN, for what training did not show. A single NaN, or an array of
+    nothing else, is refused.
 
     Raises
     ------
     MethodError
-        Where something of it is neither a number nor an array of numbers, or is none; all is named.
+        If a value is neither a number nor an array of numbers, or has no finite number; it names
+        every such value.
 
     Examples
     --------

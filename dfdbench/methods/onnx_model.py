@@ -1,4 +1,4 @@
-"""A network in an ONNX file as a method, by a description beside it; needs the extra ``onnx``."""
+"""A network in an ONNX file, described by a TOML file beside it; needs the extra ``onnx``."""
 
 import hashlib
 import math
@@ -23,14 +23,14 @@ from dfdbench.tables.table import listed
 if TYPE_CHECKING:
     import xarray
 
-_LARGEST = 2**31  # bytes; more than that protobuf does not hold
+_LARGEST = 2**31  # bytes; protobuf holds no more
 _NUMBERS: dict[str, type[np.generic]] = {
     "tensor(float)": np.float32,
     "tensor(double)": np.float64,
     "tensor(float16)": np.float16,
     "tensor(uint8)": np.uint8,
 }
-# How protobuf writes that weights lie in another file, which no result would know of.
+# How protobuf writes that weights are in another file, which results would not record.
 _ELSEWHERE = b"\x0a\x08location\x12"
 _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
 
@@ -43,16 +43,17 @@ Name = Annotated[str, Field(min_length=1)]
 class Description(StrictRecord):
     """What an ONNX model takes and gives: the TOML file beside it, MODEL.toml.
 
-    `infocus` and `defocus`, or `stack`, name its inputs; `focus_distance` one for a stack's focus
-    distances in metres. A stack holds the defocus images by focus distance, or with `roles` as
-    ``all`` every image in the capture's order. `layout` has a letter an axis: N of size 1, S the
-    images of a stack, C, H, W; axes in brackets are one, as N(SC)HW. Pixels, `colour` by `colour`,
-    are 0 to `largest`, less `mean`, over `std`; images are padded by reflection, at the bottom and
-    on the right, to multiples of `multiple`.
+    `infocus` and `defocus`, or `stack`, name its inputs; `focus_distance` names the one for a
+    stack's focus distances in metres. A stack holds the defocus images by focus distance or, if
+    `roles` is ``all``, every image in the capture's order. `layout` has one letter per axis: N of
+    size 1, S the images of a stack, C, H, W; axes in brackets are merged, as in N(SC)HW. Pixels,
+    with channels in the order of `colour`, are scaled to 0 to `largest`, then `mean` is subtracted
+    and the rest divided by `std`. Images are padded by reflection, at the bottom and on the right,
+    to multiples of `multiple`.
 
-    The outputs `depth` and, if there is one, `sigma` hold a number a pixel. Depth in `unit` is
-    ``scale * output + offset``, with `inverse` one over that; with `clip` levels are cut to 0
-    and 255.
+    The outputs `depth` and, if there is one, `sigma` hold one number per pixel. Depth in `unit` is
+    ``scale * output + offset`` or, with `inverse`, one over that. With `clip`, levels are clipped
+    to 0 and 255.
     """
 
     infocus: Name | None = None
@@ -78,7 +79,7 @@ class Description(StrictRecord):
 
     @property
     def channels(self) -> int:
-        """How many channels an image has."""
+        """The number of channels of an image."""
         return 1 if self.colour == "grey" else 3
 
     @property
@@ -87,7 +88,7 @@ class Description(StrictRecord):
         return [name for name in (self.infocus, self.defocus, self.stack) if name]
 
     def contradictions(self, file: Path) -> Iterator[Problem]:
-        """Yield what no field alone is to blame for."""
+        """Yield problems that involve more than one field."""
         stack = bool(self.stack)
         if len({*self.inputs}) != (1 if stack else 2):
             what = "the inputs are neither a pair nor a stack"
@@ -112,13 +113,13 @@ class Description(StrictRecord):
 
 
 def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
-    """Return the method that an ONNX file and its description make: of pairs, or of stacks.
+    """Read an ONNX file and its description as a method of pairs or of stacks.
 
     Raises
     ------
     MethodError
-        With all that is wrong: a file that is absent, damaged or uses unknown operators, a field
-        that is wrong, an input or output that the model does not have.
+        If a file is missing, damaged or uses unknown operators, a field is wrong, or the model
+        lacks an input or output. It lists every problem.
     """
     content = read_as(MethodError, path, "the model", _LARGEST)
     about = _read_description(path.with_suffix(".toml"))
@@ -126,12 +127,12 @@ def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
         fix = "save it whole: onnx.save(onnx.load('MODEL.onnx'), 'WHOLE.onnx')"
         raise MethodError("the model keeps weights in another file", where=str(path), fix=fix)
     options = onnxruntime.SessionOptions()
-    # Over several threads sums would be rounded by how many there are.
+    # With several threads, the rounding of sums would depend on their number.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # of a dozen kinds, which share nothing else
+    except Exception as error:  # a dozen kinds, with no other base class in common
         got = str(error).partition("\n")[0][:300]
         fix = "copy it again, or export it with standard operators"
         what = "onnxruntime cannot load the model"
@@ -161,7 +162,7 @@ def _read_description(file: Path) -> Description:
 
 
 def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
-    """Yield where a description and a model do not fit each other."""
+    """Yield a problem for each mismatch between a description and a model."""
     inputs = {node.name: node for node in session.get_inputs()}
     outputs = [node.name for node in session.get_outputs()]
     file = path.with_suffix(".toml")
@@ -191,7 +192,7 @@ def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
 
 def _takes(shape: list[int | str | None], parts: list[str], channels: int) -> bool:
     sizes = {"N": 1, "C": channels}
-    # Of an image that is 3 pixels high or wide the layout is wrong: those are its channels.
+    # If an image is 3 pixels high or wide, the layout is wrong: those are its channels.
     return len(shape) == len(parts) and all(
         not isinstance(size, int)
         or (size == sizes.get(part, size) and (part not in "HW" or size > 3))
@@ -226,7 +227,7 @@ class _Network:
         return (depth, maps[1] * change) if about.sigma else depth
 
     def _arranged(self, name: str, images: Image) -> NDArray[Any]:
-        """Return images, shape (image, y, x, 3), as the model's input of a name takes them."""
+        """Return images, shape (image, y, x, 3), in the form that the named input takes."""
         about, node = self._about, self._inputs[name]
         if about.colour == "grey":
             grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]
@@ -239,7 +240,7 @@ class _Network:
         normal = (scaled - np.array(about.mean, "f4")) / np.array(about.std, "f4")
         sizes = dict(zip("SHWC", normal.shape, strict=True)) | {"N": 1}
         letters = [letter for letter in about.layout if letter in "SHWC"]
-        # An axis that the layout leaves out has size 1, and goes first.
+        # An axis that the layout leaves out has size 1 and goes first.
         order = [letter for letter in "SHWC" if letter not in letters] + letters
         shape = [math.prod(sizes[c] for c in p.strip("()")) for p in _PARTS.findall(about.layout)]
         arranged = normal.transpose(["SHWC".index(letter) for letter in order]).reshape(shape)
@@ -250,7 +251,7 @@ class _Network:
 
 
 class OnnxMethod(_Network):
-    """Depth by the network of an ONNX file, of an in-focus and a defocus image."""
+    """Depth from an in-focus and a defocus image, by the network of an ONNX file."""
 
     def __call__(self, infocus: Image, defocus: Image) -> Any:
         """Return depth, or depth and sigma, for two RGB images of uint8, shape (y, x, 3)."""
@@ -260,7 +261,7 @@ class OnnxMethod(_Network):
 
 
 class OnnxStackMethod(_Network):
-    """Depth by the network of an ONNX file, of a focal stack."""
+    """Depth from a focal stack, by the network of an ONNX file."""
 
     def __call__(self, stack: "xarray.DataArray") -> Any:
         """Return depth, or depth and sigma, for a stack (image, y, x, channel)."""

@@ -1,4 +1,4 @@
-"""What a user sets of a method: blur recipes, and the content of files that are named."""
+"""A method's parameters as the user sets them: blur recipes, and the content of named files."""
 
 import hashlib
 import itertools
@@ -18,7 +18,7 @@ from dfdbench.methods.sources import sha256_of
 from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_toml
 
-# Of a folder that a parameter names. All of it is hashed, before every run.
+# The limit for a folder that a parameter names, since all of it is hashed before every run.
 _MOST_FILES = 10_000
 _MOST_BYTES = 20 * 10**9
 
@@ -28,24 +28,25 @@ def read_parameters(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return parameters as a method takes them, and as a result records them.
 
-    Of these, `recipe` is made a `BlurRecipe`, or a `BlurLaw` where it has `sigmas`; a recipe in a
-    file is recorded by what the file says, so that the result can be run again without it.
+    `recipe` becomes a `BlurRecipe`, or a `BlurLaw` if it has `sigmas`. For a recipe in a file, the
+    file's content is recorded, so that the result can be run again without it.
 
     Parameters
     ----------
     given : mapping
-        By name. `recipe` may be a recipe's name, the fields of a recipe or a law, a TOML file of
-        them, a `BlurRecipe` or a `BlurLaw`.
+        Parameters by name. `recipe` may be a recipe's name, the fields of a recipe or a law, a TOML
+        file of them, a `BlurRecipe` or a `BlurLaw`.
     fits : bool
-        Whether the method has a ``fit``: its recipe may be None, which leaves the blur to the fit.
+        Whether the method has a ``fit``. Its recipe may then be None, which leaves the blur to the
+        fit.
 
     Raises
     ------
     UnknownNameError
         If no blur recipe has that name.
     MethodError
-        Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read; where
-        a number is none, or a text is not UTF-8, which no result can keep.
+        If fields of a recipe are unknown, missing or wrong, or its file cannot be read; or if a
+        number is not finite or a text is not UTF-8, which no result can keep.
 
     Examples
     --------
@@ -53,7 +54,7 @@ def read_parameters(
     >>> taken["recipe"].levels, recorded
     (256, {'recipe': {'sigma_min': 0.2, 'sigma_step': 0.006}})
     """
-    # A recipe says itself what is wrong with it.
+    # Recipes are left out because they report their own problems.
     _require_kept({name: value for name, value in given.items() if name != "recipe"})
     taken = dict(given)
     recorded = {name: _plain(value) for name, value in given.items()}
@@ -74,8 +75,8 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     Parameters
     ----------
     parameters : mapping
-        By name; paths within lists and mappings count too, as ``NAME.0`` and ``NAME.KEY``. A
-        folder's hash is that of its files' names and contents.
+        Parameters by name; paths within lists and mappings count too, as ``NAME.0`` and
+        ``NAME.KEY``. A folder's hash covers its files' names and contents.
 
     Raises
     ------
@@ -113,12 +114,12 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
 
 
 def read_fields(file: str | Path) -> dict[str, Any]:
-    """Return what a TOML file says of a blur.
+    """Return the fields of a blur from a TOML file.
 
     Raises
     ------
     UnknownNameError
-        If it is not called ``.toml``, and so is taken for a recipe's name.
+        If it does not end in ``.toml``, and so is taken for a recipe's name.
     MethodError
         If it cannot be read.
     """
@@ -135,7 +136,7 @@ def read_fields(file: str | Path) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    # Fit for JSON, in which runs and results keep it.
+    # Make it fit for JSON, in which runs and results keep it.
     if isinstance(value, BlurRecipe | BlurLaw):
         return value.as_dict()
     if isinstance(value, Path):
@@ -180,7 +181,7 @@ def _digest(path: Path) -> str:
 
 def _of_folder(folder: Path) -> str:
     names = (Path(place, name) for place, _, found in os.walk(folder) for name in found)
-    # All are counted before any is looked at.
+    # Count all of them before looking at any.
     some = list(itertools.islice(names, _MOST_FILES + 1))
     files = [path for path in some if path.is_file()] if len(some) <= _MOST_FILES else []
     if len(some) > _MOST_FILES or sum(path.stat().st_size for path in files) > _MOST_BYTES:

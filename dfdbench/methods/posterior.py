@@ -1,4 +1,4 @@
-"""How sure costs are of a pixel's level: the spread of its posterior."""
+"""How sure the costs are of a pixel's level: the spread of its posterior."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,25 +11,25 @@ from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
 
-# The variance of a number that is rounded to whole levels: no spread is less.
+# The variance of rounding to whole levels, below which no spread goes.
 _ROUNDING = 1 / 12
 
 
 class Posterior:
-    """The moments of each pixel's levels under ``exp(-sharpness * cost)``, level after level.
+    """The moments of each pixel's levels under ``exp(-sharpness * cost)``, added level by level.
 
     Parameters
     ----------
     shape : tuple of int
-        Of the image, (y, x).
+        The shape of the image, (y, x).
     window : int
-        Side of the square window that costs are averaged over first, in pixels, odd: a pixel alone
-        says little of how wrong it is.
+        Side of the square window over which costs are first averaged, in pixels, odd: a single
+        pixel says little about how wrong it is.
     sharpness : float
-        What a nat counts. As costs are averaged, not summed, more than 1 may be right.
+        The factor for a nat. It may exceed 1, since costs are averaged and not summed.
     most : float
-        Nats that a pixel says at most against a level, before costs are averaged: where surfaces
-        end, a pixel may be far from all of them.
+        The most nats that a pixel counts against a level, before costs are averaged: where surfaces
+        end, a pixel may be far from every level.
 
     Examples
     --------
@@ -47,19 +47,19 @@ class Posterior:
         self._sums = np.zeros((3, *shape))
 
     def add_all(self, levels: Iterable[float], costs: Iterable[Array], nat: float) -> None:
-        """Add levels, and of each what it costs each pixel, so many a nat."""
+        """Add levels, each with its cost at every pixel, in units of which `nat` make a nat."""
         for level, cost in zip(levels, costs, strict=True):
             self.add(float(level), cost / np.float32(nat))
 
     def add(self, level: float, cost: Array) -> None:
-        """Add a level, and what it costs each pixel, in nats."""
+        """Add a level with its cost at every pixel, in nats."""
         plane = np.minimum(np.asarray(cost, np.float32), self._most)
         plane *= self._sharpness
         edge = cv2.BORDER_REPLICATE
         plane = np.asarray(cv2.boxFilter(plane, cv2.CV_32F, self._window, borderType=edge))
         least = np.minimum(self._least, plane)
-        # All that was added before is held against the new least. Weights are written over what
-        # they follow from: memory is slow to come by.
+        # Rescale everything added before to the new least cost. Weights overwrite the arrays they
+        # are computed from, since allocating memory is slow.
         with np.errstate(under="ignore"):
             for held in (self._least, plane):
                 np.exp(np.subtract(least, held, out=held), out=held)
@@ -70,7 +70,7 @@ class Posterior:
     def spread_about(self, answer: Array) -> NDArray[np.float32]:
         """Return the root mean square distance of the levels from an answer, shape (y, x).
 
-        It is never below that of a number that is rounded to a whole level.
+        It is never below that of rounding to whole levels.
         """
         total, mean, square = self._sums
         around = (square - 2 * answer * mean) / total + np.square(answer)
@@ -79,7 +79,7 @@ class Posterior:
 
 @compiled()
 def _count_in(sums: Array, fade: Array, weight: Array, powers: Array) -> None:
-    """Let sums fade, and add a weight times each power: one pass, as they are large."""
+    """Scale the sums by `fade`, and add the weight times each power, in one pass over memory."""
     count, height, width = sums.shape
     for y in range(height):
         for power in range(count):

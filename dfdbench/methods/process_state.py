@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-# How libraries tell and take the number of threads that they work with.
+# How to get and set the number of threads in each library.
 _THREADS = {
     "cv2": ("getNumThreads", "setNumThreads"),
     "numba": ("get_num_threads", "set_num_threads"),
@@ -19,11 +19,11 @@ _THREADS = {
 
 @contextlib.contextmanager
 def process_kept() -> Iterator[None]:
-    """Put back what the block changed of the process, however it ends.
+    """Undo the block's changes to the process, however it ends.
 
-    That is the working directory, the environment, Python's limit of recursion, NumPy's print
-    options and error handling, the filters of warnings, and the numbers of threads of OpenCV, Numba
-    and PyTorch where they are loaded.
+    This covers the working directory, the environment, Python's recursion limit, NumPy's print
+    options and error handling, the warning filters, and the thread counts of OpenCV, Numba and
+    PyTorch if they are loaded.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def process_kept() -> Iterator[None]:
         for name, number in _threads().items():
             if name in threads and threads[name] != number:
                 getattr(sys.modules[name], _THREADS[name][1])(threads[name])
-        # Only where they changed: `catch_warnings` would show a warning anew at each pair.
+        # Only if they changed: `catch_warnings` would show a warning again at each pair.
         if filters != warnings.filters:
             warnings.resetwarnings()
             warnings.filters.extend(filters)  # type: ignore[attr-defined]
@@ -63,7 +63,7 @@ def process_kept() -> Iterator[None]:
 
 @contextlib.contextmanager
 def seeded(seed: int) -> Iterator[None]:
-    """Seed `random` and `numpy.random` for the block; put their states back at its end.
+    """Seed `random` and `numpy.random` for the block, and restore their states at its end.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def _working_directory() -> str | None:
 
 
 def _threads() -> dict[str, int]:
-    # What is not loaded is not loaded for this.
+    # Libraries that are not loaded are not loaded for this.
     return {
         name: getattr(sys.modules[name], told)()
         for name, (told, _) in _THREADS.items()

@@ -1,4 +1,4 @@
-"""How an answer is read from a volume of costs, and what a fit chose for that."""
+"""How to read an answer from a volume of costs, and what a fit chose for that."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Array = NDArray[Any]
 def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
     """Return each pixel's label of least cost, refined to a fraction of a label.
 
-    The fraction is the minimum of a parabola through the least cost and those beside it. The
-    first and the last label stay whole, and so does one whose neighbours cost the same.
+    The fraction is the minimum of a parabola through the least cost and its two neighbours. The
+    first and the last label stay whole, and so does a label whose neighbours cost the same.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (y, x)
-        0 to the number of labels less one.
+        0 to the number of labels minus one.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     Parameters
     ----------
     costs : ndarray
-        The prior's among them.
+        Costs including the prior's.
     sharpness : float
         See `Chosen`.
 
@@ -78,34 +78,34 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     after = np.take_along_axis(sums, label[np.newaxis], 0)[0]
     before = np.take_along_axis(sums, np.maximum(label - 1, 0)[np.newaxis], 0)[0]
     before = np.where(label > 0, before, 0)
-    # Each label's share lies evenly over its place, half a label to either side.
+    # Spread each label's share evenly over half a label to either side.
     part = np.divide(
         half - before, after - before, out=np.full(half.shape, 0.5), where=after > before
     )
     return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
 
 
-# As a fit returns them.
+# Their names in what a fit returns.
 _FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer")
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """What a fit chose by cross-validation, beside what it measured.
+    """What a fit chose by cross-validation, apart from what it measured.
 
     Parameters
     ----------
     energy : ndarray of float64, shape (level,)
-        What each level costs besides the images, in nats; all 0 where that does not help.
+        The prior's cost of each level, in nats; all 0 if a prior does not help.
     weight : float
-        What the logarithm of the training depths' histogram was multiplied with.
+        The factor for the logarithm of the training depths' histogram.
     sharpness : float
-        0 for the level of least cost; else the median of ``exp(-sharpness * cost)``.
+        0 to read the level of least cost, else the median of ``exp(-sharpness * cost)``.
     smoothing : int
-        How many times as much a method smooths as usual.
+        The factor by which the method smooths more than usual.
     finer : float
-        Within how many standard deviations of a network's answer to look again, in finer steps; 0
-        for leaving it as it is.
+        How many standard deviations around a network's answer to search again in finer steps; 0 to
+        leave the answer as it is.
     """
 
     energy: NDArray[np.float64]
@@ -115,12 +115,12 @@ class Chosen:
     finer: float = 0.0
 
     def as_learned(self) -> Learned:
-        """Return it as a method's fit returns it."""
+        """Return it in the form that a method's fit returns."""
         values = (self.energy, self.weight, self.sharpness, self.smoothing, self.finer)
         return dict(zip(_FIELDS, values, strict=True))
 
     def as_dict(self) -> dict[str, float]:
-        """Return it as a run's record has it: what is as usual left out."""
+        """Return it for a run's record, without what is as usual."""
         found = {
             "prior": (self.weight, 0.0),
             "smoothing": (self.smoothing, 1),
@@ -130,7 +130,7 @@ class Chosen:
         return {name: value for name, (value, usual) in found.items() if value != usual}
 
     def weigh_in(self, costs: Array, levels: Any = slice(None)) -> None:
-        """Add what levels cost to costs of no known unit, shape (label, y, x), where they lie.
+        """Add the prior to costs of unknown unit, shape (label, y, x), in place.
 
         Their unit is taken to be the image's median of the least cost.
 
@@ -138,7 +138,7 @@ class Chosen:
         ----------
         costs : ndarray of float32
         levels : ndarray of int, optional
-            The level of each label; default: they are the same.
+            The level of each label; by default labels are levels.
         """
         if self.weight:
             costs /= max(float(np.median(costs.min(axis=0))), 1e-12)
@@ -146,12 +146,12 @@ class Chosen:
 
     @staticmethod
     def left_out_of(learned: Learned) -> Learned:
-        """Return what a fit learned, but for what it chose."""
+        """Return what a fit learned, without what it chose."""
         return {name: value for name, value in learned.items() if name not in _FIELDS}
 
     @classmethod
     def taken_from(cls, learned: Learned) -> Chosen:
-        """Take it out of what a fit learned; without it nothing was chosen."""
+        """Take it out of what a fit learned; return `AS_USUAL` if nothing was chosen."""
         if _FIELDS[0] not in learned:
             return AS_USUAL
         energy, weight, sharpness, smoothing, finer = (learned.pop(name) for name in _FIELDS)

@@ -1,4 +1,4 @@
-"""Find a method by its name, and make it ready to be run."""
+"""Find a method by its name and make it ready to run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
     from dfdbench.methods.sources import Sources
 
-#: Facts of a data set by parameter name, worked out when they are asked for.
+#: Facts of a data set by parameter name, computed on demand.
 Facts = Mapping[str, Callable[[], Any]]
 
 
@@ -33,19 +33,19 @@ def _parameters_of(target: Callable[..., Any]) -> Mapping[str, Parameter] | None
 
 
 def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
-    """Do nothing where a callable takes these arguments, and a class needs no others.
+    """Raise unless a callable takes these arguments, and a class needs no others.
 
     Raises
     ------
     MethodError
-        Naming each parameter that is unknown, is text where a number is declared, or is needed.
+        If a parameter is unknown, missing, or text where a number is declared; it names each one.
     """
     known = _parameters_of(target)
     if known is None:
         return
     names = list(known)
     if not isinstance(target, type):
-        # Of a function the first are the images.
+        # A function's first parameters are the images.
         by_place = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
         images = [name for name in names if known[name].kind in by_place]
         names = [name for name in names if name not in images[: 1 if "stack" in images[:1] else 2]]
@@ -67,7 +67,7 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
 def _texts(
     entry: str, known: Mapping[str, Parameter], arguments: Mapping[str, Any]
 ) -> Iterator[Problem]:
-    """Yield where text is given for a number; our own methods check more than that themselves."""
+    """Yield a problem for each text that should be a number; our own methods check the rest."""
     for name, value in arguments.items():
         kind = known[name].annotation if name in known else ""
         kind = str(getattr(kind, "__name__", kind))
@@ -86,20 +86,20 @@ def _unknown_parameter(name: str, entry: str, known: list[str]) -> Problem:
     return replace(unknown_name("parameter", name, known).problems[0], where=entry)
 
 
-# Parameters that options of `predict` stand for, which nobody types by their names there.
+# Parameters that have an option of their own in the command `predict`.
 _OPTIONS = {"recipe": ("lens or blur recipe", "--lens"), "weights": ("weights", "--weights")}
 ENTRY_POINT_GROUP = "dfdbench.methods"
 
 
 @functools.cache
 def _built_in() -> dict[str, dict[str, str]]:
-    """Return entry and words of each method of dfdbench itself, by name."""
+    """Return entry and description of each of dfdbench's own methods, by name."""
     source = files("dfdbench.methods").joinpath("methods.toml")
     return tomllib.loads(source.read_text(encoding="utf-8"))
 
 
 def method_words() -> dict[str, str]:
-    """Return what each registered method is, in words.
+    """Return a short description of each registered method, by name.
 
     Examples
     --------
@@ -147,21 +147,21 @@ def load(name: str, **params: Any) -> Predict:
         A registered name, ``path/to/file.py:function``, ``module:function`` or
         ``path/to/model.onnx``.
     **params
-        Handed to a class when it is constructed, or to a function at each call. `recipe` may be
+        Passed to a class when it is constructed, or to a function at each call. `recipe` may be
         a blur recipe's name, its fields as a mapping, a TOML file of them, or a `BlurRecipe`.
 
     Returns
     -------
     callable
-        ``predict(infocus, defocus)``, of two RGB images of uint8, shape (y, x, 3); it returns
-        depth levels 0 to 255, shape (y, x).
+        ``predict(infocus, defocus)``, which takes two RGB images, uint8 of shape (y, x, 3), and
+        returns depth levels 0 to 255, shape (y, x).
 
     Raises
     ------
     MethodError
-        Where it cannot be imported or does not take these parameters.
+        If it cannot be imported or does not take these parameters.
     UnknownNameError
-        Where no method of that name is registered.
+        If no method of that name is registered.
 
     Examples
     --------
@@ -180,31 +180,31 @@ def load_method(
     offers: Facts,
     for_fits: Facts = MappingProxyType({}),
 ) -> Method:
-    """Find a method, construct it where it is a class, and say where it came from.
+    """Find a method, construct it if it is a class, and note where it came from.
 
-    A function in a notebook, a lambda, an object may change unnoticed: no run of it can go on, and
-    no other process can load it. Its source has no hash.
+    A function in a notebook, a lambda or an object may change unnoticed. So its source has no hash,
+    its runs cannot be resumed, and no other process can load it.
 
     Parameters
     ----------
     name : str or callable
         As for `load`, or the function, class or object itself.
     parameters : mapping
-        What the user set.
+        The parameters that the user set.
     offers : mapping of str to callable
-        Facts of the data set by parameter name (``recipe``, ``training_mean``), worked out only
-        for a class that has such a parameter which the user left open.
+        Facts of the data set by parameter name (``recipe``, ``training_mean``), computed only for
+        a class that has such a parameter and only if the user did not set it.
     for_fits : mapping of str to callable, optional
-        What takes the place of offers for a class that has a ``fit``. Where one gives None, there
-        is no such fact, which such a class can find out; it is then not among the method's uses.
+        Facts that replace the offers for a class that has a ``fit``. If one gives None, the fact
+        does not exist and the fit can measure it; it is then not among the method's uses.
 
     Raises
     ------
     MethodError, UnknownNameError
         As for `load`.
     """
-    # Before files are heard of: pydantic, of which recipes are, reads lists of packages at first,
-    # and so does a search by name. And not at the top, so that a list of the names needs no numpy.
+    # Imported before files are watched, because pydantic, which recipes use, first reads lists of
+    # packages, as does a search by name; and not at the top, so that listing names needs no numpy.
     from dfdbench.methods.calling import as_method
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
@@ -237,13 +237,13 @@ def load_method(
             expected = "something to call as predict(infocus, defocus)"
             raise MethodError(what, where=entry, expected=expected)
         method = Method(shown, entry, predict, recorded, uses, sources=sources)
-        # Now, not after the hours of a run.
+        # Fail now, not after the hours of a run.
         method.require_readable()
     return method
 
 
 def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:
-    """Return how a method is called, its entry, and the method itself if no entry leads to it."""
+    """Return a method's name, its entry, and the method itself if no entry leads to it."""
     if not isinstance(name, str):
         try:
             name = entry_of(name)
@@ -254,7 +254,7 @@ def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:
 
 
 def _imported(name: str, entry: str, sources: Sources) -> tuple[str, Any]:
-    """Return how a method is called, and what its entry names; note where that is defined."""
+    """Return a method's name and what its entry names, and note where that is defined."""
     target, module = import_entry(entry)
     place = Path(entry.rpartition(":")[0])
     is_onnx = place.suffix == ONNX
@@ -263,12 +263,12 @@ def _imported(name: str, entry: str, sources: Sources) -> tuple[str, Any]:
 
 
 def find_entry(name: str) -> str:
-    """Return where a method is defined, ``module:attribute``; nothing is imported.
+    """Return where a method is defined, ``module:attribute``, without importing it.
 
     Raises
     ------
     UnknownNameError
-        Where no method is registered under a name without a colon.
+        If the name has no colon and no method is registered under it.
 
     Examples
     --------
@@ -297,13 +297,13 @@ def _constructed(entry: str, target: type, arguments: Mapping[str, Any]) -> Any:
 
 
 def entry_of(target: Callable[..., Any]) -> str:
-    """Return ``module:attribute`` of a function or class, under which it can be imported.
+    """Return the ``module:attribute`` from which a function or class can be imported.
 
     Raises
     ------
     MethodError
-        Where it is not to be had under a name, or what it does could change unnoticed: a lambda,
-        a function within another, an object, anything typed into an interpreter.
+        If it cannot be imported by name, or could change unnoticed: a lambda, a nested function,
+        an object, or anything typed into an interpreter.
 
     Examples
     --------
@@ -312,7 +312,7 @@ def entry_of(target: Callable[..., Any]) -> str:
     """
     place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
     module = sys.modules.get(place)
-    # What is piped into Python says that its file is "<stdin>".
+    # Code piped into Python gives its file as "<stdin>".
     in_file = Path(getattr(module, "__file__", None) or "").is_file()
     if not in_file or getattr(module, name, None) is not target:
         what = f"the method has no name under which it could be found again: {repr(target)[:80]}"

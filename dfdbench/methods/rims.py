@@ -1,7 +1,7 @@
-"""Where surfaces end: of a focal stack, which of two surfaces a pixel beside a jump belongs to.
+"""Find where surfaces end in a focal stack: which of two surfaces a pixel at a jump belongs to.
 
-A law says how a surface blurs, not that a near one, out of focus, covers what lies behind it. So
-beside a near surface the far one explains its own images badly, and the near one grows.
+A law says how a surface blurs, but not that a near surface out of focus occludes what is behind it.
+So next to a near surface the far one explains its own images badly, and the near one grows.
 """
 
 import math
@@ -19,19 +19,19 @@ from dfdbench.methods.alignment import Array, light_of, noise_of
 from dfdbench.methods.blurred import aligned
 from dfdbench.system.compiled import compiled
 
-#: Of images or of one: what is aimed at, its noise, kernels by level, and how far they reach.
+#: For one or more images: their target, its noise, the kernels by level, and the kernels' reach.
 Views = tuple[Array, Array, Array, Array]
 
-# Chosen on the demo set's training stacks. A misfit counts in full up to about so many nats, and
-# above by its logarithm: there may be a third surface.
+# Chosen on the demo set's training stacks. A misfit counts in full up to about this many nats, and
+# logarithmically above, since there may be a third surface.
 _NATS = 5.0
-# So many images are looked at of those focused nearest to either surface; others show too little of
-# where it ends.
+# How many images focused nearest to either surface are used; others show too little of where it
+# ends.
 _NEAREST = 2
-# How far from a pixel is looked at what its change changes.
+# How far around a changed pixel its effect is evaluated.
 _REACH = 2
 _SWEEPS = 4
-# A surface that shows less of itself is not there.
+# A surface with a smaller visible share is not there.
 _TRACE = 1e-6
 
 
@@ -43,25 +43,25 @@ def settle_rims(
     *,
     farther_is_higher: bool = False,
 ) -> NDArray[np.float32]:
-    """Return a depth map whose surfaces end where the images of a stack say.
+    """Return a depth map whose surfaces end where the images of a stack show it.
 
-    A pixel beside a jump of depth takes the level of the neighbour across, wherever the images
-    about it then are explained better, as `dfdbench.blur.occlusion.composite_layers` has them: the
-    near surface over the far one, which goes on behind it. It is gone through the map forth and
-    back until nothing changes, four times at most.
+    A pixel beside a jump in depth takes the level of the neighbour across the jump if that explains
+    the images around it better. As in `dfdbench.blur.occlusion.composite_layers`, the near surface
+    covers the far one, which continues behind it. The map is scanned forwards and backwards until
+    nothing changes, four times at most.
 
     Parameters
     ----------
     laws : sequence of BlurLaw
         How each defocus image was made.
     infocus : ndarray of uint8, shape (y, x, channel) or (y, x)
-        What they are blurred from.
+        The image that they are blurred from.
     images : sequence of ndarray of uint8, of that shape
         The defocus images.
     levels : ndarray of float32, shape (y, x)
         The depth map so far.
     farther_is_higher : bool
-        Which of two levels covers the other: the lower one, instead of the higher.
+        Whether the lower of two levels occludes the other, instead of the higher.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def settle_rims(
     [7.5, 7.5, 7.5]
     """
     light = light_of(np.atleast_3d(infocus), laws[0].linear)
-    # Filled one by one: they are large.
+    # Filled one by one, as they are large.
     aims = np.empty((len(images), *light.shape), np.float32)
     noise = np.empty_like(aims)
     for place, (law, image) in enumerate(zip(laws, images, strict=True)):
@@ -138,11 +138,11 @@ def _sweep(levels: Array, light: Array, views: Views, focused: Array, backwards:
 def _far_over_near(
     pixel: tuple[int, int, int, int], levels: Array, light: Array, view: Views
 ) -> float:
-    """Return how many nats better an image is explained if a pixel is far than if it is near."""
+    """Return how many nats better a far pixel explains an image than a near pixel does."""
     (y, x, near, far), (aim, noise, kernels, reach) = pixel, view
     height, width, channels = light.shape
     split = (near + far) // 2
-    # What is seen of the far and the near surface, but for the pixel: its colours, and its share.
+    # The colours and the share seen of the far and the near surface, without the pixel itself.
     sums = np.empty((2, channels + 1), np.float64)
     radius = max(reach[near], reach[far])
     about = min(radius, _REACH)
@@ -175,11 +175,11 @@ def _far_over_near(
 def _misfit(
     sums: Array, side: int, weight: float, colour: Array, aim: Array, noise: Array
 ) -> float:
-    """Return how badly two surfaces explain a pixel, in nats, one of which has a pixel more."""
+    """Return how badly two surfaces explain a pixel, in nats, if one of them gets another pixel."""
     channels = len(colour)
     far = sums[0, channels] + (weight if side == 0 else 0.0)
     near = sums[1, channels] + (weight if side == 1 else 0.0)
-    # What no far surface reaches, a near one covers.
+    # If no far surface reaches the pixel, the near one covers all of it.
     share = min(near, 1.0) if far > _TRACE else 1.0
     square = 0.0
     for channel in range(channels):

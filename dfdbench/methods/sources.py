@@ -1,9 +1,9 @@
-"""List the modules and files that a method's answers come from, so that a run knows its own.
+"""List the modules and files that a method's answers depend on, so that runs can be compared.
 
-Modules are found by reading `import` statements, from the method's own module on. That finds the
-same ones in every process; `sys.modules` would depend on what else was loaded before. Files are
-heard of through Python's audit hook, while the method is loaded, fitted and called. What a library
-written in C opens by itself, or another process, is not heard of.
+Modules are found by following `import` statements from the method's own module. That finds the
+same ones in every process, while `sys.modules` would depend on what else was loaded before. Files
+are noted by Python's audit hook while the method is loaded, fitted and called. It does not see
+files that a C library opens by itself, or that another process opens.
 """
 
 import ast
@@ -25,38 +25,38 @@ from dfdbench.system.cache import cache_folder
 
 #: Hashes by label; None for a file that the method wrote itself, which is not compared.
 Hashes = dict[str, str | None]
-#: What stands for the hash of a file that the method tried to open and did not find.
+#: Replaces the hash of a file that the method tried to open and did not find.
 ABSENT = "absent"
 
 _PACKAGE = Path(os.path.realpath(__file__)).parents[1]
-# Of dfdbench, only these rooms compute depth. The others read data, print and draw: a change in
-# one of them must not throw away the hours of a run. Releases differ by their version.
+# Only these rooms of dfdbench compute depth. The others read data, print and draw, and a change
+# there must not throw away the hours of a run. Releases differ by their version anyway.
 _ROOMS = ("dfdbench.methods.", "dfdbench.blur.")
-# The methods take types from this one, which calls them.
+# Methods only take types from this module, which calls them.
 _CALLER = "dfdbench.methods.method"
 _NOT_OWN = {"site-packages", "dist-packages", "__pycache__"}
 
 
 class Sources:
-    """The modules and files that one method's answers come from."""
+    """The modules and files that one method's answers depend on."""
 
     def __init__(self) -> None:
-        #: Files and folders that do not count, such as the data set's.
+        #: Files and folders that do not count, such as those of the data set.
         self.apart: tuple[Path, ...] = ()
         self._module: tuple[str, Path] | None = None
         self._own: Path | None = None
         self._base = Path(os.sep)
-        #: Files that were opened to be read, and those that were written.
+        #: Files that were opened for reading, and those that were written.
         self.read: set[str] = set()
         self.written: set[str] = set()
-        # What was heard of and counts; None if it does not.
+        # Files that were noted: their path if they count, else None.
         self._counted: dict[str, Path | None] = {}
         self._hashes: dict[Path, str] = {}
 
     def begin_at(self, module: ModuleType, own: Path | None = None) -> None:
-        """Say in which module the method is defined; its folder or package is the method's own.
+        """Start at the module that defines the method; its folder or package is the method's own.
 
-        A method that files in another folder make, `own`, has that one.
+        If files in another folder make up the method, pass that folder as `own`.
         """
         file = getattr(module, "__file__", None)
         if not isinstance(file, str):
@@ -69,11 +69,11 @@ class Sources:
             self._own = path.parents[levels - 1]
             self._base = self._own.parent
         elif _NOT_OWN & set(path.parts):
-            # A single module among the installed packages.
+            # It is a single module among the installed packages.
             self._own = path
         if own is not None:
             self._base = self._own = _real(own)
-        # As it is now, which is as it was imported.
+        # Hash it now, while it is still as it was imported.
         self._hash(path)
 
     @property
@@ -92,10 +92,10 @@ class Sources:
             _listening.remove(self)
 
     def hashes(self) -> Hashes:
-        """Return the SHA-256 of all that was used until now, by label.
+        """Return the SHA-256 of everything used so far, by label.
 
-        A label is a path within the method's own folder, a whole path elsewhere, or the dotted name
-        of a module of dfdbench.
+        A label is a relative path within the method's own folder, a full path elsewhere, or the
+        dotted name of a module of dfdbench.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Sources:
         return dict(sorted(found.items()))
 
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
-        """Return the SHA-256 that the files have now which an earlier call used."""
+        """Return the present SHA-256 of the files that an earlier call used."""
         return {label: sha256_of(self._path(label)) for label in labels}
 
     @functools.cached_property
@@ -127,7 +127,7 @@ class Sources:
                 continue
             found.add(path)
             self._require_as_imported(name, path)
-            # Of a module elsewhere, a library for example, what it imports is its own affair.
+            # Do not follow the imports of modules elsewhere, such as libraries.
             if name.startswith(_ROOMS) or self._is_own(path):
                 new = {*_imported(path, _dotted(path, self._base))} - named
                 named |= new
@@ -184,12 +184,12 @@ class Sources:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Say which of the files used earlier have other contents now.
+    """Say which of the files used earlier have changed.
 
     Parameters
     ----------
     before, now : mapping of str to str or None
-        From `Sources.hashes`. Labels that only one of them has are left out.
+        From `Sources.hashes`. Labels that only one of them has are ignored.
 
     Examples
     --------
@@ -205,9 +205,10 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     return said
 
 
-# Audit hooks cannot be taken away again: there is one, and it mostly has nobody to tell.
+# Audit hooks cannot be removed, so there is only one, and it mostly has no listeners.
 _listening: list[Sources] = []
-# By the specification, which reloading a module makes anew. It is kept so that its id stays its.
+# By the id of a module's specification, which is new after a reload. The specification is kept so
+# that its id is not reused.
 _as_imported: dict[int, tuple[Any, str]] = {}
 
 
@@ -219,7 +220,7 @@ def _begin_to_hear() -> None:
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
     if event != "open" or not _listening:
         return
-    # An exception here would be one of the method's.
+    # An exception here would look like one of the method's.
     with contextlib.suppress(Exception):
         name, mode, flags = arguments
         if isinstance(name, int):
@@ -232,7 +233,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @functools.cache
 def _of_the_machine() -> tuple[Path, ...]:
-    """Return the folders of Python itself, and of what a machine changes by itself."""
+    """Return the folders of Python itself, and those that a machine changes by itself."""
     prefixes = (sys.prefix, sys.base_prefix, sysconfig.get_path("stdlib"), tempfile.gettempdir())
     return tuple(map(_real, (*prefixes, "/dev", "/etc", "/proc", "/sys", "/usr")))
 
@@ -242,8 +243,8 @@ def _real(folder: str | Path) -> Path:
 
 
 def _source_of(heard: str) -> Path:
-    # Python opens a module's bytecode in place of the module if that is up to date. Where the file
-    # is nobody's bytecode, or this Python keeps none, `source_from_cache` raises.
+    # Python opens a module's bytecode instead of the module if that is up to date. If the file is
+    # not bytecode, or this Python keeps none, `source_from_cache` raises.
     with contextlib.suppress(ValueError, NotImplementedError):
         if heard.endswith(".pyc"):
             return _settled(importlib.util.source_from_cache(heard))
@@ -251,7 +252,7 @@ def _source_of(heard: str) -> Path:
 
 
 def _settled(path: str | Path) -> Path:
-    # A link to a file stays: it may lead to another file tomorrow.
+    # Keep links to files: they may lead to other files tomorrow.
     folder, name = os.path.split(os.path.abspath(path))
     return _real(folder) / name
 
@@ -280,7 +281,7 @@ def sha256_of(path: Path) -> str:
 
 
 def _imported(path: Path, name: str) -> tuple[str, ...]:
-    """Return what a module may import: names of modules, and of what may be one."""
+    """Return the names that a module imports, which may be modules or their attributes."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -288,7 +289,8 @@ def _imported(path: Path, name: str) -> tuple[str, ...]:
     return _imported_in(content, name if path.stem == "__init__" else name.rpartition(".")[0])
 
 
-# By content: a hundred modules are parsed once a process, not for each method and data set.
+# Cached by content, so that a hundred modules are parsed once per process, not once per method and
+# data set.
 @functools.cache
 def _imported_in(content: bytes, package: str) -> tuple[str, ...]:
     names: list[str] = []
@@ -310,7 +312,7 @@ def _imported_in(content: bytes, package: str) -> tuple[str, ...]:
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:
-    # Not `ast.walk`, which looks at every word of every expression.
+    # Not `ast.walk`, which visits every node of every expression.
     left = [tree]
     while left:
         node = left.pop()

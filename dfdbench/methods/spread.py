@@ -1,8 +1,8 @@
-"""How sure a method is of a pixel: its own spread, made honest by one factor.
+"""How sure a method is of a pixel: its own spread, calibrated by one factor.
 
-What a cost volume says of its own errors is in the right order but not of the right size: noise is
-not all that is wrong, and neighbours do not err independently. So one number is fitted on training
-captures, by which nine truths in ten lie within 1.645 standard deviations.
+The errors that a cost volume predicts are in the right order but of the wrong size: noise is not
+the only error, and neighbours do not err independently. So we fit one factor on training captures,
+with which nine truths in ten are within 1.645 standard deviations.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from dfdbench.methods.fitted import Array, evenly_spread, nothing_to_fit
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.metrics.sureness import REACH_90
 
-#: Captures that a factor is fitted on, evenly among all, and pixels of each.
+#: How many captures a factor is fitted on, evenly among all, and how many pixels of each.
 MOST_CAPTURES, _PIXELS = 16, 20_000
-# What a fit returns it as.
+# The factor's name in what a fit returns.
 _NAME = "spread"
 _HELD = 0.9
 
 
 @dataclass(frozen=True)
 class Sureness:
-    """Whether a method is to say how sure it is, and by what factor of its own spread.
+    """Whether a method returns how sure it is, and the factor for its own spread.
 
     Parameters
     ----------
     asked : bool
-        Whether it is.
+        Whether it returns that.
     method : str
-        Its name, for errors.
+        The method's name, for errors.
     factor : float or None
-        What a fit found; None before.
+        The fitted factor; None before the fit.
     """
 
     asked: bool
@@ -44,12 +44,12 @@ class Sureness:
     factor: float | None = None
 
     def require_factor(self) -> float:
-        """Return the factor that was fitted.
+        """Return the fitted factor.
 
         Raises
         ------
         MethodError
-            If none was.
+            If there is none.
         """
         if self.factor is None:
             what = "the method has seen no training captures, and cannot say how sure it is"
@@ -58,17 +58,17 @@ class Sureness:
         return self.factor
 
     def answer(self, depth: Array, raw: Any) -> Any:
-        """Return depth; and, if it is asked for, sigma, which follows from the method's own spread.
+        """Return depth or, if `asked`, depth and sigma, computed from the method's own spread.
 
         Parameters
         ----------
         depth, raw : ndarray of float32, shape (y, x)
-            `raw` does not matter if nothing is asked for.
+            Depth, and the method's own spread, which is ignored unless `asked`.
         """
         return (depth, np.asarray(self.require_factor() * raw, np.float32)) if self.asked else depth
 
     def restored(self, learned: Learned) -> Sureness:
-        """Take the factor out of what a fit learned; None without it."""
+        """Take the factor out of what a fit learned; it is None if there is none."""
         found = learned.pop(_NAME, None)
         return replace(self, factor=None if found is None else float(found))
 
@@ -80,13 +80,13 @@ class Sureness:
         Parameters
         ----------
         answer : callable
-            Gives the depth levels of a capture, and the method's own spread; shape (y, x).
+            Returns a capture's depth levels and the method's own spread, shape (y, x).
         captures : sequence of TrainingPair
-            With depth.
+            Captures with depth.
         """
 
         def found(index: int) -> tuple[Array, Array]:
-            # One capture after the other: they may be large.
+            # One capture at a time, as they may be large.
             capture = captures[index]
             depth, raw = answer(capture)
             known = capture.valid
@@ -97,15 +97,15 @@ class Sureness:
 
 
 def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:
-    """Fit the factor by which nine truths in ten lie within 1.645 standard deviations.
+    """Fit the factor with which nine truths in ten are within 1.645 standard deviations.
 
     Parameters
     ----------
     found : iterable of (ndarray, ndarray)
-        Of each capture the absolute errors of its known pixels, and the method's own spread there,
-        above 0. A capture counts as much as another, whatever its size.
+        For each capture, the absolute errors of its known pixels and the method's own spread there,
+        above 0. All captures count equally, whatever their size.
     method : str
-        Its name, for errors.
+        The method's name, for errors.
 
     Raises
     ------
@@ -130,5 +130,5 @@ def fit_spread(found: Iterable[tuple[Array, Array]], method: str) -> float:
     order = np.argsort(ratio, kind="stable")
     reached = np.cumsum(weight[order]) / len(ratios)
     place = min(int(np.searchsorted(reached, _HELD)), ratio.size - 1)
-    # A method that is never wrong, as on made images, still has to name a number above 0.
+    # A method that is never wrong, as on synthetic images, still needs a number above 0.
     return max(float(ratio[order[place]]) / REACH_90, 1e-3)

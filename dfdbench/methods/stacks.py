@@ -1,4 +1,4 @@
-"""What a method solves with on a focal stack: an image in focus all over, and the others."""
+"""The images of a focal stack that a method works with: one in focus everywhere, and the others."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ if TYPE_CHECKING:
 
     from dfdbench.methods.method import TrainingPair
 
-# Captures of which it is asked whether they are alike: the first, which go through the values of
-# axes, and as many evenly among all, which alone might always meet the same value.
+# How many captures to check for being alike: the first, which go through the values of axes, and as
+# many evenly among all, which alone might always have the same value.
 _LOOKED_AT = 8
-# An image is not in focus all over if others have so much more contrast, as a logarithm, in more
-# than such a part of it. Of made stacks, whose in-focus image is, at most 2 % has; of rendered ones
-# 44 % or more.
+# An image is not in focus everywhere if the log contrast of others is higher by the first number,
+# in more than the second share of it. That share is at most 2 % in synthetic stacks, whose in-focus
+# image is sharp everywhere, and 44 % or more in rendered ones.
 _CLEARLY, _PART = 0.1, 0.1
 
 
 def sharp_and_blurred(
     stack: DataArray, changes: Sequence[ViewChange] = ()
 ) -> tuple[Image, list[Image]]:
-    """Return an image in focus all over, and the images to explain by its blur, of 8 bits.
+    """Return an image in focus everywhere, and the images to explain by blurring it, as uint8.
 
-    Without the role ``infocus`` the first is put together from the others. So it is where others of
-    a stack are sharper: at f/8 a lens that focuses near still blurs what is far.
+    If no image has the role ``infocus``, the first is fused from the others. It is also fused if
+    other images are sharper: even at f/8 a lens that focuses near blurs what is far.
 
     Parameters
     ----------
     stack : xarray.DataArray, dimensions (image, y, x, channel)
         A capture's ``stack``.
     changes : sequence of ViewChange
-        What the camera changes in each defocus image beside the blur: it is taken out before they
-        are put together, and left in those that are returned. Empty: nothing.
+        What the camera changes in each defocus image besides the blur. It is undone before they are
+        fused, but not in the images that are returned. Empty if there is no change.
 
     Raises
     ------
     MethodError
-        Without a defocus image.
+        If there is no defocus image.
     """
     sharp, blurred = _images_of(stack)
     seen = [
@@ -60,9 +60,9 @@ def sharp_and_blurred(
 
 
 def view_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
-    """Return the image whose view counts, and the defocus images: see `sharp_and_blurred`.
+    """Return the image that defines the view, and the defocus images: see `sharp_and_blurred`.
 
-    It is that with the role ``infocus``, or else the middle of the stack.
+    The view is that of the image with the role ``infocus``, or else of the middle of the stack.
     """
     sharp, blurred = _images_of(stack)
     return blurred[len(blurred) // 2] if sharp is None else sharp, blurred
@@ -79,7 +79,7 @@ def _images_of(stack: DataArray) -> tuple[Image | None, list[Image]]:
 
 
 def _others_are_sharper(sharp: Image, others: Sequence[Image]) -> bool:
-    """Return whether a good part of an image is sharper in others, of which a pair has none."""
+    """Return whether a good part of an image is sharper in others; never so with one other."""
     if len(others) < 2:
         return False
     own, *contrast = (cv2.blur(focus_cells(image), (3, 3)) for image in (sharp, *others))
@@ -87,9 +87,9 @@ def _others_are_sharper(sharp: Image, others: Sequence[Image]) -> bool:
 
 
 def fused(images: Sequence[Image]) -> Image:
-    """Return the image in which every pixel is from where the stack is sharpest.
+    """Return an image that takes each pixel from the image of the stack that is sharpest there.
 
-    Which that is follows the edges of the images, as depth does in `ShapeFromFocus`.
+    The choice follows the edges of the images, as depth does in `ShapeFromFocus`.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def fused(images: Sequence[Image]) -> Image:
 
 
 def farther_is_higher(captures: Sequence[TrainingPair]) -> bool:
-    """Return whether the levels of captures grow with distance; not so if that cannot be told."""
+    """Return whether the levels of captures grow with distance; False if that is unknown."""
     near, far = (captures[0].stack.attrs[end] for end in ("near", "far"))
     if captures[0].stack.attrs["unit"] == "levels":
         return bool(near < far)
@@ -130,7 +130,7 @@ def is_pair(stack: DataArray) -> bool:
 
 
 def require_alike(captures: Sequence[TrainingPair]) -> None:
-    """Refuse captures of different cameras, to which one law would be fitted, and none at all."""
+    """Raise if captures are from different cameras, which no single law fits, or there are none."""
     if not len(captures):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
     known: dict[str, NDArray[np.float64]] = {}

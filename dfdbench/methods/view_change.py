@@ -1,8 +1,8 @@
-"""What a camera changes between two images of one view besides the blur: place, size, light.
+"""What a camera changes between two images of one view besides the blur: position, size, light.
 
-A lens that focuses elsewhere breathes, so that the view grows or shrinks about the middle; a wide
-aperture darkens the corners more than a small one. Both are measured over training captures and
-taken out of the defocus image before it is compared.
+A lens that changes its focus breathes: the view grows or shrinks about the middle. A wide aperture
+darkens the corners more than a small one. Both are measured over training captures and removed
+from the defocus image before it is compared.
 """
 
 from collections.abc import Sequence
@@ -19,44 +19,45 @@ from dfdbench.blur.recipe import LAST_LEVEL
 
 Array = NDArray[Any]
 
-# Images are made smaller until no side is longer, in pixels; the smoothing of each step, from
-# which a shift of about as many pixels is found.
+# Images are reduced until no side is longer than this, in pixels. Each step's smoothing finds a
+# shift of about as many pixels.
 _LONGEST = 640
 _SMOOTHINGS = (8.0, 4.0, 2.0, 2.0)
-# Below the first share of white there is more noise than light, above the second it is cut off.
+# Below the first share of white there is more noise than light; above the second, it is clipped.
 _DARK, _BRIGHT = 0.03, 0.94
-# Left out at the border, in pixels: the smoothing reaches past it.
+# Left out at the border, in pixels, because the smoothing reaches past it.
 _BORDER = 12
-# What is no change: less than this at the corners in pixels, and as a part of the light.
+# A smaller change does not count: in pixels at the corners, and as a share of the light.
 _STILL = 0.1
 _LEVEL = 0.015
-# In radians; what is less is not worth a word.
+# In radians; a smaller rotation is not mentioned.
 _TURNED = 2e-4
-# So many times the captures' spread, its median, a change has to be.
+# A change has to be this many times the captures' median spread.
 _CLEARLY = 2.0
-# Turned or larger by more it is no breathing but another view.
+# A larger rotation or magnification is not breathing but another view.
 _FARTHEST = 0.06
-# Rows and columns of the fields whose light is compared; what part of its variance over the image
-# has to go with the radius, else it is a shadow.
+# Rows and columns of the fields whose light is compared; the share of its variance over the image
+# that has to go with the radius, as otherwise it is a shadow.
 _FIELDS = (12, 16)
 _BY_RADIUS = 0.5
-# Light that differs by more besides may be one: a third of the image 10 % darker makes 0.04.
+# Light that differs further by more than this may be a shadow: a third of the image 10 % darker
+# makes 0.04.
 _SHADOW = 0.03
 # A median's standard deviation over the median distance from it, for one value of a normal
 # distribution.
 _OF_MEDIANS = 1.858
-# Knots of the fall-off's curve: a stop before the lens cuts the corners alone, as no low polynomial
-# does.
+# Knots of the fall-off's curve. It is not a polynomial of low degree, which could not follow a stop
+# in front of the lens that darkens only the corners.
 KNOTS = 9
-# What a bend of the curve counts beside a field's misfit.
+# The weight of a bend in the curve, relative to a field's misfit.
 _STIFF = 0.5
 _FEW_CAPTURES = 3
 
 
 class Images(NamedTuple):
-    """An in-focus and a defocus image of one capture, made smaller: uint8, shape (y, x, channel).
+    """An in-focus and a defocus image of one capture, reduced: uint8, shape (y, x, channel).
 
-    `times` is how many pixels of the capture, along a side, one of them stands for.
+    `times` is the factor of the reduction along each side.
     """
 
     infocus: Array
@@ -65,7 +66,7 @@ class Images(NamedTuple):
 
     @classmethod
     def small(cls, infocus: Array, defocus: Array) -> Self:
-        """Return images of any size as small as they are looked at."""
+        """Reduce images of any size to the working size."""
         height, width = infocus.shape[:2]
         times = -(-max(height, width) // _LONGEST)
         if times == 1:
@@ -88,14 +89,14 @@ class ViewChange:
     Parameters
     ----------
     similarity : tuple of float
-        How far it is moved down and right, in pixels; turned, in radians, from down to right; and
-        how much larger it is, 0.006 for 0.6 %; about the middle.
+        How far it is shifted down and right, in pixels; how far it is rotated, in radians from down
+        to right, and how much larger it is (0.006 for 0.6 %), both about the middle.
     falloff : tuple of tuple of float
-        A channel each: its light, as a part of the in-focus image's, at even steps of r^2 from the
-        middle to the corners; straight lines between. None: as much light.
+        For each channel, its light as a fraction of the in-focus image's, at even steps of r^2 from
+        the middle to the corners, with linear interpolation. Empty if the light is equal.
     uneven : float
-        How much the light differs besides, which is left: the standard deviation over fields of
-        the image, as a part of the light.
+        How much the light differs apart from that, which is not undone: the standard deviation over
+        fields of the image, as a share of the light.
     """
 
     similarity: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -104,7 +105,7 @@ class ViewChange:
 
     @classmethod
     def of(cls, law: BlurLaw) -> Self:
-        """Return what a law says of it."""
+        """Return the change that a law contains."""
         return cls(law.similarity, law.falloff)
 
     @property
@@ -114,18 +115,18 @@ class ViewChange:
 
     @property
     def has_shadow(self) -> bool:
-        """Whether the light that is left differs by more than blur does over photographs."""
+        """Whether the remaining light differs by more than blur makes it differ in photographs."""
         return self.uneven > _SHADOW
 
     def light_at(self, shape: Sequence[int]) -> Array:
-        """Return the defocus image's light as a part of the other's, shape (y, x, channel)."""
+        """Return the defocus image's light as a fraction of the other's, shape (y, x, channel)."""
         radius = _square_radius(shape)
         steps = [np.linspace(0, 1, len(curve)) for curve in self.falloff]
         curves = zip(steps, self.falloff, strict=True)
         return np.stack([np.interp(radius, *curve) for curve in curves], axis=-1)
 
     def words(self) -> str:
-        """Say it in words.
+        """Return it in words.
 
         Examples
         --------
@@ -154,7 +155,7 @@ class ViewChange:
         return "; ".join(words) or "in register, and as bright all over"
 
     def undone(self, defocus: Array) -> Array:
-        """Return a defocus image as if nothing had changed: the same array if nothing did.
+        """Return a defocus image with the change undone; the same array if there is none.
 
         Parameters
         ----------
@@ -163,7 +164,7 @@ class ViewChange:
         Returns
         -------
         ndarray, shape (y, x, channel)
-            Grey levels, float32 where something changed.
+            Grey levels, float32 if something changed.
         """
         image = defocus
         if self.falloff:
@@ -175,7 +176,7 @@ class ViewChange:
 
 
 def without_change(law: BlurLaw) -> BlurLaw:
-    """Return a law of images from which its change is taken out."""
+    """Return the law for images from which the change has been removed."""
     return replace(law, similarity=ViewChange.similarity, falloff=ViewChange.falloff)
 
 
@@ -185,20 +186,20 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     Parameters
     ----------
     captures : sequence of Images
-        Of one camera; the median of what each shows is taken.
+        Captures of one camera; the median over them is taken.
 
     Notes
     -----
-    Light: each capture is cut into fields, and the light of a field in the defocus image is held
-    against that in the in-focus image; blur moves light between neighbours only. A curve over r^2,
-    straight between its knots, is fitted to the fields' ratios.
+    Light: each capture is divided into fields, and a field's light in the defocus image is compared
+    with that in the in-focus image; blur moves light only between neighbours. A piecewise linear
+    curve over r^2 is fitted to the fields' ratios.
 
-    Place and size: the smoothed defocus image is taken for the smoothed in-focus image, its first
-    derivatives times where the similarity moves each pixel, and its Laplacian, by which its blur
-    changes; least squares, from coarse to fine (Lucas and Kanade 1981).
+    Position and size: the smoothed defocus image is modelled as the smoothed in-focus image, plus
+    its first derivatives times the similarity's shift of each pixel, plus its Laplacian, which
+    changes its blur. It is fitted by least squares, from coarse to fine (Lucas and Kanade 1981).
 
-    With fewer than three captures nothing is measured: one scene's shadow or parallax would pass
-    for the camera's.
+    With fewer than three captures nothing is measured, since one scene's shadow or parallax would
+    be taken for the camera's.
 
     Examples
     --------
@@ -215,7 +216,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     down, right, angle, growth = typical.tolist()
     change = replace(light, similarity=(down, right, angle, growth))
     turn, larger = np.abs(typical[2:])
-    # Of shifts alone each capture may have its own, which a law finds anew.
+    # A mere shift does not count: each capture may have its own, which a law finds anew.
     corner = np.median([np.hypot(*pair.infocus.shape[:2]) / 2 * pair.times for pair in captures])
     size = np.hypot(turn, larger)
     still = size * corner < _STILL or size < _CLEARLY * np.hypot(*spread[2:])
@@ -223,7 +224,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
 
 
 def _middle(shape: Sequence[int]) -> tuple[Array, Array]:
-    """Return how far each pixel is below and right of the middle."""
+    """Return how far each pixel is below and to the right of the middle."""
     height, width = shape[:2]
     down = np.arange(height, dtype=np.float32)[:, np.newaxis] - np.float32((height - 1) / 2)
     right = np.arange(width, dtype=np.float32)[np.newaxis] - np.float32((width - 1) / 2)
@@ -242,7 +243,7 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         for image in pair[:2]:
             known &= (image > _DARK * LAST_LEVEL) & (image < _BRIGHT * LAST_LEVEL)
         sums = [_by_field(np.where(known, decode(image), 0)) for image in pair[:2]]
-        # The light of a whole capture may differ, as the exposure time does.
+        # The light of a whole capture may differ, for example with the exposure time.
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = sums[1] / sums[0]
         ratios.append(ratio / np.nanmedian(ratio, axis=(0, 1)) if known.any() else ratio)
@@ -252,11 +253,11 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         return ViewChange()
     typical = np.nanmedian(ratios, axis=0)
     channels = np.moveaxis(typical, -1, 0)
-    # Blur moves light between fields: by so much medians of that many captures differ by chance.
+    # Blur moves light between fields, so medians over captures vary by chance.
     spread = np.nanmedian(np.abs(np.array(ratios) - typical), axis=0)
     chance = np.square(_OF_MEDIANS * spread).sum() / len(captures)
     terms = np.mean([_knots_by_field(pair.infocus.shape) for pair in captures], axis=0)
-    # Hardly anything lies at the last knot: the curve goes on there as it went before.
+    # Hardly any pixel is at the last knot, so penalise bends to let the curve continue straight.
     bends = _STIFF * np.diff(np.eye(KNOTS), 2, axis=0)
     rows, none = np.concatenate([terms, bends]), np.zeros(len(bends))
     fitted = [
@@ -267,7 +268,7 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
     left = np.square(channels.reshape(len(channels), -1) - curves).sum()
     all_of_it = np.square(channels - channels.mean(axis=(1, 2), keepdims=True)).sum()
     by_radius = 1 - left / all_of_it if all_of_it else 0.0
-    # Light that all of an image lacks is its gain, which the law has.
+    # Light that the whole image lacks is its gain, which is in the law.
     fitted = [curve / curve[0] for curve in fitted]
     ends = np.array([curve[-1] for curve in fitted])
     if by_radius < _BY_RADIUS or np.abs(ends - 1).max() < _LEVEL or ends.min() < _DARK:
@@ -277,7 +278,7 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
 
 
 def _knots_by_field(shape: Sequence[int]) -> Array:
-    """Return what share each knot of the curve has in each field, shape (field, knot)."""
+    """Return the share of each knot of the curve in each field, shape (field, knot)."""
     radius, steps = _square_radius(shape), np.linspace(0, 1, KNOTS)
     shares = [np.interp(radius, steps, knot)[..., np.newaxis] for knot in np.eye(KNOTS)]
     return np.stack([_by_field(share, np.mean).ravel() for share in shares], axis=1)
@@ -329,7 +330,7 @@ def _similarity(pair: Images, light: ViewChange) -> Array:
 
 
 def _moved_back(image: Array, similarity: Any) -> Array:
-    """Return an image (y, x, channel) looked up where a similarity has put each pixel."""
+    """Undo a similarity: return an image (y, x, channel) sampled where it moved each pixel."""
     down, right, turn, larger = similarity
     matrix = (1 + larger) * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     middle = (np.array(image.shape[:2]) - 1) / 2
@@ -338,11 +339,11 @@ def _moved_back(image: Array, similarity: Any) -> Array:
 
 
 def resampled(image: Array, matrix: Array, offset: Array) -> Array:
-    """Return an image (y, x, channel) looked up, by cubic splines, where a transform leads to.
+    """Return an image (y, x, channel) sampled by cubic splines where a transform leads.
 
-    Beyond the image's edge are its edge pixels; `matrix` and `offset` are of (y, x).
+    The edge pixels are repeated past the image's edge; `matrix` and `offset` are in (y, x) order.
     """
-    # Imported here: it takes half a second, and most images are in register.
+    # Imported here because it takes half a second, and most images are in register.
     from scipy.ndimage import affine_transform
 
     channels = [

@@ -1,4 +1,4 @@
-"""The width of the blur at every depth level, out of what a ladder of widths leaves unexplained."""
+"""Find the blur's width at every depth level from the residuals of a ladder of widths."""
 
 import math
 
@@ -11,32 +11,32 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.alignment import ROUNDING, Array
 
-#: Widths that are tried, in pixels; between them the residual is a smooth curve.
+#: The widths to try, in pixels; between them the residual is a smooth curve.
 LADDER = np.geomspace(0.22, 6.4, 37)
 _FINE = np.geomspace(LADDER[0], LADDER[-1], 16 * (LADDER.size - 1) + 1)
-# Newton's steps towards the curve, the largest as a part of the width, and how many levels on
-# either side stand together before the first.
+# The number of Newton steps towards the curve, the largest step as a share of the width, and how
+# many levels on either side are pooled before the first step.
 _STEPS = 6
 _LARGEST_STEP = 0.2
 _NEAR = 6
-# Of curves that leave at most so much more than the best, the smoothest is taken.
+# Among curves that leave at most this many times the best residual, the smoothest is taken.
 _AS_GOOD = 1.5
-# A curve that falls below its largest width by this factor has turned back; over so many levels
-# before it tells how straight it came.
+# A curve that falls below its largest width by this factor has turned back; how many levels before
+# that give its slope.
 _TURNED_BACK, _STRAIGHT = 1.1, 32
 # A level whose curve is flatter than this says nothing.
 _LEAST_SHARPNESS = 1e-3
 
 
 def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return the smooth curve of widths by depth level that leaves least.
+    """Return the smooth curve of widths by depth level that leaves the least difference.
 
     Parameters
     ----------
     sums : ndarray of float, shape (256, widths)
         Squared differences by depth level and width of `LADDER`.
     pixels : ndarray of int, shape (256,)
-        Of how many pixels each level's are.
+        The number of pixels of each level.
 
     Returns
     -------
@@ -49,11 +49,11 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
         If no level shows its width.
     """
     splines = CubicSpline(np.log(LADDER), sums, axis=1)
-    # To begin with, neighbouring levels stand together.
+    # Start with neighbouring levels pooled.
     near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
     pooled = near @ sums
     widths, sharpness, least = best_widths(pooled)
-    # In units of twice the variance that is left: rounding's at least.
+    # In units of twice the remaining variance, which is at least that of rounding.
     unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
     known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
     if not known.any():
@@ -65,7 +65,7 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
         sigmas = np.clip(sigmas, LADDER[0], LADDER[-1])
         places = np.log(sigmas)
         slope, bend = (np.diagonal(splines(places, order)) for order in (1, 2))
-        # By the width, not its logarithm.
+        # Convert to derivatives by the width instead of its logarithm.
         slope, bend = slope / sigmas, (bend - slope) / sigmas**2
         weights = np.where(known & (bend > 0), bend, 0) / unit
         step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
@@ -75,10 +75,10 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return a curve of widths whose ends, which no pixel shows, come back to no other's width.
+    """Return a curve of widths whose ends, which no pixel shows, repeat no other level's width.
 
-    Beyond the levels that training shows a smooth curve goes on as it ended. Where that leads back
-    among the widths of other levels, two depths would look alike: the last width shown is kept.
+    Beyond the levels that training shows, a smooth curve continues as it ended. If that leads back
+    to the widths of other levels, two depths would look alike, so the last width shown is kept.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return a curve of widths that grows from one level to both sides, as a lens blurs.
+    """Return a curve of widths that grows from one level to both sides, like the blur of a lens.
 
-    Where little tells a level's width, beside jumps of depth above all, a curve may turn back among
-    the widths of other levels. Of all curves that stay at the largest width so far, from some level
-    on to both sides, that which changes most pixels least says where it turns. An end that has
-    turned back by a tenth or more goes on from there as straight as the curve came.
+    If the data say little about a level's width, mostly beside jumps in depth, a curve may turn
+    back to the widths of other levels. To find where, we compare it with curves that start at one
+    level and never fall to either side, and take the one that is closest over all pixels. An end
+    that has turned back by a tenth or more continues from there along the slope it had before.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     grown = np.array([np.concatenate(sides) for sides in zip(below, above, strict=True)])
     focus = int((np.square(grown - sigmas) @ (pixels + 1)).argmin())
     best, found = grown[focus], np.asarray(sigmas, np.float64).copy()
-    # Views, each from the focus to an end.
+    # Each side is a view from the focus to one end.
     for side, held in ((found[focus:], best[focus:]), (found[focus::-1], best[focus::-1])):
         if held[-1] > _TURNED_BACK * side[-1]:
             turn = int((held == held[-1]).argmax())
@@ -140,7 +140,7 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
-    """Return the squared differences by depth level at one width each.
+    """Return the squared difference of each depth level at its width.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (level,)
-        Between the widths of the ladder by a cubic spline, 0 or more.
+        Interpolated between the widths of the ladder by a cubic spline, 0 or more.
     """
     curves = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(sigmas))
     return np.asarray(np.maximum(np.diagonal(curves), 0), np.float64)
@@ -161,7 +161,7 @@ def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
 def best_widths(
     sums: Array,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the width of least difference by level, how sharp it is, and the difference there.
+    """Return each level's width of least difference, its sharpness, and the difference there.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ def best_widths(
     Returns
     -------
     widths, sharpness, least : ndarray of float64, shape (level,)
-        Widths in pixels; the second derivative by them, 0 where there is no least inside the
-        ladder; the squared difference at the least.
+        The widths in pixels; the second derivative there, 0 if there is no minimum inside the
+        ladder; the squared difference at the minimum.
     """
     values = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(_FINE))
     best = values.argmin(axis=1)
@@ -190,20 +190,20 @@ def smooth_curve(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the curve of least bending through weighted values (Whittaker 1923).
 
-    How strongly bending counts is chosen by generalised cross validation where it is not given;
-    it is returned too.
+    By default, generalised cross-validation chooses how strongly bending counts; that strength is
+    returned too.
 
     Parameters
     ----------
     values, weights : ndarray of float, shape (level,)
-        A value counts by its weight, 0 or more; at 0 it is taken for unknown.
+        The values, and their weights, 0 or more; a value with weight 0 is unknown.
     strength : float, optional
-        How much bending counts, against the squares of what the curve is off.
+        The weight of bending, relative to the squared deviations of the curve.
 
     Returns
     -------
     curve : ndarray of float64, shape (level,)
-        `values` as they are where all weights are 0.
+        `values` unchanged if all weights are 0.
     strength : float
     """
     bends = np.diff(np.eye(len(values)), 2, axis=0)
@@ -221,14 +221,14 @@ def smooth_curve(
         freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
         score = float((weights * np.square(target - curve)).sum()) / freedom**2
         tried.append((score, curve, float(strength)))
-    # The smoothest goes on best where levels are lacking.
+    # The smoothest curve extrapolates best to levels that are missing.
     best = min(score for score, _, _ in tried)
     smoothest = next(each for each in reversed(tried) if each[0] <= _AS_GOOD * best)
     return smoothest[1], smoothest[2]
 
 
 def _bands(matrix: Array) -> NDArray[np.float64]:
-    """Return the five diagonals of a matrix, as LAPACK keeps them."""
+    """Return the five diagonals of a matrix in LAPACK's band form."""
     bands = np.zeros((5, len(matrix)))
     for above in range(-2, 3):
         diagonal = np.diagonal(matrix, above)
@@ -237,7 +237,7 @@ def _bands(matrix: Array) -> NDArray[np.float64]:
 
 
 def _bent_through(weights: Array, penalty: Array, right: Array) -> NDArray[np.float64]:
-    # By its bands: a dense solver's last digits depend on how many threads it has, and on a busy
+    # Use a band solver: a dense solver's last digits depend on its number of threads, and on a busy
     # machine its threads wait for each other.
     bands = penalty.copy()
     bands[2] += weights

@@ -1,6 +1,6 @@
-"""What a metric is, and all that there are, each defined here once.
+"""What a metric is, and the definitions of all metrics.
 
-Tables, figures and checks loop over `dfdbench.metrics.protocol.metrics_of` a protocol.
+Tables, figures and checks loop over a protocol's metrics: `dfdbench.metrics.protocol.metrics_of`.
 """
 
 import math
@@ -16,7 +16,7 @@ from dfdbench.errors import InputError
 from dfdbench.metrics.scores import checked, nmae, nrmse, ssim
 from dfdbench.metrics.sureness import ause, density, surest_nrmse, within_interval
 
-#: The thresholds of `boundary_f1`: from, to, how many.
+#: The thresholds of `boundary_f1`: first, last, number.
 EDGES = (1.05, 1.25, 10)
 _EXPECTED = "metres above 0"
 Floats = NDArray[np.float64]
@@ -35,12 +35,12 @@ def abs_rel(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = N
     Returns
     -------
     float
-        NaN where no pixel counts.
+        NaN if no pixel counts.
 
     Raises
     ------
     InputError
-        For shapes that differ, complex or non-finite values, or what is no distance.
+        If shapes differ, or values are complex, non-finite or not above 0.
 
     Notes
     -----
@@ -96,20 +96,21 @@ def share_within(
 
 
 def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None) -> float:
-    """Return how well depth edges are found, 0 to 1; larger is better.
+    """Return how well the estimate finds depth edges, 0 to 1; larger is better.
 
     Parameters and errors are those of `abs_rel`.
 
     Returns
     -------
     float
-        NaN where the truth has no edge.
+        NaN if the truth has no edge.
 
     Notes
     -----
-    Neighbours p and q are an edge at threshold t if ``d_p / d_q > t``; precision and recall count
-    over the four directions, both depths known; F1 is averaged over ten thresholds from 1.05 to
-    1.25, weighted by them. Scale-invariant boundary F1 of Bochkovskii et al., Depth Pro, 2024.
+    Neighbours p and q form an edge at threshold t if ``d_p / d_q > t``. Precision and recall count
+    the edges in all four directions between pixels of known depth. F1 is averaged over ten
+    thresholds from 1.05 to 1.25, weighted by the threshold: the scale-invariant boundary F1 of
+    Bochkovskii et al., Depth Pro, 2024.
 
     Examples
     --------
@@ -133,7 +134,7 @@ def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None
 
 
 def _log_steps(depth: Floats, counts: NDArray[np.bool_]) -> Floats:
-    """Return the steps of log depth between neighbours that count, in all four directions."""
+    """Return the steps in log depth between neighbours that count, in all four directions."""
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(depth)
         down = np.diff(log, axis=0)[counts[1:] & counts[:-1]]
@@ -144,34 +145,35 @@ def _log_steps(depth: Floats, counts: NDArray[np.bool_]) -> Floats:
 def aligned(
     truth: ArrayLike, estimate: ArrayLike, farthest: float, mask: ArrayLike | None = None
 ) -> Floats:
-    """Return an estimate, scaled and shifted in inverse depth to fit the ground truth best.
+    """Scale and shift an estimate in inverse depth to fit the ground truth best.
 
     Parameters
     ----------
     truth, estimate : array_like of real numbers, shape (y, x)
         Distances in metres, above 0.
     farthest : float
-        The farthest distance there is, in metres: nothing is put beyond it.
+        The farthest distance there is, in metres; the result is capped at it.
     mask : array_like of bool, shape (y, x), optional
         True where a pixel counts for the fit.
 
     Returns
     -------
     ndarray of float64, shape (y, x)
-        Distances in metres. As `estimate` where no pixel counts.
+        Distances in metres. The estimate itself if no pixel counts.
 
     Raises
     ------
     InputError
-        As `abs_rel`, and where `farthest` is no distance.
+        As for `abs_rel`, and if `farthest` is not a distance.
 
     Notes
     -----
     ``(s, t) = argmin sum (s / z + t - 1 / z*)^2`` over the pixels that count; Ranftl et al.,
     Towards robust monocular depth estimation, PAMI 2020, who align so in training and evaluation.
-    The shift may leave inverse depth at zero or below, where there is no distance: what lies below
-    ``1 / farthest`` counts as that, as their evaluation caps depth. A flat estimate has no scale:
-    it becomes the mean of the inverse truth. The scale may be negative, since the fit is not bound.
+    The shift may push inverse depth to zero or below, which is no distance. Values below
+    ``1 / farthest`` are therefore set to it; their evaluation caps depth in the same way. A flat
+    estimate has no scale: it becomes the mean of the inverse truth. The fit is unconstrained, so
+    the scale may be negative.
 
     Examples
     --------
@@ -188,7 +190,7 @@ def aligned(
     goal, given = 1 / true, 1 / test
     off = given - given.mean()
     spread = float(off @ off)
-    # A map that is flat but for rounding has no scale either.
+    # A map that is flat except for rounding has no scale either.
     flat = spread <= given.size * (1e-9 * float(given.mean())) ** 2
     scale = 0.0 if flat else float(off @ (goal - goal.mean())) / spread
     inverse = scale * (1 / whole - given.mean()) + goal.mean()
@@ -198,7 +200,7 @@ def aligned(
 def _distances(
     truth: ArrayLike, estimate: ArrayLike, mask: ArrayLike | None
 ) -> tuple[Floats, Floats]:
-    """Return the distances of the pixels that count, true and estimated, shape (pixel,)."""
+    """Return the true and the estimated distances of the pixels that count, shape (pixel,)."""
     true, test, counts = checked(truth, estimate, mask)
     true, test = true[counts], test[counts]
     for name, distances in (("truth", true), ("estimate", test)):
@@ -210,30 +212,30 @@ def _distances(
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric, as protocols score it, results keep it and tables show it.
+    """A metric that protocols score, results keep and tables show.
 
     Parameters
     ----------
     name : str
-        As results and protocols have it.
+        The name in results and protocols.
     larger_is_better : bool
         Its direction.
     function : callable
         Called with ground truth and estimate in depth levels, shape (y, x), with `data_range`
-        and with `mask`, true where a pixel counts, or None; gives the score, NaN where it is
-        undefined. One of metres is called with distances, and without `data_range`; one of
-        sureness with `dfdbench.metrics.sureness.squared_errors`, and without `mask`.
+        and with `mask`, True where a pixel counts, or None; returns the score, NaN if undefined.
+        A metric in metres gets distances and no `data_range`. A metric of sureness gets the
+        `dfdbench.metrics.sureness.squared_errors` and no `mask`.
     lowest, highest : float
-        What it may be; a result that says otherwise is refused.
+        The limits of the score; a result outside them is refused.
     data_range : float, optional
-        What the function is handed as such; if not given, the protocol's divisor.
+        The function's `data_range`; by default the protocol's divisor.
     younger : bool
-        Whether there are results from before the metric. They lack it, and that is no mistake:
-        it was not scored. Of every other metric a result has a score, null where undefined.
+        Whether some results are older than the metric. They may lack it, because it was not
+        scored. A result must have every other metric, null where undefined.
     shown : str
-        What text calls it; if not given, its name in capitals.
+        The name in text; by default `name` in capitals.
     best : float, optional
-        Where it is best, if neither smaller nor larger is better.
+        The best score, if neither smaller nor larger is better.
 
     Examples
     --------
@@ -255,24 +257,24 @@ class Metric:
 
     @property
     def title(self) -> str:
-        """What text calls it."""
+        """The name in text."""
         return self.shown or self.name.upper()
 
     @property
     def heading(self) -> str:
-        """What heads its column: its title, and which way is better."""
+        """The column heading: the title, and an arrow for which way is better."""
         way = "↑" if self.larger_is_better else "↓"
         return f"{self.title} {way if self.best is None else f'→ {self.best:g}'}"
 
     @property
     def axis_label(self) -> str:
-        """What a figure's axis is called."""
+        """The label of a figure's axis."""
         if self.best is not None:
             return f"{self.title} (best at {self.best:g})"
         return f"{self.title} ({'higher' if self.larger_is_better else 'lower'} is better)"
 
     def compared(self, score: float) -> float:
-        """Return what comparisons take of a score: its distance from where it is best, if any.
+        """Return the value to compare: the score, or its distance from `best` if there is one.
 
         Examples
         --------
@@ -286,16 +288,16 @@ def _by_name(*metrics: Metric) -> Mapping[str, Metric]:
     return {metric.name: metric for metric in metrics}
 
 
-# Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
+# Levels differ by at most 255, and the divisor is 255 or a range of at least one level.
 #: Every metric of depth levels by name, in the order in which they are shown.
 METRICS = _by_name(
     Metric("nrmse", False, nrmse, 0, 255),
     Metric("nmae", False, nmae, 0, 255),
     Metric("ssim", True, ssim, -1, 1, data_range=255.0),
 )
-# Far above any distance that a camera sees; sums of such numbers stay finite.
+# Far above any distance that a camera sees, but sums of such numbers stay finite.
 _FAR = 1e9
-#: Every metric of distances, scored where a manifest says how levels become metres.
+#: Every metric of distances, scored if the manifest says how levels become metres.
 IN_METRES = _by_name(
     Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
     Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
@@ -304,7 +306,7 @@ IN_METRES = _by_name(
     Metric("delta_125", True, share_within, 0, 1, shown="δ < 1.25"),
     Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
 )
-#: Every metric of how sure a method is, scored where it says so or leaves pixels out.
+#: Every metric of sureness, scored if a method says how sure it is or leaves pixels out.
 SURENESS = _by_name(
     Metric("density", True, density, 0, 1, shown="density"),
     Metric("nrmse_50", False, partial(surest_nrmse, share=0.5), 0, 255, shown="surest 50 %"),
@@ -312,7 +314,7 @@ SURENESS = _by_name(
     Metric("ause", False, ause, 0, 255),
     Metric("within_90", False, within_interval, 0, 1, shown="in 90 % intervals", best=0.9),
 )
-#: What pairs and methods are ranked by, and what by where that ties: as the thesis ranks.
+#: The metric that pairs and methods are ranked by, and the one that breaks ties, as in the thesis.
 RANKED_BY, TIES_BY = "nrmse", "nmae"
 
 
@@ -330,7 +332,7 @@ def find_metric(name: str) -> Metric:
 def mean_of(scores: Iterable[float | None]) -> float | None:
     """Return the mean of the scores that are defined; None if there are none.
 
-    It does not depend on their order, so that it is the same wherever it is taken.
+    The order of the scores does not matter, so the mean is the same wherever it is computed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A protocol: which pixels count, by which metrics, divided by what, of which crop."""
+"""A protocol: which pixels of which crop count, by which metrics, divided by what."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from dfdbench.metrics.sureness import squared_errors
 
 Crop = Literal["whole", "network-of-16"]
 Unit = Literal["levels", "metres"]
-#: The protocol that asks how sure a method is, by label; what is left out counts under no other.
+#: The label of the protocol for how sure a method is; only here may a method leave pixels out.
 SURE = "sure"
-# The published networks halve their images four times, so their program cuts images to this.
+# The published networks halve images four times, so their program crops to multiples of this.
 _NETWORK_MULTIPLE = 16
 
 
@@ -38,11 +38,11 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
     Parameters
     ----------
     crop : {"whole", "network-of-16"}
-        As of a `dfdbench.metrics.protocol.Protocol`.
+        The crop of a `dfdbench.metrics.protocol.Protocol`.
     shape : tuple of int
-        Of the image.
+        The shape of the image.
     side : int
-        Of the centre square, in pixels.
+        The side of the centre square, in pixels.
 
     Examples
     --------
@@ -76,14 +76,14 @@ class Scale(typing.Protocol):
 def protocols_of(in_metres: bool, unit: Unit = "levels") -> dict[str, Protocol]:
     """Return the protocols that every run scores under, by label.
 
-    `SURE` is added where a method says how sure it is, or leaves pixels without an answer.
+    `SURE` is added if a method says how sure it is or leaves pixels without an answer.
 
     Parameters
     ----------
     in_metres : bool
         Whether the data set says how levels become metres.
     unit : {"levels", "metres"}
-        What its depth is in. The thesis's protocols are of levels.
+        The unit of its depth. The thesis's protocols need levels.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def metrics_of(label: str) -> Mapping[str, Metric]:
 
 
 def ranked_by(label: str) -> tuple[str, str]:
-    """Return the metrics that pairs and methods are ranked by, and by where the first ties.
+    """Return the metric that pairs and methods are ranked by, and the one that breaks ties.
 
     Examples
     --------
@@ -130,9 +130,9 @@ def ranked_by(label: str) -> tuple[str, str]:
 
 
 def label_of(protocol: Mapping[str, Any]) -> str:
-    """Return what results and folders call a protocol, given its definition by name.
+    """Return a protocol's label in results and folders, given its fields by name.
 
-    It is the name and, from the second version on, the version.
+    The label is the name and, from the second version on, the version.
 
     Examples
     --------
@@ -150,22 +150,22 @@ class Protocol:
     Parameters
     ----------
     name, version : str, int
-        Results name it by both, see `label`.
+        Together they make its `label` in results.
     pixels : {"all", "known"}
         Whether pixels without ground truth count (at their stored level) or are left out.
     divisor : {"own-range", "255", "none"}
         What NRMSE and NMAE are divided by: the ground truth's range over the pixels that
-        count, or 255. A protocol without them says none.
+        count, or 255. "none" for a protocol without these metrics.
     crop : {"whole", "network-of-16"}
-        The whole image; or the centre square of the data set's `network_crop`, of the image cut
-        to multiples of 16 at its lower and right edge.
+        The whole image; or the image is cropped to multiples of 16 at its lower and right edge,
+        and the centre square of the data set's `network_crop` is taken.
     source : str
         Where the definition comes from.
     metrics : tuple of str
-        By which of `IN_METRES` distances are scored, or of `SURENESS` what a method says of its own
-        errors; none: levels, by all of `METRICS`.
+        Names from `IN_METRES`, which score distances, or from `SURENESS`, which score a method's
+        statements about its own errors. Empty: all of `METRICS`, which score levels.
     alignment : {"", "scale and shift in inverse depth"}
-        What is fitted to the ground truth of each image first: see
+        What is first fitted to the ground truth of each image; see
         `dfdbench.metrics.metric.aligned`.
     """
 
@@ -180,7 +180,7 @@ class Protocol:
 
     @property
     def label(self) -> str:
-        """What results and folders call it, see `label_of`."""
+        """The name in results and folders, see `label_of`."""
         return label_of({"name": self.name, "version": self.version})
 
     @property
@@ -191,7 +191,7 @@ class Protocol:
     def as_dict(self) -> dict[str, Any]:
         """Return the definition by name, fit for JSON.
 
-        What only protocols in metres say the others leave out, as their results always did.
+        Fields that only protocols in metres use are left out of the others, as in older results.
         """
         fields = asdict(self) | {"metrics": list(self.metrics)}
         return {name: value for name, value in fields.items() if value not in ([], "")}
@@ -236,7 +236,7 @@ def find_protocol(name: str) -> Protocol:
     Raises
     ------
     UnknownNameError
-        If there is none; near misses are named.
+        If there is none; it names the near misses.
 
     Examples
     --------
@@ -250,21 +250,21 @@ def find_protocol(name: str) -> Protocol:
 
 
 def title_of(label: str) -> str:
-    """Return what tables call a result's protocol: its name, if it is a released one."""
+    """Return how tables name a result's protocol: without a version, if it is a released one."""
     return RELEASED[label].name if label in RELEASED else label
 
 
 def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
-    """Refuse to show a result under a protocol that it was not scored under.
+    """Raise if a result was not scored under a protocol.
 
     Parameters
     ----------
     label : str
         The protocol asked for.
     scored : iterable of str
-        The labels of those it was scored under.
+        The labels of the protocols it was scored under.
     whose : str
-        The result: its file, or its method's name.
+        The result, named by its file or its method.
 
     Raises
     ------
@@ -301,34 +301,34 @@ def score(
     protocol : Protocol
         See `PROTOCOLS`.
     depth : ndarray of uint8 or float32, shape (y, x)
-        Ground truth, in the unit.
+        Ground truth, in `unit`.
     valid : ndarray of bool, shape (y, x)
         True where the ground truth is known.
     prediction : ndarray of float32, shape (y, x)
-        Estimated depth, in the unit; NaN where there is no answer.
+        Estimated depth, in `unit`; NaN where there is no answer.
     network_crop : int
-        Side of the centre square, in pixels, for protocols that crop; along an axis on which
-        the image is smaller all of it is taken.
+        Side of the centre square, in pixels, for protocols that crop. An image that is smaller
+        along an axis is not cropped there.
     scale : Scale, optional
         How levels become metres; for protocols in metres, and for depth in metres.
     unit : {"levels", "metres"}
-        Of truth and prediction. In metres, NRMSE and NMAE are divided by far - near, the range of
-        the set, as levels are by 255.
+        The unit of truth and prediction. In metres, NRMSE and NMAE are divided by far - near, the
+        range of the set, just as levels are divided by 255.
     sigma : ndarray of float32, shape (y, x), optional
-        The standard deviation that the method gives each pixel, in the unit.
+        The standard deviation that the method gives each pixel, in `unit`.
 
     Returns
     -------
     dict of str to float
-        Each of the protocol's metrics by name, NaN if it is undefined. All are where nothing
-        is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
-        published networks cannot take either. And where a pixel of the prediction has no answer,
-        but for `SURE`: else a method would gain by leaving out what is hard.
+        Each of the protocol's metrics by name, NaN if undefined. All are NaN if the crop is empty:
+        ``network-of-16`` on fewer than 16 rows or columns, which the published networks cannot
+        take either. Except under `SURE`, all are also NaN if any pixel of the prediction has no
+        answer: otherwise a method would gain by leaving out what is hard.
 
     Raises
     ------
     InputError
-        For a protocol in metres without a scale.
+        If a protocol in metres gets no scale.
 
     Examples
     --------

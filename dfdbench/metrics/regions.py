@@ -1,4 +1,4 @@
-"""Where a depth map errs: at edges, in flat regions, far and near; each is defined here once."""
+"""The regions in which errors are compared: edges, flat parts, far and near."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ _JUMP, _FLAT, _SIDE = 0.04, 3.0, 7
 def regions_of(
     truth: NDArray[Any], known: NDArray[np.bool_], infocus: NDArray[Any], ends: tuple[float, float]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return which known pixels are in each region; a pixel may be in several, or in none.
+    """Return which known pixels are in each region; a pixel may be in several or none.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ def regions_of(
     infocus : ndarray of uint8, shape (y, x, channel)
         The in-focus image, or the first of a stack without one.
     ends : tuple of float
-        Nearest and farthest depth that the data set may show, in the unit of the truth.
+        The nearest and the farthest depth that the data set may show, in the unit of `truth`.
 
     Returns
     -------
     dict of str to ndarray of bool
-        By the names of `REGIONS`.
+        Keyed by the names of `REGIONS`.
 
     Examples
     --------
@@ -45,18 +45,18 @@ def regions_of(
     >>> {name: int(mask.sum()) for name, mask in found.items()}
     {'edges': 6, 'flat': 20, 'far': 10, 'near': 10}
     """
-    import cv2  # whoever reads a table's names does not wait for it
+    import cv2  # slow to import, and reading a result does not need it
 
     near, far = ends
     depth = np.where(known, truth, np.nan).astype(np.float64)
     jumps = np.zeros(known.shape, np.uint8)
     for axis in (0, 1):
-        # A jump to where nobody knows the depth is none.
+        # A jump to a pixel of unknown depth does not count.
         steps = np.abs(np.diff(depth, axis=axis)) >= _JUMP * abs(near - far)
         first, second = np.swapaxes(jumps, 0, axis)[:-1], np.swapaxes(jumps, 0, axis)[1:]
         first |= np.swapaxes(steps, 0, axis)
         second |= np.swapaxes(steps, 0, axis)
-    # Both pixels of a jump count, and two more to either side.
+    # Both pixels at a jump count, and two more on either side.
     around = cv2.dilate(jumps, np.ones((_SIDE - 2, _SIDE - 2), np.uint8)) > 0
     # Channel by channel: numpy's mean over an axis of three takes more than twice as long.
     channels = np.moveaxis(infocus.reshape(*known.shape, -1), 2, 0)
@@ -77,9 +77,9 @@ def region_errors(
     regions: Mapping[str, NDArray[np.bool_]],
     data_range: float,
 ) -> dict[str, float | None]:
-    """Return the NRMSE of each region, as protocol ``valid`` has it of the known pixels.
+    """Return the NRMSE of each region, computed as in protocol ``valid``.
 
-    None where a region has no pixel, or one that has no answer.
+    It is None if a region has no pixel, or a pixel without an answer.
 
     Examples
     --------

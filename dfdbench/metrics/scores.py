@@ -1,4 +1,4 @@
-"""The scores of a depth map, NRMSE, NMAE and SSIM, and whether it goes the wrong way."""
+"""The scores of a depth map (NRMSE, NMAE, SSIM), and whether its depth is reversed."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError, Problem
 
-#: A larger number of a method's own is not kept: sums of these stay finite.
+#: Larger values of a method's own numbers are not kept, so that their sums stay finite.
 LARGEST_NUMBER = 1e100
 _SSIM_SIGMA = 1.5
 _SSIM_RADIUS = 5
@@ -17,12 +17,12 @@ _SSIM_WEIGHTS = np.exp(-(np.arange(_SSIM_RADIUS + 1) ** 2) / (2 * _SSIM_SIGMA**2
 _SSIM_WEIGHTS /= _SSIM_WEIGHTS[0] + 2 * _SSIM_WEIGHTS[1:].sum()
 _SSIM_K1, _SSIM_K2 = 0.01, 0.03
 
-#: A correlation below this says that a depth map goes the wrong way.
+#: A correlation below this means that a depth map is reversed.
 AGAINST = -0.3
 
 
 def correlation(truth: ArrayLike, estimate: ArrayLike) -> float:
-    """Return how two depth maps go together: Pearson's correlation, -1 to 1.
+    """Return Pearson's correlation of two depth maps, -1 to 1.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def correlation(truth: ArrayLike, estimate: ArrayLike) -> float:
     Returns
     -------
     float
-        NaN where one of them is flat, or no pixel counts.
+        NaN if one of them is flat, or no pixel counts.
 
     Examples
     --------
@@ -61,23 +61,24 @@ def nrmse(
         Ground truth and estimate, in depth levels.
     data_range : float, optional
         What the error is divided by. By default the range of the ground truth,
-        ``max - min`` over the pixels that count, as the thesis does.
+        ``max - min`` over the pixels that count, as in the thesis.
     mask : array_like of bool, shape (y, x), optional
         True where a pixel counts. By default all do.
 
     Returns
     -------
     float
-        NaN if it is undefined: a flat ground truth without `data_range`, or no pixel counts.
+        NaN if it is undefined: no pixel counts, or the ground truth is flat and there is no
+        `data_range`.
 
     Raises
     ------
     InputError
-        For shapes that differ, complex or non-finite values, or a range that is not positive.
+        If shapes differ, values are complex or non-finite, or the range is not positive.
 
     Notes
     -----
-    Eq. 3.10 and 3.11 of the thesis. Not symmetric, since the ground truth's range divides.
+    Eq. 3.10 and 3.11 of the thesis. It is not symmetric: the ground truth's range is the divisor.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def nmae(
 ) -> float:
     """Return the normalised mean absolute error; smaller is better.
 
-    Parameters, errors and the undefined case are those of `nrmse`, which it never exceeds.
+    Parameters, errors and the undefined case are those of `nrmse`, which is never smaller.
 
     Notes
     -----
@@ -127,7 +128,7 @@ def ssim(
     data_range: float = 255.0,
     mask: ArrayLike | None = None,
 ) -> float:
-    """Return the mean structural similarity; larger is better, 1 is identity.
+    """Return the mean structural similarity; larger is better, and 1 means identical.
 
     Parameters
     ----------
@@ -136,8 +137,8 @@ def ssim(
     data_range : float
         L of the constants ``(0.01 L)^2`` and ``(0.03 L)^2``.
     mask : array_like of bool, shape (y, x), optional
-        True where a pixel counts. Others neither are averaged nor enter any window: a window's
-        weights are those of its known pixels, scaled to sum 1.
+        True where a pixel counts. The others are left out of the average and of every window; the
+        weights of a window's remaining pixels are scaled to sum to 1.
 
     Returns
     -------
@@ -147,7 +148,7 @@ def ssim(
     Raises
     ------
     InputError
-        As `nrmse`.
+        As for `nrmse`.
 
     Notes
     -----
@@ -165,18 +166,18 @@ def ssim(
     """
     truth, test, counts = checked(image_true, image_test, mask)
     _divisor(truth[counts], data_range)
-    # Empty as well if the image is smaller than a window.
+    # This is also empty if the image is smaller than the window.
     inner = counts[_SSIM_RADIUS:-_SSIM_RADIUS, _SSIM_RADIUS:-_SSIM_RADIUS]
     if not inner.any():
         return math.nan
     if mask is not None:
         truth, test = truth * counts, test * counts
     c1, c2 = (_SSIM_K1 * data_range) ** 2, (_SSIM_K2 * data_range) ** 2
-    # Here, not above: whoever reads a table's names or a result must not wait for numba.
+    # Imported here so that reading a result does not have to wait for numba.
     from dfdbench.metrics.similarity import mean_similarity
 
     mean = mean_similarity(truth, test, counts, mask is not None, _SSIM_WEIGHTS, c1, c2)
-    # Nearly equal images may come out past 1 by a rounding.
+    # Rounding may put nearly equal images slightly above 1.
     return float(np.clip(mean, -1.0, 1.0))
 
 
@@ -188,7 +189,7 @@ def checked(
     Raises
     ------
     InputError
-        For shapes that differ, complex or non-finite values, or a mask that is none.
+        If shapes differ, values are complex or non-finite, or the mask is invalid.
     """
     truth, test = np.asarray(image_true), np.asarray(image_test)
     problems = [*_wrong("image_true", truth), *_wrong("image_test", test)]

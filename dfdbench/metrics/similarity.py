@@ -10,8 +10,7 @@ from dfdbench.system.compiled import compiled
 Array = NDArray[Any]
 
 
-# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
-# dozen, for every pixel.
+# One long loop nest: shorter functions would need a dozen arrays and counters for every pixel.
 @compiled()
 def mean_similarity(
     truth: Array, test: Array, counts: Array, masked: bool, weights: Array, c1: float, c2: float
@@ -21,18 +20,18 @@ def mean_similarity(
     Parameters
     ----------
     truth, test : ndarray of float64, shape (y, x)
-        Ground truth and estimate; where `masked`, 0 at pixels that do not count.
+        Ground truth and estimate; if `masked`, 0 at pixels that do not count.
     counts : ndarray of bool, shape (y, x)
         Which pixels count: at least one whose window lies inside the image.
     masked : bool
-        Whether some pixel does not.
+        Whether any pixel does not count.
     weights : ndarray of float64, shape (radius + 1,)
-        The window's weights along an axis, from its centre outwards.
+        The window's weights along one axis, from the centre outwards.
     c1, c2 : float
         The constants of Eq. 3.14.
     """
-    # Row by row, so that all stays in the processor's cache: the five local sums are folded
-    # vertically, then horizontally, then put into Eq. 3.14.
+    # Row by row, so that everything stays in the processor's cache: the five local sums are
+    # filtered vertically, then horizontally, then put into Eq. 3.14.
     height, width = truth.shape
     radius = weights.size - 1
     rows = np.empty((5, width), np.float64)
@@ -64,7 +63,7 @@ def mean_similarity(
         for x in range(width - 2 * radius):
             if not counts[y, x + radius]:
                 continue
-            # A window's weights are scaled to sum 1 over its known pixels.
+            # Scale a window's weights to sum to 1 over its known pixels.
             scale = 1.0 / means[4, x] if masked else 1.0
             mu_true, mu_test = means[0, x] * scale, means[1, x] * scale
             squares, product = mu_true * mu_true + mu_test * mu_test, mu_true * mu_test

@@ -1,7 +1,7 @@
-"""How sure a method is, and whether it is right to be: scores of an answer with gaps or a sigma.
+"""Score how sure a method is, and whether it is right to be.
 
 An estimate may be NaN where the method gives no answer, and may come with sigma, the standard
-deviation that it gives each pixel. `squared_errors` takes both, and the scores take what it finds.
+deviation that it gives each pixel. `squared_errors` takes both; the scores take its result.
 """
 
 import math
@@ -15,23 +15,23 @@ from dfdbench.metrics.scores import checked
 
 Floats = NDArray[np.float64]
 
-#: Half a 90 % interval of a Gaussian, in standard deviations.
+#: Half the 90 % interval of a Gaussian, in standard deviations.
 REACH_90 = 1.6448536269514722
 #: The densities at which errors are compared for the area: 1 %, 2 % and so on.
 DENSITIES = np.arange(1, 101) / 100
 
 
 class Errors(NamedTuple):
-    """The errors of the pixels that are known and answered.
+    """The errors of the pixels whose truth is known and that have an answer.
 
     Parameters
     ----------
     squares : ndarray of float64, shape (pixel,)
         Squared errors.
     sigma : ndarray of float64, shape (pixel,), or None
-        The standard deviation that the method gives each; None where it gives none.
+        The standard deviation that the method gives each pixel; None if it gives none.
     known : int
-        Of how many known pixels these are.
+        The number of known pixels, answered or not.
     """
 
     squares: Floats
@@ -40,7 +40,7 @@ class Errors(NamedTuple):
 
     @property
     def density(self) -> float:
-        """The share of known pixels that are answered; NaN where none is known."""
+        """The share of known pixels that have an answer; NaN if none is known."""
         return self.squares.size / self.known if self.known else math.nan
 
 
@@ -55,7 +55,7 @@ def squared_errors(
     Parameters
     ----------
     truth, estimate : array_like of real numbers, shape (y, x)
-        In one unit; the estimate is NaN where there is no answer.
+        In the same unit; the estimate is NaN where there is no answer.
     sigma : array_like of real numbers, shape (y, x), optional
         Standard deviations in the same unit, above 0 where there is an answer.
     mask : array_like of bool, shape (y, x), optional
@@ -64,7 +64,7 @@ def squared_errors(
     Raises
     ------
     InputError
-        For shapes that differ, complex values, infinity, or a sigma that is none.
+        If shapes differ, values are complex or infinite, or sigma is invalid.
 
     Examples
     --------
@@ -93,15 +93,15 @@ def error_curve(squares: Floats, order: Floats, shares: ArrayLike) -> Floats:
     squares : ndarray of float64, shape (pixel,)
         Squared errors of at least one pixel.
     order : ndarray of float64, shape (pixel,)
-        Smaller where the method is surer. Pixels that are as sure as each other come in together:
-        a part of them has their mean.
+        Smaller where the method is surer. Pixels of equal rank count together: any part of them
+        has their mean error.
     shares : array_like of float
         Above 0, at most 1.
 
     Returns
     -------
     ndarray of float64
-        One a share, in the unit of the errors.
+        One per share, in the unit of the errors.
 
     Examples
     --------
@@ -117,9 +117,9 @@ def error_curve(squares: Floats, order: Floats, shares: ArrayLike) -> Floats:
 
 
 def density(found: Errors, *, data_range: float = 255.0) -> float:
-    """Return the share of known pixels that are answered, of any range; larger is better.
+    """Return the share of known pixels that have an answer; larger is better.
 
-    NaN where no pixel is known.
+    It does not depend on `data_range`. NaN if no pixel is known.
 
     Examples
     --------
@@ -137,15 +137,15 @@ def surest_nrmse(found: Errors, *, share: float, data_range: float = 255.0) -> f
     found : Errors
         From `squared_errors`.
     share : float
-        Of all known pixels, above 0, at most 1.
+        The share of all known pixels, above 0, at most 1.
     data_range : float
         What the error is divided by.
 
     Returns
     -------
     float
-        NaN where fewer pixels are answered. Without a sigma all are as sure as each other, and it
-        is the error of all that are answered.
+        NaN if fewer pixels have an answer. Without a sigma all pixels are equally sure, and this
+        is the error of all that have an answer.
 
     Examples
     --------
@@ -170,15 +170,16 @@ def ause(found: Errors, *, data_range: float = 255.0) -> float:
     Returns
     -------
     float
-        0 where sigma puts the pixels in the order of their errors. NaN without a sigma, and where
-        no pixel is known and answered.
+        0 if sigma puts the pixels in the order of their errors. NaN without a sigma, or if no
+        known pixel has an answer.
 
     Notes
     -----
-    ``mean over densities d of (RMSE of the surest d - RMSE of the d with the least errors)``, the
-    densities 0.01, 0.02, ... 1 of the pixels that are answered, divided by `data_range`: Ilg et
-    al., Uncertainty estimates and multi-hypotheses networks for optical flow, ECCV 2018, who divide
-    by the error of all pixels, so that a better depth map has not a better area. Here it has.
+    ``mean over densities d of (RMSE of the surest d - RMSE of the d with the least errors)``,
+    divided by `data_range`, with densities 0.01, 0.02, ... 1 of the pixels that have an answer.
+    Ilg et al., Uncertainty estimates and multi-hypotheses networks for optical flow, ECCV 2018,
+    divide by the error of all pixels instead, so their area does not reward a better depth map.
+    Ours does.
 
     Examples
     --------
@@ -192,14 +193,14 @@ def ause(found: Errors, *, data_range: float = 255.0) -> float:
     ours, best = (
         error_curve(found.squares, order, DENSITIES) for order in (found.sigma, found.squares)
     )
-    # Rounding may put the best order a hair above another.
+    # Rounding may put the best order slightly above another.
     return max(float(np.mean(ours - best) / data_range), 0.0)
 
 
 def within_interval(found: Errors, *, data_range: float = 255.0) -> float:
     """Return the share of truths within the 90 % interval, depth ± 1.645 sigma; best at 0.9.
 
-    It is of any range. NaN without a sigma, and where no pixel is known and answered.
+    It does not depend on `data_range`. NaN without a sigma, or if no known pixel has an answer.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A measured lens: its blur by voltage step and distance, and pairs of steps."""
+"""A measured lens: its blur by voltage step and distance, and its pairs of steps."""
 
 import csv
 import math
@@ -13,7 +13,7 @@ from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.files import read_text_as, shipped
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
-#: More than any lens has steps, or any image pixels of blur.
+#: More steps than any lens has, and more pixels of blur than any image.
 _MOST = 10**6
 _LAYOUT = "a heading step,0.4,0.5,... and a row a voltage step"
 
@@ -44,7 +44,7 @@ class LensTable:
         step : int
             A voltage step of the table.
         distance : array_like of float
-            In metres; beyond the table's ends its end values hold.
+            In metres; the end values hold beyond the ends of the table.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class StepPair:
 
     @property
     def name(self) -> str:
-        """As the thesis writes it: 141-129."""
+        """The name as the thesis writes it: 141-129."""
         return f"{self.first}-{self.second}"
 
     @property
@@ -90,7 +90,7 @@ class StepPair:
 
     @property
     def repeats(self) -> int:
-        """How many distances share their difference with an earlier one: best 0."""
+        """How many distances have the same difference as an earlier one; 0 is best."""
         return len(self.differences) - len(set(self.differences))
 
     @property
@@ -100,12 +100,12 @@ class StepPair:
 
     @property
     def longest_run(self) -> int:
-        """The most neighbouring distances with the same difference."""
+        """The length of the longest run of distances with the same difference."""
         return max(len(list(run)) for _, run in groupby(self.differences))
 
 
 def read_lens_table(path: Path | None = None) -> LensTable:
-    """Read a lens table: a heading ``step,DISTANCE,...`` in metres, then a row a voltage step.
+    """Read a lens table: a heading ``step,DISTANCE,...`` in metres, then one row per voltage step.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def pair_difference(table: LensTable, first: int, second: int, near: float, far:
     >>> pair_difference(read_lens_table(), 141, 129, 1.5, 2.2).differences
     (1, 1, 2, 2, 3, 3, 3, 4)
     """
-    # A nanometre of slack: 1.6 typed and 1.6 read are the same distance.
+    # Allow a nanometre of slack: 1.6 typed and 1.6 read are the same distance.
     distances = tuple(d for d in table.distances if near - 1e-9 <= d <= far + 1e-9)
     if len(distances) < 2:
         what = f"fewer than two measured distances in {near:g} to {far:g} m"

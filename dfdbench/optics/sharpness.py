@@ -25,7 +25,7 @@ _STEP, _TEMPERATURE = attrgetter("step"), attrgetter("temperature")
 def spectrum_sum(image: Image) -> float:
     """Return the sum of the magnitudes of the 2-D Fourier transform, over the pixels (3.2.5).
 
-    The thesis takes the image of an exposure with the largest sum for its in-focus image.
+    The thesis uses the image with the largest sum at an exposure as its in-focus image.
 
     Parameters
     ----------
@@ -62,10 +62,10 @@ def dct_sharpness(image: Image) -> float:
 
 
 def laplacian_energy(image: Image) -> float:
-    """Return the variance of the Laplacian over the squared mean: no gain changes it.
+    """Return the variance of the Laplacian over the squared mean, which no gain changes.
 
-    A focus measure, LAP4 of Pertuz, Puig and Garcia (2013), here made free of brightness so that
-    two exposures of one scene can be compared; 0 for a black image.
+    This is the focus measure LAP4 of Pertuz, Puig and Garcia (2013), made independent of brightness
+    so that two exposures of a scene can be compared; 0 for a black image.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def laplacian_energy(image: Image) -> float:
 
 
 def sharpest(images: list[Image]) -> int:
-    """Return which image has the largest `spectrum_sum`, the first of equals."""
+    """Return the index of the image with the largest `spectrum_sum`; of equals, the first."""
     return int(np.argmax([spectrum_sum(image) for image in images]))
 
 
@@ -102,7 +102,7 @@ class Measurement:
     step : int
         Voltage step.
     temperature : float
-        Of the camera, in °C; NaN if the file's name lacks it.
+        The camera's temperature, in °C; NaN if the file's name lacks it.
     sharpness, background : float
         Discrete cosine sharpness of the image, and of its background alone.
     """
@@ -125,12 +125,12 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
     Returns
     -------
     dict of str to tuple of Measurement
-        By folder: `temperature` ascending in it, `up` and `down` in voltage step.
+        By folder: `temperature` sorted by temperature, `up` and `down` by voltage step.
 
     Raises
     ------
     SourceError
-        With every file that cannot be used, or if there is none at all.
+        If files cannot be used (it names all of them), or there are none.
     """
     problems: list[Problem] = []
     found: dict[str, tuple[Measurement, ...]] = {}

@@ -1,4 +1,4 @@
-"""Thin-lens optics (thesis, ch. 2): how large the blur of a point is, and what it says of depth.
+"""Thin-lens optics (thesis, ch. 2): the size of a point's blur, and what it says about depth.
 
 Lengths are in metres throughout. What the thesis calls the blur radius, Eq. 2.11 to 2.16, is the
 full width D (d_f - d_o) / d_f projected onto the sensor; its figures and tables use that number,
@@ -18,13 +18,13 @@ from dfdbench.system.strict import check_fields
 Floats = NDArray[np.float64]
 
 
-# Beyond, products of two numbers of a lens come to 0 or to infinity.
+# Beyond these limits, products of two of a lens's numbers become 0 or infinity.
 _Number = Annotated[float, Field(ge=1e-12, le=1e12)]
 
 
 @dataclass(frozen=True)
 class ThinLens:
-    """A lens, focused at one distance, before a sensor.
+    """A lens focused at one distance, in front of a sensor.
 
     Parameters
     ----------
@@ -86,15 +86,15 @@ class ThinLens:
         return np.abs(self.blur_radius_far(distance))
 
     def blur_sigma(self, distance: ArrayLike, infocus_f_number: float | None = None) -> Floats:
-        """Return how wide a Gaussian blurs as much as the lens, in pixels.
+        """Return the sigma of the Gaussian that blurs as much as the lens, in pixels.
 
         Parameters
         ----------
         distance : array_like of float
             In metres.
         infocus_f_number : float, optional
-            Of the image to blur, if the same lens took it with a smaller aperture; by default
-            that image has no blur of its own.
+            The f-number of the image to blur, if the same lens took it with a smaller aperture;
+            by default that image has no blur of its own.
 
         Raises
         ------
@@ -103,9 +103,9 @@ class ThinLens:
 
         Notes
         -----
-        The blur of a point is a disk of the width c of `blur_radius`. Along each axis its standard
-        deviation is c / 4. Variances of blurs add up, so what is left to blur an image that has the
-        blur c_0 already is ``sqrt(c^2 - c_0^2) / 4``, and c goes with 1 / n (Eq. 2.11).
+        The blur of a point is a disk of width c, see `blur_radius`. Its standard deviation along
+        each axis is c / 4. Variances of blurs add up, so an image that already has the blur c_0
+        needs a further ``sqrt(c^2 - c_0^2) / 4``; c is proportional to 1 / n (Eq. 2.11).
 
         Examples
         --------
@@ -134,14 +134,14 @@ class ThinLens:
         >>> lens.quantised_blur_radius([0.4, 0.5, 1.0, np.inf]).tolist()
         [3, 0, 6, 11]
         """
-        # Twelve digits: 6.000000000001 pixels are six.
+        # Round to twelve digits first: 6.000000000001 pixels are six.
         pixels = np.round(self.blur_radius(distance) / self.pixel_size, 12)
         return np.ceil(pixels).astype(np.int64)
 
     def depth_of_field(self) -> tuple[float, float]:
         """Return the nearest and the farthest distance that look sharp (Eq. 2.17, 2.18).
 
-        Their difference is the depth of field (Eq. 2.19); a blur of one pixel is accepted.
+        Their difference is the depth of field (Eq. 2.19). A blur of one pixel counts as sharp.
 
         Returns
         -------
@@ -167,7 +167,7 @@ class ThinLens:
         return float(self.focal_length**2 / (self.f_number * self.pixel_size) + self.focal_length)
 
     def depth_resolution(self, distance: ArrayLike) -> Floats:
-        """Return how much farther a point must lie for its blur to grow by a pixel, in metres.
+        """Return how much farther a point must be for its blur to grow by a pixel, in metres.
 
         Eq. 2.21 as an equality, solved for d_2 - d_1; infinite if no distance is far enough.
 

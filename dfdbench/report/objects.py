@@ -1,4 +1,4 @@
-"""Runs, comparisons and transfers as users hold them: scores, tables, figures, pages."""
+"""Runs, comparisons and transfers as Python objects: scores, tables, figures, pages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Run:
-    """The scores of a method on a split of a data set, and on its tracks if it was run on them.
+    """The scores of a method on a split of a data set, and on its tracks if they were run.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Run:
     protocol : str, optional
         The protocol of its tables; by default the data set's first.
     notes : sequence of str
-        What was taken over from an earlier run in the same folder, and what was moved away.
+        What was reused from an earlier run in the same folder, and what was moved away.
     calibration : Calibration, optional
         What the method's fit measured of the blur.
     """
@@ -73,28 +73,28 @@ class Run:
 
     @property
     def result(self) -> record.Result:
-        """Everything the run recorded, on the clean images if it was run on tracks."""
+        """The run's whole record; for a run on tracks, that on the clean images."""
         return self._first.result
 
     @property
     def results(self) -> dict[str, record.Result]:
-        """Everything the run recorded, by ``clean`` and ``TRACK-SEVERITY``."""
+        """The run's whole record, by ``clean`` and ``TRACK-SEVERITY``."""
         return {label: run.result for label, run in self._runs.items()}
 
     @property
     def folder(self) -> Path:
-        """Where its files are."""
+        """The folder of its files."""
         place = self._first.path.parent
         return place.parent if self._on_tracks else place
 
     def __fspath__(self) -> str:
         self._first.require_in_place()
-        # Of a run on tracks the one on clean images has a fit.
+        # In a run on tracks, the one on clean images has a fit.
         return str(self._first.path.parent)
 
     @property
     def failed(self) -> int:
-        """On how many pairs the method failed."""
+        """The number of pairs on which the method failed."""
         pairs = (pair for result in self.results.values() for pair in result.pairs)
         return sum(pair.status == "failed" for pair in pairs)
 
@@ -104,14 +104,14 @@ class Run:
         return scores_of(list(self.results.values()))
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores under one protocol, by default the run's own, a row per pair."""
+        """Return the pairs' scores under one protocol, by default the run's own; a row per pair."""
         return frame_of(self.result, self._asked(protocol))
 
     @property
     def regions(self) -> pd.DataFrame:
-        """The NRMSE of each pair at edges, in flat regions, far and near; NaN where it has none.
+        """The NRMSE of each pair at edges, in flat regions, far and near; NaN if it has none.
 
-        `dfdbench.metrics.regions.REGIONS` says what these are.
+        `dfdbench.metrics.regions.REGIONS` defines these regions.
         """
         pairs = self.result.pairs
         rows = [[pair.regions.get(region) for region in REGIONS] for pair in pairs]
@@ -119,17 +119,17 @@ class Run:
         return pd.DataFrame(rows, index, list(REGIONS), dtype=float)
 
     def table(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the mean scores, by illumination and exposure or whatever axes the set has.
+        """Return the mean scores by illumination and exposure, or by the set's own axes.
 
         Parameters
         ----------
         protocol : str, optional
-            By default the run's own.
+            The protocol; by default the run's own.
 
         Returns
         -------
         DataFrame
-            A row per group of pairs, a column per metric; of a run on tracks, a row per track.
+            A row per group of pairs, a column per metric; for a run on tracks, a row per track.
 
         Raises
         ------
@@ -149,9 +149,10 @@ class Run:
         return all_tables(summary.summarise(self.result, self.protocol), self._first.store)
 
     def verdict(self) -> str:
-        """Return what the run comes to: its score, a constant's, the best comparable row's, worst.
+        """Return a summary: its score, a constant's, the best comparable row's, its worst pairs.
 
-        A line each, as ``dfdbench run`` ends with them; of a run on tracks, that on clean images.
+        It has the lines that ``dfdbench run`` ends with; for a run on tracks, those of clean
+        images.
         """
         from dfdbench.report.verdict import verdict_text
 
@@ -159,7 +160,7 @@ class Run:
 
     def verdict_facts(self) -> dict[str, dict[str, Any]]:
         """Return the verdict's lines as data: see `dfdbench.report.verdict.verdict_facts`."""
-        # It reads rows, for which a run need not wait.
+        # It reads rows, so it is imported only when needed.
         from dfdbench.report.verdict import verdict_facts
 
         return verdict_facts(self._first, self.protocol)
@@ -173,14 +174,14 @@ class Run:
                 yield pair.id, found[1]
 
     def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
-        """Return the images of a pair, which may be named, and the depth predicted for it.
+        """Return the images of a pair (an object or its name) and the depth predicted for it.
 
         Raises
         ------
         UnknownNameError
             If the run has no such pair.
         ResultError
-            If the run kept no depth maps, a later run took its place, or the data set is not there.
+            If the run kept no depth maps, a later run replaced it, or the data set is missing.
         """
         pair = pair if isinstance(pair, str) else pair.id
         found = self._first.images(pair)
@@ -219,14 +220,14 @@ class Run:
         return write_html(list(self._runs.values()), self._asked(protocol), folder)
 
     def save(self, path: Path | str) -> Path:
-        """Copy the run into a folder, which `open_run` opens; return the folder.
+        """Copy the run into a folder that `open_run` can open; return the folder.
 
         Raises
         ------
         InputError
-            If something is there already.
+            If something is already there.
         ResultError
-            If a later run took the place of this one.
+            If a later run replaced this one.
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
@@ -258,18 +259,18 @@ class Run:
 
 
 class Comparison:
-    """The differences of runs on the same data from the first of them, pair by pair.
+    """Pair-by-pair differences of runs on the same data from the first of them.
 
     Parameters
     ----------
     runs : sequence of SavedRun
         At least two.
     protocol : str, optional
-        By default the data set's first.
+        The protocol; by default the data set's first.
     most : int
-        How many changed pairs are listed.
+        How many changed pairs to list.
     given : object, optional
-        Kept as long as the comparison: a run's temporary folder goes when the run does.
+        Kept alive as long as the comparison: a run's temporary folder is deleted with the run.
     """
 
     def __init__(
@@ -312,7 +313,7 @@ class Comparison:
         return pd.concat(frames, names=["run"])
 
     def figure(self, most: int = 4) -> Any:
-        """Draw the pairs that changed most, of the first two runs; None if there are none."""
+        """Draw the pairs that changed most between the first two runs; None if there are none."""
         from dfdbench.figures.comparisons import change_figure  # it imports matplotlib
 
         one, other = self.runs[:2]
@@ -325,12 +326,12 @@ def _as_frame(table: Table) -> pd.DataFrame:
 
 
 class Transfer:
-    """The scores of a method that was fitted on one data set and tested on another.
+    """The scores of a method fitted on one data set and tested on another.
 
     Parameters
     ----------
     results : mapping of (str, str) to Result
-        By what it was fitted on and what it was tested on.
+        By the set that it was fitted on and the set that it was tested on.
     protocol : str
         The protocol of its table.
     folder : Path
@@ -357,7 +358,7 @@ class Transfer:
         return as_html(self.as_table())
 
     def table(self) -> pd.DataFrame:
-        """Return the means: a row per set that it was fitted on, a column per set of the test."""
+        """Return the means: a row per set it was fitted on, a column per set it was tested on."""
         means = {
             pair: result.mean(self.protocol, self._name) for pair, result in self.results.items()
         }
@@ -366,12 +367,12 @@ class Transfer:
         return frame.rename_axis(index="fitted on", columns="tested on")
 
     def worst(self) -> float:
-        """Return the most that a foreign fit costs: its score over that of the set's own fit."""
+        """Return the highest cost of a foreign fit: its score over that of the set's own fit."""
         means = self.table().to_numpy()
         return float((means / np.diag(means)).max())
 
     def as_table(self) -> Table:
-        """Return the means as a table of the command line."""
+        """Return the means as a table for the command line."""
         means = self.table()
         rows = tuple((str(own), *map(wording.score_text, row)) for own, row in means.iterrows())
         note = f"The worst foreign fit has {self.worst():.2f} times the score of the set's own."

@@ -1,4 +1,4 @@
-"""The report of runs: gathered once, written as one HTML file or as Markdown with figures."""
+"""Gather a report on runs, and write it as one HTML file or as Markdown with figures."""
 
 import io
 import re
@@ -38,9 +38,9 @@ from dfdbench.tables.table import Table
 
 @dataclass(frozen=True)
 class Section:
-    """Runs that may be compared: of one data set fingerprint and split.
+    """Comparable runs: on one data set fingerprint and split.
 
-    `tables` are the ranking, the scores by lighting and how the runs were made; `details` each
+    `tables` are the ranking, the scores by lighting and how the runs were made; `details` are each
     method's own tables, by its label; `plots` are by what each shows.
     """
 
@@ -53,16 +53,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Content:
-    """All that a report says.
+    """The content of a report.
 
     Parameters
     ----------
     title : str
-        What it is about.
+        The report's title.
     protocol : str
         The protocol of every score.
     summary : tuple of str
-        A sentence a section.
+        One sentence per section.
     methods : tuple of str
         The methods' labels, best first.
     sections : tuple of Section
@@ -182,7 +182,7 @@ _PHOTO_QUALITY = 80
 _MAP_QUALITY = 90
 # Characters that XML cannot hold, not even escaped.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-# Stands for the text's colour while matplotlib draws, so that dark mode can change it.
+# Replaces the text's colour while matplotlib draws, so that dark mode can change it.
 _INK = "#010203"
 
 
@@ -195,8 +195,8 @@ def write_html(
 ) -> Path:
     """Write a report on runs into a folder as ``report.html``; return its path.
 
-    `on_pair` is called with (pairs done, pairs to do); `also` names forms of the plots, "pdf" and
-    "svg", to write beside the page.
+    `on_pair` is called with (pairs done, total pairs); `also` names further formats of the plots,
+    "pdf" and "svg", to write beside the page.
     """
     with mpl.rc_context(ink()):
         content = gather(runs, protocol)
@@ -208,7 +208,7 @@ def write_html(
             ]
             for section in content.sections
         ]
-    # Many pairs and methods share a scene: each picture is in the page once.
+    # Many pairs and methods share a scene, so the page holds each picture only once.
     pictures: dict[str, str] = {}
     of_data: dict[tuple[str, str], dict[str, str]] = {}
     cards = []
@@ -238,7 +238,7 @@ def _cards(
     pictures: dict[str, str],
     of_data: dict[tuple[str, str], dict[str, str]],
 ) -> list[dict[str, Any]]:
-    """Return the card of a pair, or none without its depth map; pictures are added."""
+    """Return the card of a pair, or none without its depth map; add its pictures to `pictures`."""
     found = run.images(pair)
     if found is None:
         return []
@@ -269,7 +269,7 @@ def _cards(
 
 
 def _error_limit(pairs: Sequence[tuple[SavedRun, PairResult]]) -> str:
-    """Return at which error the scale ends, with its unit."""
+    """Return the error at the end of the colour scale, with its unit."""
     dataset = next((run.store for run, _ in pairs if run.store), None)
     if dataset is None:
         return f"{style.ERROR_LIMIT:.0f} levels"
@@ -301,20 +301,20 @@ def _filters(cards: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[st
 
 
 def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
-    """Return depth or its error, shape (y, x), NaN where unknown, as a coloured data address."""
+    """Return depth or its error, shape (y, x), NaN where unknown, as a coloured data URL."""
     low, high = scale["vmin"], scale["vmax"]
     return _coloured((depth - low) / (high - low), scale["cmap"], np.isnan(depth))
 
 
 def scale(name: str) -> str:
-    """Return a colour map's scale, low to high, as a data address."""
+    """Return a colour map's scale, low to high, as a data URL."""
     return _coloured(np.tile(np.linspace(0, 1, 256), (8, 1)), name, np.zeros((8, 256), bool))
 
 
 def inline_svg(figure: Figure, name: str) -> str:
     """Return a figure as SVG for HTML, in the page's text colour.
 
-    `name` is for readers who cannot see it, different for each figure of a page.
+    `name` is for readers who cannot see it, and is unique on the page.
     """
     text = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}), catch_warnings():
@@ -335,7 +335,7 @@ def inline_svg(figure: Figure, name: str) -> str:
 
 
 def ink() -> dict[Any, str]:
-    """Return the settings of matplotlib for drawing figures for `inline_svg`."""
+    """Return the matplotlib settings for drawing figures for `inline_svg`."""
     names = ["text.color", "axes.labelcolor", "axes.edgecolor", "axes.titlecolor", "xtick.color"]
     names += ["ytick.color", *(f"boxplot.{part}props.color" for part in ("box", "whisker", "cap"))]
     return {**dict.fromkeys(names, _INK), "legend.facecolor": "none", "font.family": "sans-serif"}
@@ -357,7 +357,7 @@ def write_markdown(
 ) -> Path:
     """Write a report on runs into a folder as ``report.md`` with PNG files; return its path.
 
-    `also` names further forms of the plots, "pdf" and "svg".
+    `also` names further formats of the plots, "pdf" and "svg".
     """
     content = gather(runs, protocol)
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Methods beside metrics, the best marked: the table that goes into a paper."""
+"""A table of methods and metrics for a paper, with the best values marked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,23 +12,24 @@ from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.tables.table import Marked, Table, counted
 
 SECONDS = "seconds"
-# Of a fingerprint's 64 digits: enough to distinguish data, and they fit into a caption.
+# How many of a fingerprint's 64 digits to show: enough to be unique, few enough for a caption.
 _DIGITS = 16
 
 
 def paper_tables(
     runs: Sequence[SavedRun], protocol: str, columns: Sequence[str] = ()
 ) -> list[Table]:
-    """Return a table for each set of runs that may be compared: of one fingerprint and split.
+    """Return a table for each set of comparable runs: on one fingerprint and split.
 
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; `dfdbench.results.saved_run.distinguished` tells those of one method apart.
+        At least one; `dfdbench.results.saved_run.distinguished` gives runs of one method unique
+        names.
     protocol : str
         The protocol.
     columns : sequence of str
-        Metrics by name, and ``seconds``, in this order; all where none is named.
+        Metrics by name, and ``seconds``, in this order; all by default.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def paper_tables(
     shown = tuple(dict.fromkeys(columns or there))
     found = boards([Entry((run.result,), run.path, run.label) for run in runs])
     tables = [_table(board, shown) for board in found if board.protocol == protocol]
-    # LaTeX refuses a label twice: another build of a set has the same name and other data.
+    # LaTeX rejects duplicate labels: two builds of a set share a name but not their data.
     labels = [table.label for table in tables]
     return [
         replace(table, label=f"{table.label} {table.records[0]['fingerprint']!s:.8}")
@@ -78,7 +79,7 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
 
 
 def _cells(board: ScoreBoard, name: str) -> list[str]:
-    """Return a column: the best of the ranked marked, means of incomplete runs in brackets."""
+    """Return a column: the best ranked value marked, means of incomplete runs in brackets."""
     if name == SECONDS:
         return [seconds_text(standing.entry.seconds) for standing in board.standings]
     texts = [board.shown(row, name) for row in range(len(board.standings))]
@@ -88,7 +89,7 @@ def _cells(board: ScoreBoard, name: str) -> list[str]:
         for standing in board.standings
         if standing.rank is not None and (value := standing.scores.get(name)) is not None
     }
-    # Equal as printed is equal: a reader sees no more digits.
+    # Values that print alike are equal: a reader sees no more digits.
     order = sorted(
         ranked, key=lambda text: metric.compared(ranked[text]), reverse=metric.larger_is_better
     )

@@ -1,4 +1,4 @@
-"""What a run comes to: its score, a constant's, the best comparable row's, its worst pairs."""
+"""A run's summary: its score, a constant's, the best comparable row's, its worst pairs."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,36 +20,36 @@ from dfdbench.tables.table import counted
 
 #: The method that any other has to beat.
 CONSTANT = "constant"
-# Where a part of the pairs is so much worse than all of them, that part is named.
+# If a part of the pairs is this much worse than all of them, name that part.
 _STANDS_OUT = 1.05
 
 
-#: A line of a verdict, as ``text``, and the scores and names in it as data.
+#: A line of a verdict as ``text``, with its scores and names as data.
 Line = dict[str, Any]
 
 
 def verdict_text(lines: Mapping[str, Line]) -> str:
-    """Return what `verdict_facts` found a line each, as ``dfdbench run`` ends with it."""
+    """Join the lines that `verdict_facts` found, as ``dfdbench run`` ends with them."""
     return "\n".join(f"{name.replace('_', ' '):<12} {line['text']}" for name, line in lines.items())
 
 
 def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
-    """Return what a run comes to.
+    """Return a run's summary.
 
     Parameters
     ----------
     run : SavedRun
         The run.
     protocol : str
-        Under which protocol.
+        The protocol.
 
     Returns
     -------
     dict of str to Line
         ``score``: the means; ``constant``: that of ``constant`` on the same pairs; ``best_row``:
-        the best row of the leaderboard on the same data whose method was given as much, on the same
-        pairs; ``worst``: where the run is worst. Each has a ``text``, and scores by metric. What
-        there is not is left out, and a damaged row of the leaderboard too.
+        the best row of the leaderboard on the same data and pairs whose method was given as much;
+        ``worst``: where the run is worst. Each has a ``text``, and scores by metric. Missing lines
+        are left out, and so is a damaged row of the leaderboard.
     """
     result = run.result
     lines: dict[str, Line] = {"score": _score(result, protocol)}
@@ -77,7 +77,7 @@ class _Row(NamedTuple):
 
 
 def _score(result: Result, protocol: str) -> Line:
-    """Return the mean scores; of an incomplete run, those of what was run, and why."""
+    """Return the mean scores; for an incomplete run, those of the pairs that were run, and why."""
     data, count = result.dataset, counted(result.dataset.expected, "pair")
     under = f"protocol {protocol}, split {data.split}"
     done = result.evaluated
@@ -95,7 +95,7 @@ def _score(result: Result, protocol: str) -> Line:
 
 
 def _means(pairs: Sequence[PairResult], protocol: str) -> tuple[dict[str, float | None], str]:
-    """Return the means of pairs that were evaluated, by metric, and how they read."""
+    """Return the means of evaluated pairs, by metric, and their text."""
     metrics = metrics_of(protocol)
     means = {name: mean_of(pair.score(protocol, name) for pair in pairs) for name in metrics}
     texts = (f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
@@ -109,7 +109,7 @@ def _others(result: Result, protocol: str, ids: Sequence[str]) -> Iterator[_Row]
         try:
             there = read_row(file).results_on(result.dataset.fingerprint)
         except ResultError:
-            # `dfdbench leaderboard` tells of it; this run's score is as good without the row.
+            # `dfdbench leaderboard` reports it; this run's score is valid without the row.
             continue
         for other in there:
             if knew_blur(other.method, other.dataset.degradation):
@@ -124,12 +124,12 @@ def _others(result: Result, protocol: str, ids: Sequence[str]) -> Iterator[_Row]
 def _constant(
     known: Sequence[PairResult] | Dataset, pairs: Sequence[PairResult], protocol: str, own: float
 ) -> dict[str, Line]:
-    """Return what the training mean scores on some pairs, from its row or anew from the data."""
+    """Return the score of the training mean on some pairs, from its row or else computed."""
     if isinstance(known, Dataset):
         try:
             method = load_for(known, CONSTANT, {}, 0)
         except DfdbenchError:
-            # Training has no depth.
+            # The training scenes have no depth.
             return {}
         evaluate = PairEvaluator(known, method, 0, [RELEASED[protocol]])
         found = [evaluate(pair.pair)[0] for pair in pairs]
@@ -146,7 +146,7 @@ def _constant(
 
 
 def _of(pair: PairResult, protocol: str) -> float | None:
-    """Return a pair's score by the metric that ranks."""
+    """Return a pair's score by the ranking metric."""
     return pair.score(protocol, ranked_by(protocol)[0])
 
 
@@ -168,7 +168,7 @@ def _kind(result: Result) -> str:
 def _best(
     result: Result, own: float, metric: str, title: str, others: Sequence[_Row]
 ) -> dict[str, Line]:
-    """Return the best row whose method was given as much; where there is none, the best of all."""
+    """Return the best row whose method was given as much; if there is none, the best of all."""
     label = method_label(result.method)
     rows = [r for r in others if r.name != CONSTANT and method_label(r.result.method) != label]
     if not rows:

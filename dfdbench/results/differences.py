@@ -17,7 +17,7 @@ TOO_FEW = "too few scenes to tell"
 
 @dataclass(frozen=True)
 class PairChange:
-    """One pair under both runs; `difference` is the second run's score less the first's."""
+    """One pair in both runs; `difference` is the second run's score minus the first's."""
 
     first: PairResult
     second: PairResult
@@ -31,15 +31,15 @@ class PairedDifference:
     Parameters
     ----------
     mean : float
-        Second run less first.
+        The second run's score minus the first's.
     low, high : float or None
         From `dfdbench.metrics.intervals.group_interval`.
     wins, losses, ties : int
-        Pairs on which the second run is better, worse, the same.
+        The number of pairs on which the second run is better, worse, or the same.
     groups : int
-        How many groups of scenes the pairs are of.
+        The number of groups of scenes that the pairs belong to.
     p : float or None
-        From `dfdbench.metrics.intervals.chance`; in a table after Holm's correction.
+        From `dfdbench.metrics.intervals.chance`; in a table, after Holm's correction.
     """
 
     mean: float
@@ -69,7 +69,7 @@ class PairedDifference:
 
 
 def verdict_note(groups: int) -> str:
-    """Return what a table's verdicts mean whose differences are over so many groups of scenes."""
+    """Return what the verdicts mean in a table of differences over this many groups of scenes."""
     over = f"{groups} groups of scenes (those of one family or room are one)"
     if groups >= intervals.GROUPS_TO_TELL:
         return (
@@ -86,14 +86,14 @@ def verdict_note(groups: int) -> str:
 
 
 def check_comparable(first: Result, second: Result, protocol: str) -> None:
-    """Refuse two runs that must not be compared.
+    """Raise if two runs must not be compared.
 
     Raises
     ------
     ResultError
-        Where data, split or the protocol's definition differ.
+        If data, split or the protocol's definition differ.
     UnknownNameError
-        Where one of them was not scored under that protocol.
+        If one of them was not scored under that protocol.
     """
     one, other = (result.dataset.model_dump() for result in (first, second))
     what = "runs on different data are not comparable"
@@ -113,7 +113,7 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
 
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
-    """Return the change of each pair that both runs evaluated and for which the metric exists."""
+    """Return the change of each pair that both runs evaluated and that has the metric."""
     found, about = [], find_metric(metric)
     for pair, other in _in_both(first, second):
         before, after = pair.score(protocol, metric), other.score(protocol, metric)
@@ -131,16 +131,16 @@ def _in_both(first: Result, second: Result) -> list[tuple[PairResult, PairResult
 def paired_difference(
     values: Sequence[float], groups: Sequence[str], metric: str
 ) -> PairedDifference | None:
-    """Return mean, interval, wins and losses of some differences; None where there are none.
+    """Return mean, interval, wins and losses of some differences; None if there are none.
 
     Parameters
     ----------
     values : sequence of float
-        The second run's score less the first's, one a pair.
+        The second run's score minus the first's, one per pair.
     groups : sequence of str
-        The group of scenes of each.
+        The group of scenes of each pair.
     metric : str
-        Which metric they are of: it says whether larger is better.
+        The metric, which says whether larger is better.
     """
     mean = mean_of(values)
     if mean is None:
@@ -156,7 +156,7 @@ def paired_difference(
 
 
 def corrected(table: Sequence[PairedDifference | None]) -> list[PairedDifference | None]:
-    """Return a table's differences with Holm's correction for their number."""
+    """Return a table's differences with their `p` corrected for their number (Holm)."""
     chances = intervals.holm([None if difference is None else difference.p for difference in table])
     return [each and replace(each, p=p) for each, p in zip(table, chances, strict=True)]
 
@@ -167,28 +167,28 @@ _ALL = "all"
 def change_tables(
     first: Result, second: Result, protocol: str, most: int = 10, names: Sequence[str] = ()
 ) -> list[Table]:
-    """Return what changes from the first run to the second.
+    """Return tables of what changes from the first run to the second.
 
     Parameters
     ----------
     first, second : Result
-        On the same data, split and protocol.
+        Runs on the same data and split, scored under the same protocol.
     protocol : str
-        Under which protocol.
+        The protocol.
     most : int
-        How many pairs are listed of those that changed most.
+        How many of the pairs that changed most to list.
     names : tuple of str, optional
-        What the two are called; their methods' labels by default.
+        The names of the two runs; by default their methods' labels.
 
     Returns
     -------
     list of Table
-        The differences and, where there are any, the pairs that changed.
+        The differences and, if there are any, the pairs that changed.
 
     Raises
     ------
     ResultError
-        Where the runs are not comparable, or no pair was evaluated by both.
+        If the runs are not comparable, or no pair was evaluated in both.
     """
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
@@ -253,7 +253,7 @@ def _as_record(difference: PairedDifference) -> dict[str, object]:
 
 
 def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
-    """Return the pairs whose NRMSE, in metres AbsRel, changed most, largest change first."""
+    """Return the pairs whose NRMSE (AbsRel in metres) changed most, largest change first."""
     metric = ranked_by(protocol)[0]
     rows, records = [], []
     for change in most_changed(first, second, protocol, most):
@@ -267,7 +267,7 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
-    """Return the pairs that changed most in what ranks them, largest change first."""
+    """Return the pairs whose ranking score changed most, largest change first."""
     found = [c for c in changes(first, second, protocol, ranked_by(protocol)[0]) if c.difference]
     return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])
 
@@ -275,10 +275,10 @@ def most_changed(first: Result, second: Result, protocol: str, most: int) -> tup
 def changes_to_show(
     first: Result, second: Result, protocol: str, count: int
 ) -> tuple[PairChange, ...]:
-    """Return pairs that changed much in what ranks them, of as many scenes and views as there are.
+    """Return pairs whose ranking score changed much, from as many scenes and views as possible.
 
-    The pairs that changed most are often one scene's view under other lights, the same picture
-    over and over: a pair counts behind those of scenes, then views, that were chosen less often.
+    The pairs that changed most often show one view of one scene under several lights, the same
+    picture over and over. So pairs of scenes, then views, that were chosen less often come first.
     """
     axis = first.dataset.axes[0]
     left = list(most_changed(first, second, protocol, len(first.pairs)))

@@ -1,4 +1,4 @@
-"""Say on what machine and with which versions something ran."""
+"""Describe the machine and the versions that something ran on."""
 
 import os
 import platform
@@ -26,9 +26,9 @@ def describe_environment() -> Environment:
     >>> describe_environment().versions["dfdbench"] == version("dfdbench")
     True
     """
-    import numba  # slow, and a run with nothing to do needs none of it
+    import numba  # slow to import, and a run with nothing to do does not need it
 
-    # Only where the method has loaded PyTorch: asking must not load it.
+    # Only if the method has loaded PyTorch: asking must not load it.
     torch = sys.modules.get("torch")
     threads = {"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads()}
     return Environment(
@@ -81,7 +81,7 @@ def _commit() -> str | None:
     if not (checkout / ".git").exists():
         return None
     commit = _git(checkout, "describe", "--always", "--abbrev=12")
-    # Results that are just being submitted do not change the code that they are of.
+    # Results that are being submitted do not count as changes to the code.
     changed = _git(
         checkout, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!leaderboard"
     )

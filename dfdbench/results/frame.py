@@ -21,7 +21,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-#: The status of a pair under a protocol that wants an answer for every pixel, where some lack one.
+#: The status of a pair with unanswered pixels, under a protocol that needs an answer for each.
 UNANSWERED = "unanswered"
 
 
@@ -33,18 +33,18 @@ def scores_of(results: Sequence[Result], protocols: Collection[str] | None = Non
     results : sequence of Result
         Runs on any data sets, with any methods.
     protocols : collection of str, optional
-        Only the scores under these.
+        Return only the scores under these.
 
     Returns
     -------
     DataFrame
-        A row per pair, protocol and metric: ``run`` (its place among the results), ``dataset``
+        One row per pair, protocol and metric: ``run`` (its index among the results), ``dataset``
         (without its track), ``track`` and ``severity`` (``clean`` and 0 without one), ``split``,
         ``method`` (with its parameters), ``parameters``, ``capture`` (the pair's name), ``scene``,
         ``group`` (the scene's family or room), ``coordinates`` (by axis), ``status``, ``protocol``,
         ``metric``, ``value`` and ``seconds``.
         A value is NaN if the pair was not evaluated or the metric is undefined; the status is
-        ``unanswered`` where pixels lack an answer that the protocol wants.
+        ``unanswered`` if pixels lack an answer that the protocol needs.
     """
     rows = [row for at, result in enumerate(results) for row in _rows(at, result, protocols)]
     return pd.DataFrame(rows, columns=COLUMNS).astype({"value": float, "seconds": float})
@@ -70,7 +70,7 @@ def _rows(
 
 
 def _scored_by(result: Result, label: str) -> list[str]:
-    """Return the metrics of a protocol that any pair has; all where none has any."""
+    """Return the metrics of a protocol that any pair has; all of them if no pair has any."""
     there = {name for pair in result.pairs for name in pair.scores.get(label, ())}
     return [name for name in metrics_of(label) if name in there] or list(metrics_of(label))
 
@@ -85,10 +85,10 @@ def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
     scores : DataFrame
         From `scores_of`.
     *by : str
-        Its columns that make the groups; the answer has them as index, in order of appearance.
+        The columns that define the groups; they become the index, in order of appearance.
     """
     parts = scores.groupby([*by], sort=False)
-    # By hand: an aggregate of pandas that sums exactly takes ten times as long.
+    # By hand, because a pandas aggregate that sums exactly takes ten times as long.
     numbers, index = parts.ngroup().to_numpy(), parts.size().index
     order = numbers.argsort(kind="stable")
     starts = np.flatnonzero(np.diff(numbers[order])) + 1
@@ -104,9 +104,9 @@ def capture_means(scores: pd.DataFrame, by: str) -> pd.Series:
     Parameters
     ----------
     scores : DataFrame
-        From `scores_of`, of one metric under one protocol.
+        From `scores_of`, for one metric under one protocol.
     by : str
-        A column, the first level of the answer's index; ``capture`` and ``group`` follow.
+        The column that becomes the index's first level; ``capture`` and ``group`` follow.
     """
     index = [by, "capture", "group"]
     of_tracks = scores.groupby([*dict.fromkeys((*index, "track"))])["value"].mean()
@@ -126,30 +126,30 @@ def mean_defined(numbers: NDArray[np.float64]) -> float:
 
 
 def defined(value: float) -> float | None:
-    """Return a number of a table; None if it is NaN."""
+    """Return a number from a table, or None if it is NaN."""
     return None if np.isnan(value) else float(value)
 
 
 def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
-    """Return a result's pairs as a table; this is `Run.to_frame`.
+    """Return a result's pairs as a table, as `Run.to_frame` does.
 
     Parameters
     ----------
     result : Result
         The run.
     protocol : str, optional
-        Whose scores; default: the one that the data set's tables show first.
+        The protocol of the scores; by default the one that the data set's tables show first.
 
     Returns
     -------
     DataFrame
-        One row per pair, by ``pair``, its name: ``scene``, the axes, ``status``, each metric and
-        ``seconds``; NaN where there is none.
+        One row per pair, indexed by ``pair``, its name: ``scene``, the axes, ``status``, each
+        metric and ``seconds``; NaN where there is no value.
 
     Raises
     ------
     UnknownNameError
-        Where the result was not scored under that protocol.
+        If the result was not scored under that protocol.
     """
     shown = protocol or shown_protocol(result)
     require_scored(shown, result.protocol_names, f"{result.method.name}'s result")
@@ -170,14 +170,14 @@ def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
 
 
 def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFrame:
-    """Return a method's means: a row a track, a column a severity, 0 for clean images.
+    """Return a method's means, one row per track and one column per severity, 0 for clean images.
 
     Parameters
     ----------
     scores : DataFrame
-        Of one method on one split, from `dfdbench.results.frame.scores_of`.
+        Scores of one method on one split, from `dfdbench.results.frame.scores_of`.
     protocol, metric : str
-        Which scores; NaN if a run is incomplete or lacking.
+        Which scores; NaN if a run is incomplete or missing.
     """
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == metric)]
     means = group_means(own, "track", "severity")
@@ -190,17 +190,17 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
 
 
 def severities_table(results: Sequence[Result], protocol: str) -> Table:
-    """Return a row a track: the score on clean images, at each severity, and their mean.
+    """Return one row per track: the score on clean images, at each severity, and their mean.
 
-    The mean is over severities, clean left out, and has an interval over groups of scenes; without
-    all of them there is none.
+    The mean is over the severities without clean, and has an interval over groups of scenes. There
+    is no mean if a severity is missing.
 
     Parameters
     ----------
     results : sequence of Result
         Runs of one method on one split, on clean images and on tracks.
     protocol : str
-        Under which protocol.
+        The protocol.
     """
     metrics, first_by = metrics_of(protocol), ranked_by(protocol)[0]
     scores = scores_of(results)
@@ -222,7 +222,7 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
             **{
                 f"{name} {CLEAN if column == 0 else column}": defined(value)
                 for name, means in by_metric.items()
-                # Results from before a metric have none of it.
+                # Results that are older than a metric do not have it.
                 for column, value in means.reindex_like(shown).loc[track].items()
             },
             **dict(zip(("low", "high"), interval or (None, None), strict=True)),
@@ -240,7 +240,7 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
 
 
 def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, float] | None]:
-    """Return the interval of each track's mean, None where there is none."""
+    """Return the interval of each track's mean, or None if there is none."""
     values = capture_means(scores, "track")
     return [
         None if np.isnan(mean) else group_interval(*with_groups(values.loc[str(track)]))

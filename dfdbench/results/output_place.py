@@ -1,4 +1,4 @@
-"""Guard where commands write: never into a data set, a run, or one of their own inputs."""
+"""Keep commands from writing into a data set, a run, or one of their own inputs."""
 
 import os
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from dfdbench.errors import InputError
 from dfdbench.system.files import is_address
 
-#: The file in a run's folder that says which run it is.
+#: The file in a run's folder that identifies the run.
 RUN_IDENTITY = "run.json"
 _HELD = {RUN_IDENTITY: "a run", "zarr.json": "a built data set"}
 
@@ -14,7 +14,7 @@ _HELD = {RUN_IDENTITY: "a run", "zarr.json": "a built data set"}
 def output_place(
     named: Path | str, *inputs: Path | str | None, option: str = "--out", replaces: bool = False
 ) -> Path:
-    """Return the place that a command writes to, if the command may write there.
+    """Return the place that a command writes to, after checking that it may write there.
 
     Parameters
     ----------
@@ -25,13 +25,13 @@ def output_place(
     option : str
         The option, for the message.
     replaces : bool
-        The command checks itself what the place holds, and may replace it: only the folders
-        above it are looked at, and no input may be inside it.
+        The command itself checks what the place holds, and may replace it. Then only the folders
+        above it are checked, and no input may be inside it.
 
     Raises
     ------
     InputError
-        If the place is empty or a URL; if it is, or is inside, a data set, a run or an input.
+        If the place is empty or a URL, or if it is a data set, a run or an input, or inside one.
 
     Examples
     --------

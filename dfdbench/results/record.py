@@ -17,11 +17,11 @@ from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_json
 
-#: What a result is called in the folder of its run.
+#: The name of a result's file in the run's folder.
 RESULT = "result.json"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-#: Bounds far above any run's keep sums of such numbers finite.
+#: The bounds are far above any run's times, but keep sums finite.
 Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
 Share = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
@@ -29,24 +29,24 @@ Coordinate = Annotated[int, Field(ge=-(2**31), lt=2**31)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
 #: What `numpy.random.seed` takes.
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
-#: Text in one line, without what steers a terminal.
+#: Text on one line, without control characters.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-#: How a result of such maps is marked wherever its method is named.
+#: How the result of depth maps made elsewhere is marked wherever its method is named.
 SCORED = "scored, not run"
 
 
 def by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
-    """Return the scores of a pair under a protocol if each is of a metric and within its bounds.
+    """Return a pair's scores under a protocol, after checking metrics and bounds.
 
     Raises
     ------
     ValueError
-        If a metric is lacking or unknown, or a score is out of bounds.
+        If a metric is missing or unknown, or a score is out of bounds.
     """
     others = (kind for kind in (IN_METRES, SURENESS) if scores.keys() & kind.keys())
     known = next(others, METRICS)
-    # Of other kinds a protocol's definition says which metrics there are.
+    # For other kinds, a protocol's definition says which metrics there are.
     needed = [name for name in METRICS if known is METRICS and not METRICS[name].younger]
     if scores.keys() - known.keys() or {*needed} - scores.keys():
         raise ValueError(f"metrics should be {', '.join(known)}, not {', '.join(scores)}")
@@ -102,19 +102,19 @@ class PairResult(Record):
 
     @property
     def pair(self) -> Pair:
-        """The pair that the record is of, on its axes in the order recorded."""
+        """The record's pair, with its axes in the order recorded."""
         return self.pair_on(self.coordinates)
 
     def pair_on(self, axes: Iterable[str]) -> Pair:
-        """Return the pair that the record is of, on axes in this order."""
+        """Return the record's pair, with its axes in this order."""
         return Pair(self.scene, tuple((axis, self.coordinates[axis]) for axis in axes))
 
     def score(self, protocol: str, metric: str) -> float | None:
-        """Return a score; None where it is undefined, or was not scored: see `Metric.younger`."""
+        """Return a score; None if it is undefined or was not scored: see `Metric.younger`."""
         return self.scores.get(protocol, {}).get(metric)
 
     def lacks_answers(self, protocol: str) -> bool:
-        """Whether it has no score since pixels have no answer, which this protocol wants."""
+        """Whether it has no score because pixels lack an answer that this protocol needs."""
         return self.answered < 1 and protocol != SURE
 
 
@@ -135,7 +135,7 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
 #: A protocol's definition, whose name may become part of a path.
 ProtocolRecord = Annotated[dict[str, Any], AfterValidator(_with_safe_name)]
 RecipeRecord = Annotated[dict[str, Any], AfterValidator(_with_name)]
-#: A data set's name, with its track where it is on one; as safe in a path as a `Name`.
+#: A data set's name, with its track if it is on one; as safe in a path as a `Name`.
 DataName = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(@[a-z]+-[1-9])?$", max_length=120)
 ]
@@ -166,7 +166,7 @@ class DatasetRecord(Record):
 
     @classmethod
     def of(cls, manifest: Manifest, **facts: Any) -> Self:
-        """Return the record of a data set; `facts` are what its manifest does not know."""
+        """Return the record of a data set; `facts` are those that its manifest does not have."""
         return cls(
             axes=list(manifest.axes),
             blocks=manifest.table.blocks,
@@ -178,21 +178,21 @@ class DatasetRecord(Record):
 
     @property
     def label(self) -> str:
-        """What tables and figures call it: captures that are none say so."""
+        """The name in tables and figures; simulated data sets are marked as such."""
         return simulated_label(self.name, self.simulated)
 
     @property
     def heading(self) -> str:
-        """Its label and the split that was run, as titles say them."""
+        """Its label and the split that was run, for titles."""
         return f"{self.label}, split {self.split}"
 
     def group_of(self, scene: str) -> str:
-        """Return the group that a scene is of, its own name if it stands alone."""
+        """Return a scene's group; a scene without one is its own group."""
         return self.groups.get(scene, scene)
 
 
 def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
-    # They stand in file names and tables.
+    # Parameters appear in file names and tables.
     json.dumps(parameters, ensure_ascii=False, allow_nan=False).encode()
     return parameters
 
@@ -223,7 +223,7 @@ class MethodRecord(Record):
 
     @property
     def title(self) -> str:
-        """What tables and figures call it; of depth maps made elsewhere it says that."""
+        """The name in tables and figures; depth maps made elsewhere are marked as such."""
         return f"{self.name} ({SCORED})" if self.scored else self.name
 
 
@@ -260,7 +260,7 @@ class Result(Record):
     @model_validator(mode="after")
     def _check(self) -> Self:
         data, pairs, protocols = self.dataset, self.pairs, self.protocol_names
-        # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
+        # Tables and figures look up pairs by axis, and depth maps by scene and coordinates.
         if not {data.blocks, data.rows or data.blocks} <= set(data.axes):
             raise ValueError(f"blocks and rows are not among the axes {', '.join(data.axes)}")
         if len(set(data.axes)) < len(data.axes) or len(set(protocols)) < len(protocols):
@@ -279,12 +279,12 @@ class Result(Record):
 
     @property
     def protocol_names(self) -> tuple[str, ...]:
-        """The labels of the protocols that were scored, under which `scores` has them."""
+        """The labels of the protocols that were scored, which are the keys of `scores`."""
         return tuple(label_of(protocol) for protocol in self.protocols)
 
     @property
     def environments(self) -> tuple[Environment, ...]:
-        """Where pairs were run; each pair's `machine` is a place in it."""
+        """Where pairs were run; each pair's `machine` is an index into it."""
         return (self.environment, *self.other_environments)
 
     @property
@@ -294,18 +294,18 @@ class Result(Record):
 
     @property
     def complete(self) -> bool:
-        """True where every expected pair was evaluated; only then is there an average."""
+        """True if every expected pair was evaluated; only then is there an average."""
         return len(self.evaluated) == len(self.pairs)
 
     def mean(self, protocol: str, metric: str) -> float | None:
-        """Return a metric's average; None where there is none."""
+        """Return a metric's average, or None if there is none."""
         return (self.averages or {}).get(protocol, {}).get(metric)
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:
-    """Return each metric's mean over the pairs where it is defined, by protocol.
+    """Return each metric's mean over the pairs for which it is defined, by protocol.
 
-    There is none where a pair lacks answers: means of the others would gain by what is left out.
+    There is none if a pair lacks answers, as leaving pairs out would improve the mean.
     """
     means = {}
     for protocol in protocols:
@@ -318,7 +318,7 @@ def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str
 
 
 def save_result(result: Result, path: Path) -> None:
-    """Write a result as JSON, whole or not at all."""
+    """Write a result as JSON, completely or not at all."""
     write_whole(path, result.model_dump_json(indent=1) + "\n")
 
 
@@ -333,7 +333,7 @@ def load_result(path: Path | str) -> Result:
     Raises
     ------
     ResultError
-        Where it cannot be read, a field is wrong, or it contradicts itself.
+        If it cannot be read, a field is wrong, or it contradicts itself.
     """
     path = Path(path)
     path = path / RESULT if path.is_dir() else path
@@ -352,10 +352,10 @@ def load_result(path: Path | str) -> Result:
 
 
 def first_protocol(short: str) -> str:
-    """Return the protocol that a data set is shown and ranked by first.
+    """Return the protocol by which a data set is shown and ranked first.
 
-    It is ``valid``, but for Middlebury without a track: the thesis's printed tables are of it, and
-    its protocol counts pixels whose depth nobody knows as depth 0.
+    It is ``valid``, except for Middlebury without a track, which the thesis's printed tables use.
+    Their protocol counts pixels of unknown depth as depth 0.
 
     Parameters
     ----------
@@ -371,9 +371,9 @@ def first_protocol(short: str) -> str:
 
 
 def shown_protocol(result: Result) -> str:
-    """Return the protocol that a result is shown under first, among those that it was scored by.
+    """Return the protocol under which to show a result first, among those it was scored under.
 
-    A file of the leaderboard holds one alone.
+    A file of the leaderboard has only one.
     """
     first = first_protocol(result.dataset.short)
     names = result.protocol_names

@@ -25,32 +25,32 @@ from dfdbench.tables.table import listed
 
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"
-#: How the name of a run ends that was set aside for a newer one; more than one are numbered.
+#: The suffix of a run that was set aside for a newer one; if there are several, they are numbered.
 PREVIOUS = ".previous"
 PREDICTIONS = "predictions.zarr"
 
 
 def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) -> Path | None:
-    """Make a run's folder, or find it as an earlier call of the same run left it.
+    """Make a run's folder, or open the one that an earlier call of the same run left.
 
     Parameters
     ----------
     folder : Path
         Where the run goes.
     identity : mapping
-        What must be the same for pairs of an earlier call to be taken over.
+        What must be the same to reuse the pairs of an earlier call.
     goes_on : bool
-        Take over what is there, which `read_identity` says is of the same run.
+        Resume the run that is there, which is the same one according to `read_identity`.
 
     Returns
     -------
     Path or None
-        Where an earlier run that was another, or is not to be gone on with, was moved.
+        Where an earlier run was moved, if it is a different one or is not to be resumed.
 
     Raises
     ------
     ResultError
-        Where the folder holds something else.
+        If the folder holds something else.
     """
     set_aside = None
     if whole_files(folder):
@@ -66,19 +66,19 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
 
 
 def previous_of(folder: Path) -> Path:
-    """Return where a folder's content is set aside for newer: the first such place that is free."""
+    """Return where to set a folder's content aside: the first free place with the suffix."""
     names = (f"{folder.name}{PREVIOUS}-{number}" for number in itertools.count(2))
     places = map(folder.with_name, itertools.chain([folder.name + PREVIOUS], names))
     return next(place for place in places if not place.exists())
 
 
 def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
-    """Write down by what a run is known."""
+    """Write down a run's identity."""
     write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
 
 
 def read_identity(folder: Path) -> dict[str, Any] | None:
-    """Return by what a folder's run is known; None without a run, empty if that is damaged."""
+    """Return the identity of a folder's run; None if there is no run, empty if it is damaged."""
     path = folder / RUN_IDENTITY
     if not path.is_file():
         return None
@@ -92,12 +92,12 @@ def read_identity(folder: Path) -> dict[str, Any] | None:
 def read_journal(folder: Path) -> dict[str, PairResult]:
     """Return the pairs that an earlier call finished, by id.
 
-    A line cut short by a kill is left out, and so are failed pairs: both are tried again.
+    Failed pairs and a line cut short by a kill are left out, so that they are tried again.
     """
     path = folder / _JOURNAL
     finished = {}
     if path.exists():
-        # What is no text is a line that cannot be read, like one cut short.
+        # Bytes that are not text make a line unreadable, just like one cut short.
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
                 record = PairResult.model_validate_json(line)
@@ -117,19 +117,19 @@ def add_to_journal(folder: Path, record: PairResult) -> None:
 
 
 def keep_store_place(folder: Path, place: Place) -> None:
-    """Note on this machine where the data set lies; results, which are shared, do not say it."""
+    """Note on this machine where the data set is; results are shared and do not say it."""
     location = as_location(place)
     write_whole(folder / _STORE, f"{location.absolute() if is_local(location) else location}\n")
 
 
 def read_store_place(folder: Path) -> str | None:
-    """Return where the run's data set lay, or None where no run in the folder noted it."""
+    """Return where the run's data set was, or None if no run in the folder noted it."""
     path = folder / _STORE
     return path.read_text(encoding="utf-8").strip() if path.is_file() else None
 
 
 class Predictions:
-    """What a run keeps of predictions: depth maps of a scene in one array, by their axes.
+    """The depth maps that a run keeps: one array per scene, indexed by the data set's axes.
 
     Parameters
     ----------
@@ -141,19 +141,19 @@ class Predictions:
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
         self._folder, self._axes = folder, manifest.axes
-        # Opened once: to open one takes as long as many methods need for a pair.
+        # Opened only once, since opening one takes as long as many methods need for a pair.
         self._arrays: dict[tuple[str, str], zarr.Array[Any]] = {}
 
     def has(self, pair: str) -> bool:
-        """Return whether depth maps of the scene of a pair, named by its id, were kept."""
+        """Return whether depth maps were kept for the scene of a pair, given the pair's id."""
         return (self._folder / PREDICTIONS / pair.partition("/")[0]).is_dir()
 
     def keep(
         self, pair: Pair, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None = None
     ) -> None:
-        """Keep a predicted depth map, shape (y, x), and each pixel's sigma, where there is one.
+        """Keep a predicted depth map, shape (y, x), and each pixel's sigma, if there is one.
 
-        Sigma is the standard deviation that the method gives; its array lies beside the depth's.
+        Sigma is the standard deviation that the method gives; its array is beside the depth's.
         """
         index = tuple(self._axes[axis].index(value) for axis, value in pair.coordinates)
         for name, values in (("depth", depth), ("sigma", sigma)):
@@ -167,7 +167,7 @@ class Predictions:
         axes = self._axes
         group = zarr.open_group(self._folder / PREDICTIONS, path=scene, mode="a", zarr_format=3)
         if name not in group:
-            # The values that `sel` finds depth maps by; one cut short by a kill is written again.
+            # `sel` finds depth maps by these values; one cut short by a kill is written again.
             for axis, values in axes.items():
                 group.create_array(
                     axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
@@ -190,29 +190,29 @@ class Predictions:
 def read_prediction(
     folder: Path, pair: Pair, shape: tuple[int, int], name: Literal["depth", "sigma"] = "depth"
 ) -> NDArray[np.float32] | None:
-    """Return a depth map that a run kept, shape (y, x), or None where there is none.
+    """Return a depth map that a run kept, shape (y, x), or None if there is none.
 
     Parameters
     ----------
     folder : Path
         The run's folder.
     pair : Pair
-        Which pair's.
+        The pair.
     shape : tuple of int
-        Rows and columns that it must have: those of the images.
+        The rows and columns that it must have: those of the images.
     name : {"depth", "sigma"}
-        Depth, NaN where there is no answer, or the standard deviation that the method gives it.
+        Depth, NaN where there is no answer, or its standard deviation according to the method.
 
     Raises
     ------
     ResultError
-        Where something else than a run's depth maps lies there.
+        If the folder holds something other than a run's depth maps.
     """
     place = folder / PREDICTIONS / pair.scene
     if not place.exists():
         return None
     try:
-        # No earlier format: of its codecs one can run code that the file chooses.
+        # No earlier format, because one of its codecs can run code that the file chooses.
         group = zarr.open_group(place, mode="r", zarr_format=3)
         if name == "sigma" and name not in group:
             return None
@@ -235,19 +235,19 @@ def read_prediction(
 
 
 def answer_digest(depth: NDArray[np.float32], sigma: NDArray[np.float32] | None) -> str:
-    """Return the SHA-256 of an answer, shape (y, x): depth and, if there is one, sigma."""
+    """Return the SHA-256 of an answer: depth, shape (y, x), and sigma if there is one."""
     if sigma is None:
         return array_digest("depth", ("y", "x"), depth)
     return array_digest("depth and sigma", ("of", "y", "x"), np.stack([depth, sigma]))
 
 
 def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:
-    """Refuse a result with pairs that its data set does not have.
+    """Raise if a result has pairs that its data set does not have.
 
     Raises
     ------
     ResultError
-        Where there are such pairs; the first is named.
+        If there are such pairs; it names the first.
     """
     known = {pair.id: pair.at for pair in store.manifest.pairs()}
     strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]

@@ -18,10 +18,10 @@ _SPREAD = {"minimum": "minimum", "mean": "mean", "maximum": "maximum", "std devi
 
 
 def region_table(results: Mapping[str, Result]) -> Table:
-    """Return the NRMSE of runs at edges, in flat regions, far and near: a row a run.
+    """Return the NRMSE of runs at edges, in flat regions, far and near, one row per run.
 
-    The mean over pairs that have such a region; there is none of a run that is incomplete or
-    leaves pixels without an answer.
+    It is the mean over pairs that have such a region. A run that is incomplete or leaves pixels
+    without an answer has none.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ def region_table(results: Mapping[str, Result]) -> Table:
 
 
 def run_score_table(summary: RunSummary, scenes: Sequence[Scene] = ()) -> Table:
-    """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3.
+    """Return mean and spread of each metric by lighting, like the thesis's Tables 4.3 and 5.3.
 
-    As data, the scores are also parted by what the scenes are labelled with.
+    The table's data also split the scores by the scenes' labels.
     """
     result, groups = summary.result, summary.groups
     dataset = result.dataset
@@ -80,7 +80,7 @@ def _cells(group: ScoreGroup) -> list[str]:
 
 
 def extremes_table(summary: RunSummary) -> Table:
-    """Return the best and the worst pairs as they rank, as the thesis's Table 5.2."""
+    """Return the best and the worst pairs by rank, like the thesis's Table 5.2."""
     protocol, metrics = summary.protocol, metrics_of(summary.protocol)
     top = summary.ranked[:EXTREMES]
     bottom = summary.ranked[len(top) :][-EXTREMES:]
@@ -98,7 +98,7 @@ def extremes_table(summary: RunSummary) -> Table:
 
 
 def time_table(summary: RunSummary) -> Table:
-    """Return the seconds per pair by lighting, as the thesis's Table 4.4."""
+    """Return the seconds per pair by lighting, like the thesis's Table 4.4."""
     result, groups = summary.result, summary.groups
     labels = _labels(result)
     rows = [
@@ -178,23 +178,23 @@ def _place(group: ScoreGroup, count: int) -> tuple[str, ...]:
 
 
 def _rules(groups: Sequence[ScoreGroup]) -> frozenset[int]:
-    """Return the rows that a line follows: whole blocks, or all but the overall row."""
+    """Return the rows followed by a line: the last of each block, or the one before the total."""
     blocks = [number for number, group in enumerate(groups) if group.row is None]
     several = any(group.row is not None for group in groups)
     return frozenset(blocks if several else blocks[-2:-1])
 
 
 def all_tables(summary: RunSummary, store: Dataset | None) -> list[Table]:
-    """Return a run's tables: scores, best and worst pairs, times, by split and scene; none empty.
+    """Return a run's tables that are not empty: scores, extremes, times, by split and by scene.
 
-    Of a limited run there may be no whole split to tell the spread of, and no scene of a part.
+    A limited run may have no whole split whose spread could be shown, and lack some scenes.
 
     Parameters
     ----------
     summary : RunSummary
         The run under a protocol.
     store : Dataset or None
-        The data set, if it is there: its manifest tells scenes and splits.
+        The data set, if available: its manifest names scenes and splits.
     """
     scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ([], [])
     tables = [run_score_table(summary, scenes), extremes_table(summary)]
@@ -205,30 +205,30 @@ def all_tables(summary: RunSummary, store: Dataset | None) -> list[Table]:
 
 
 def scene_tables(summary: RunSummary, scenes: Sequence[Scene]) -> list[Table]:
-    """Return a run's scores by geometry and by texture, as the thesis's Figs 7.2, 7.8 and 7.17.
+    """Return a run's scores by geometry and by texture, like the thesis's Figs 7.2, 7.8 and 7.17.
 
     Parameters
     ----------
     summary : RunSummary
         The run under a protocol.
     scenes : sequence of Scene
-        Of the manifest; where they name neither, there is no table.
+        The manifest's scenes; if they name neither, there is no table.
     """
     return [_table(summary, what, label_of) for what, label_of in scene_labels(scenes).items()]
 
 
 def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
-    """Return minimum, mean, maximum and deviation over the pairs, as the thesis's Tables 7.3, 7.6.
+    """Return minimum, mean, maximum and deviation over pairs, like the thesis's Tables 7.3, 7.6.
 
-    Of the whole run, and of every split and partition that is a part of it: Table 7.3 is of
-    partition ``pruned`` in a run with ``--split all``, Table 7.6 of split ``test-pruned``.
+    There is a row for the whole run, and for every split and partition within it. Table 7.3 is
+    partition ``pruned`` in a run with ``--split all``; Table 7.6 is split ``test-pruned``.
 
     Parameters
     ----------
     summary : RunSummary
         The run under a protocol.
     splits : sequence of Split
-        Of the manifest.
+        The manifest's splits.
     """
     result, protocol = summary.result, summary.protocol
     metrics = metrics_of(protocol)
@@ -291,7 +291,7 @@ def _listed(names: list[str]) -> str:
 def _records(
     summary: RunSummary, labels: Mapping[str, Mapping[str, str]]
 ) -> Iterator[dict[str, object]]:
-    """Yield a row for each group and metric; a place that does not part it is ``all``."""
+    """Yield a row for each group and metric; a label that does not define the group is ``all``."""
     axes, dataset = _labels(summary.result), summary.result.dataset
     run = {"method": summary.result.method.title, "dataset": dataset.name, "split": dataset.split}
     groups: list[tuple[dict[str, object], ScoreGroup]] = [

@@ -1,4 +1,4 @@
-"""A run on disk: its result, its depth maps if they can be shown, and what it is called."""
+"""A run on disk: its result, its label, and its depth maps if they can be shown."""
 
 import os
 from collections.abc import Iterable
@@ -16,26 +16,26 @@ from dfdbench.results.record import RESULT, PairResult, Result, load_result, sho
 from dfdbench.system.thumbnails import depth_map, gallery
 from dfdbench.tables.table import as_html, counted, grouped, listed
 
-#: A notebook shows so many of the worst pairs.
+#: The number of worst pairs that a notebook shows.
 _WORST = 3
 
 
 @dataclass(frozen=True)
 class SavedRun:
-    """A result file, and the store that it was made with where it is at hand.
+    """A result file, and the store that it was made with, if available.
 
     Parameters
     ----------
     path : Path
         The result file.
     result : Result
-        What it says.
+        Its content.
     store : Dataset or None
-        The data set; None where its images cannot be shown.
+        The data set; None if its images cannot be shown.
     without : str
-        Why there are no images; empty where there are.
+        Why there are no images; empty if there are.
     place : str
-        What its label says besides, where it stands beside another run of the same method: see
+        What the label adds to tell it from another run of the same method: see
         `dfdbench.results.saved_run.distinguished`.
     """
 
@@ -56,12 +56,12 @@ class SavedRun:
 
     @property
     def label(self) -> str:
-        """The method with its parameters, and the place where that is needed."""
+        """The method with its parameters, and the place if it is needed."""
         label = wording.method_label(self.result.method)
         return f"{label} ({self.place})" if self.place else label
 
     def images(self, pair: PairResult | str) -> tuple[Capture, NDArray[np.float32]] | None:
-        """Return a pair's images and the depth predicted for it, shape (y, x); None without.
+        """Return a pair's images and its predicted depth, shape (y, x), or None if not available.
 
         Parameters
         ----------
@@ -71,9 +71,9 @@ class SavedRun:
         Raises
         ------
         UnknownNameError
-            Where the run has no pair of that name.
+            If the run has no pair of that name.
         ResultError
-            Where what lies beside the result are no depth maps of its pairs, or another run's.
+            If the files beside the result are not its depth maps, or are another run's.
         """
         if isinstance(pair, str):
             records = {record.id: record for record in self.result.pairs}
@@ -92,12 +92,12 @@ class SavedRun:
         return self.store.read(pair.pair), prediction
 
     def require_in_place(self) -> None:
-        """Refuse a run whose folder has become another run's.
+        """Raise if another run has since been written to this run's folder.
 
         Raises
         ------
         ResultError
-            Where the file now says something else.
+            If the result file has changed.
         """
         if load_result(self.path) != self.result:
             raise self._replaced()
@@ -129,17 +129,17 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     Parameters
     ----------
     path : Path or str
-        ``result.json``, or the folder that it lies in.
+        ``result.json``, or its folder.
     dataset : str, optional
-        The store's path; if not given, the place that the run noted in its folder, or else the
-        data set that the result names, in the default place.
+        The store's path; by default the place that the run noted in its folder, or else the
+        default place of the data set that the result names.
 
     Raises
     ------
     ResultError
-        Where there is no result or it is damaged.
+        If there is no result, or it is damaged.
     StoreError
-        Where a store was named and is none, or holds other data.
+        If `dataset` is not a store, or holds other data.
     """
     path = Path(path)
     if path.is_dir() and not (path / RESULT).exists():
@@ -158,7 +158,7 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
 
 
 def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
-    """Return the store that a run was made with, or None and why there is none."""
+    """Return the store that a run was made with, or None and the reason."""
     noted = run_folder.read_store_place(folder)
     why = f"the built {result.dataset.short} set holds other data"
     for place in dict.fromkeys((noted, None)):
@@ -185,15 +185,15 @@ def _no_run(folder: Path) -> Problem:
 
 
 def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
-    """Return the runs, each with its place in its label where labels would be the same.
+    """Return the runs, adding the place to each label that would otherwise be ambiguous.
 
-    The place is said from the folder that they share. Runs on other data or another split never
-    stand in one table and need no telling.
+    The place is relative to the folder that they share. Runs on different data or splits never
+    appear in one table, so they may have the same label.
 
     Parameters
     ----------
     runs : iterable of SavedRun
-        Each of another file.
+        Runs from different files.
     """
     runs = list(runs)
     data = [(run.result.dataset.fingerprint, run.result.dataset.split) for run in runs]

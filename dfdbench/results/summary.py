@@ -1,4 +1,4 @@
-"""Means, spreads and intervals out of a result's pairs."""
+"""Means, spreads and intervals over a result's pairs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,20 +21,19 @@ class Statistic:
     Parameters
     ----------
     mean, std : float or None
-        Over the pairs where it is defined; `std` is the sample standard deviation, as in the
-        thesis's Tables 4.3 and 5.3. None where there is nothing to average, where a pair of
-        the group failed or lacks answers, where an overall group lacks a pair, or (`std`) for a
-        single pair.
+        Over the pairs for which it is defined; `std` is the sample standard deviation, as in the
+        thesis's Tables 4.3 and 5.3. None if there is nothing to average, if a pair of the group
+        failed or lacks answers, if an overall group lacks a pair, or (`std`) for a single pair.
     defined : int
-        How many pairs that is.
+        The number of these pairs.
     low, high : float or None
         From `group_interval`; None for a single group of scenes.
     interval_is : str or None
-        What `low` and `high` are, by `interval_name`; None where there is neither.
+        What `low` and `high` are, from `interval_name`; None if there are none.
     minimum, maximum : float or None
-        Of the pairs that `mean` is of, as in the thesis's Tables 7.3 and 7.6.
+        Over the same pairs as `mean`, as in the thesis's Tables 7.3 and 7.6.
     of_what_ran : float or None
-        Where pairs failed or were not run, the mean of the others.
+        If pairs failed or were not run, the mean of the others.
     """
 
     mean: float | None
@@ -52,9 +51,9 @@ class Statistic:
 class ScoreGroup:
     """The pairs of one table row.
 
-    `block` and `row` are values on the table's axes, None where all are taken together.
-    `undefined` counts evaluated pairs for which some metric does not exist, `unanswered` those that
-    lack answers which the protocol wants.
+    `block` and `row` are values on the table's axes, or None for all of them together.
+    `undefined` counts evaluated pairs for which some metric is undefined, `unanswered` those that
+    lack answers which the protocol needs.
     """
 
     block: int | None
@@ -70,16 +69,16 @@ class ScoreGroup:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """A run under one protocol, its means and its order: what every table of it is made from.
+    """A run's means and ranking under one protocol, from which all of its tables are made.
 
     Parameters
     ----------
     result : Result
         The run.
     protocol : str
-        Under which protocol.
+        The protocol.
     groups : tuple of ScoreGroup
-        One a table row: each cell, each block overall, and all pairs last.
+        One per table row: each cell, each block overall, and all pairs last.
     ranked : tuple of PairResult
         The evaluated pairs, best first, see `ranked`.
     """
@@ -91,19 +90,19 @@ class RunSummary:
 
 
 def summarise(result: Result, protocol: str) -> RunSummary:
-    """Take a run's means and intervals, and rank its pairs.
+    """Compute a run's means and intervals, and rank its pairs.
 
     Parameters
     ----------
     result : Result
         The run.
     protocol : str
-        Under which protocol.
+        The protocol.
 
     Raises
     ------
     UnknownNameError
-        Where the result was not scored under that protocol.
+        If the result was not scored under that protocol.
     """
     require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
     groups = tuple(_groups(result, protocol))
@@ -123,7 +122,7 @@ def _groups(result: Result, protocol: str) -> Iterator[ScoreGroup]:
 
 
 def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
-    """Return what tells scenes apart, geometry and texture, and each scene's label of it.
+    """Return each scene's label by kind of label: geometry and texture.
 
     Examples
     --------
@@ -140,14 +139,14 @@ def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
 def summarise_scenes(
     result: Result, protocol: str, label_of: Mapping[str, str]
 ) -> dict[str, ScoreGroup]:
-    """Return a group for each label that scenes bear: a geometry, say, or a texture.
+    """Return a group for each label of scenes, such as a geometry or a texture.
 
     Parameters
     ----------
     result : Result
         The run.
     protocol : str
-        Under which protocol.
+        The protocol.
     label_of : mapping of str to str
         The label of each scene; scenes without one are left out.
     """
@@ -157,9 +156,9 @@ def summarise_scenes(
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
-    """Return the evaluated pairs, best first: by NRMSE, ties by NMAE, as the thesis ranks.
+    """Rank the evaluated pairs, best first, by NRMSE and then NMAE as in the thesis.
 
-    In metres it is by AbsRel. Pairs for which that score is undefined are left out.
+    In metres they are ranked by AbsRel. Pairs for which that score is undefined are left out.
     """
     first_by, ties_by = ranked_by(protocol)
     keys = [
@@ -173,7 +172,7 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
 def median_seconds(results: Iterable[Result]) -> float | None:
     """Return the median seconds per pair over some runs of one method.
 
-    None if the pairs ran several at once or on several machines, or if no pair has a time.
+    It is None if pairs ran in parallel or on several machines, or if no pair has a time.
     """
     runs = list(results)
     pairs = [pair for run in runs for pair in run.pairs]
@@ -197,10 +196,10 @@ def _group(
 ) -> ScoreGroup:
     evaluated = [pair for pair in pairs if pair.status == "ok"]
     failed = sum(pair.status == "failed" for pair in pairs)
-    # A cell shows the mean of what was run; an overall mean of an incomplete run would pass for
-    # the method's score, so there is none.
+    # A cell shows the mean of what was run. An incomplete run has no overall mean, which would be
+    # taken for the method's score.
     averaged = not failed and (not overall or len(evaluated) == len(pairs))
-    # Nor of the pairs that a method chose to answer in full.
+    # Nor is there a mean over only the pairs that a method chose to answer in full.
     unanswered = sum(pair.lacks_answers(protocol) for pair in evaluated)
 
     def statistic(values: Sequence[float | None], averaged: bool) -> Statistic:

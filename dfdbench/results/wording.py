@@ -1,4 +1,4 @@
-"""How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
+"""Format a run's facts for cells: method, what it was given, parameters, scores, time, machine."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from dfdbench.results.record import MethodRecord, PairResult, Result
 from dfdbench.system.text import TRAININGS
 
 NOTHING = "–"
-#: What is said of depth maps made elsewhere where a run would tell.
+#: Shown for depth maps made elsewhere, instead of facts that only a run knows.
 NOT_KNOWN = "not known"
 SECONDS_NOTE = (
     "Seconds: the median over pairs. Compare them only on one machine; a dash means that pairs ran "
@@ -22,8 +22,8 @@ SECONDS_NOTE = (
 def method_label(method: MethodRecord) -> str:
     """Return a method's name with the parameters that were set.
 
-    Other names or other parameters make another label; text that looks like a number, say, has
-    quotes, as on the command line.
+    Different names or parameters give different labels. Text that looks like a number, for example,
+    is quoted, as on the command line.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def method_label(method: MethodRecord) -> str:
 
 
 def training_text(method: MethodRecord) -> str:
-    """Return what a method was trained on and what it was fitted on, in a few words.
+    """Return what a method was trained and fitted on, in a few words.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def training_text(method: MethodRecord) -> str:
 
 
 def seconds_text(seconds: float | None) -> str:
-    """Return seconds to the millisecond.
+    """Format seconds to the millisecond.
 
     Examples
     --------
@@ -70,8 +70,8 @@ def seconds_text(seconds: float | None) -> str:
 def machine_of(result: Result) -> str:
     """Return the machine that a result was made on, in a few words.
 
-    Marketing marks in the processor's name are left out. Depth maps that were scored, not run,
-    were made on none that is known.
+    Marketing marks in the processor's name are left out. For depth maps that were made elsewhere
+    and only scored here, the machine is not known.
     """
     if result.method.scored:
         return NOT_KNOWN
@@ -114,13 +114,13 @@ def _is_taken_for_other(text: str) -> bool:
 
 
 def titled_scores(pair: PairResult, protocol: str, nothing: str = NOTHING) -> list[tuple[str, str]]:
-    """Return what a pair scores under a protocol: titles of metrics, and texts."""
+    """Return a pair's scores under a protocol, as titles of metrics with their texts."""
     metrics = metrics_of(protocol).items()
     return [(each.title, score_text(pair.score(protocol, name), nothing)) for name, each in metrics]
 
 
 def score_text(value: float | None, nothing: str = NOTHING) -> str:
-    """Return a score with the four digits that the thesis prints; a dash for None and NaN.
+    """Format a score with four digits, as the thesis does; None and NaN become a dash.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def score_text(value: float | None, nothing: str = NOTHING) -> str:
 
 
 def interval_text(interval: tuple[float, float] | None) -> str:
-    """Return an interval of scores; a dash where there is none.
+    """Format an interval of scores; None becomes a dash.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def interval_text(interval: tuple[float, float] | None) -> str:
     return NOTHING if interval is None else " to ".join(map(score_text, interval))
 
 
-# What a fit learns, where it is not the blur.
+# What a fit learns, if it is not the blur.
 _LEARNED = {"positional-prior": "depth by place"}
 GIVEN_NOTE = (
     "Given, besides the images: the recipe that made the blur, another recipe, a fit to training "
@@ -159,8 +159,8 @@ def given_to(result: Result) -> str:
 
     Notes
     -----
-    It goes by what the method's constructor asked for and by what the method says of itself: a
-    function with the blur hard-coded is given nothing as far as this can know.
+    This depends on what the method's constructor asked for and on what the method says about
+    itself. If a function has the blur hard-coded, we cannot tell, and return ``nothing``.
     """
     method, dataset = result.method, result.dataset
     if method.scored:
@@ -173,7 +173,7 @@ def given_to(result: Result) -> str:
         same = recipe == dataset.recipe["name"]
         parts.append("the blur" if same else "another blur")
     elif method.fitted_on:
-        # What a fit of somebody's own measures is not known.
+        # We do not know what somebody else's fit measures.
         ours = "blur fitted" if method.entry.startswith("dfdbench.") else "training pairs"
         parts.append(_LEARNED.get(method.name, ours))
     elif "recipe" in method.uses:
@@ -189,17 +189,17 @@ def given_to(result: Result) -> str:
 
 
 def knew_blur(method: MethodRecord, degradation: str) -> bool:
-    """Return whether a method was given a blur on a track, which ``clean`` is not.
+    """Return whether a method was given a blur on a track; ``clean`` is not a track.
 
-    It is what the record says: that the method's constructor was offered one, or that whoever ran
-    it gave one, which may be the true one as well. Such a result has no rank.
+    The record says whether the method's constructor was offered one, or whoever ran it gave one,
+    which may also be the true one. Such a result has no rank.
     """
     given = method.parameters.get("recipe") is not None
     return degradation != CLEAN and (given or "recipe" in method.uses)
 
 
 def without_folders(value: Any) -> Any:
-    """Return a parameter as results show it: of a file its name only, as for entries."""
+    """Return a parameter as results show it: for a file only its name, as in entries."""
     if isinstance(value, list):
         return [without_folders(part) for part in value]
     if isinstance(value, dict):
@@ -209,9 +209,9 @@ def without_folders(value: Any) -> Any:
 
 
 def without_folder(entry: str) -> str:
-    """Return a method's entry as results show it: an absolute path's file name only.
+    """Return a method's entry as results show it: only the file name of an absolute path.
 
-    Where a file lies on one machine is no business of those who read the result.
+    Where a file is on one machine does not concern readers of the result.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""The capture rig: from a LIDAR's ranges to a depth map on the camera's image."""
+"""The capture rig: convert a LIDAR's ranges to a depth map aligned with the camera's image."""

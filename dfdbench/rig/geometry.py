@@ -23,9 +23,9 @@ class CaptureRig:
     frame_size : tuple of int
         Height and width of a captured frame; the optical axis meets its middle (Table 3.3).
     crop_size : int
-        Side of the square that is kept of it, from its middle.
+        Side of the square that is kept from its middle.
     baseline : float
-        How far the LIDAR is above the camera, in metres.
+        The LIDAR's height above the camera, in metres.
     """
 
     focal_length: float = 2000.0
@@ -35,7 +35,7 @@ class CaptureRig:
 
     @property
     def crop_offset(self) -> tuple[int, int]:
-        """Where the crop begins in a frame: y, x."""
+        """The crop's first row and column in a frame: y, x."""
         height, width = self.frame_size
         return (height - self.crop_size) // 2, (width - self.crop_size) // 2
 
@@ -45,7 +45,7 @@ class CaptureRig:
         return frame[y : y + self.crop_size, x : x + self.crop_size]
 
     def project(self, points: Floats) -> Floats:
-        """Return where points (..., 3) ahead of the camera, in metres, are in a frame: (x, y).
+        """Project points (..., 3) ahead of the camera, in metres, to a frame: (x, y).
 
         Examples
         --------
@@ -59,7 +59,7 @@ class CaptureRig:
 
 @dataclass(frozen=True)
 class Pose:
-    """How the LIDAR is turned against the camera, in degrees; all 0 if they are parallel.
+    """The LIDAR's rotation relative to the camera, in degrees; all 0 if they are parallel.
 
     Parameters
     ----------
@@ -72,23 +72,23 @@ class Pose:
     roll: float = 0.0
 
     def to_camera(self, points: Floats, rig: CaptureRig) -> Floats:
-        """Return points of the LIDAR's space in the camera's, shape (..., 3)."""
+        """Transform points from the LIDAR's space to the camera's, shape (..., 3)."""
         return np.asarray(self.turn(points) + np.array([0.0, -rig.baseline, 0.0]))
 
     def turn(self, directions: Floats) -> Floats:
-        """Return directions of the LIDAR's space in the camera's, shape (..., 3)."""
+        """Rotate directions from the LIDAR's space to the camera's, shape (..., 3)."""
         turn = Rotation.from_euler("yxz", [self.yaw, self.pitch, self.roll], degrees=True)
         flat = turn.apply(directions.reshape(-1, 3))
         return np.asarray(flat).reshape(directions.shape)
 
 
 def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) -> Floats:
-    """Return where each beam looks at each measurement, as unit vectors of the LIDAR's space.
+    """Return each beam's direction at each measurement, as unit vectors in the LIDAR's space.
 
     Parameters
     ----------
     beams : Beams
-        The calibration; its angles, not the rounded indices.
+        The calibration; its angles are used, not the rounded indices.
     columns : ndarray of int, shape (column,)
         Measurement IDs.
     turn : int
@@ -108,9 +108,10 @@ def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) 
 
 
 def depth_image_places(rows: int, columns: int) -> Floats:
-    """Return where each cell of the cropped scan lands in `dfdbench.rig.lidar.depth_image`.
+    """Return where each cell of the cropped scan is in `dfdbench.rig.lidar.depth_image`.
 
-    The middle of the block that a cell is scaled up to, in pixels (x, y), shape (row, column, 2).
+    This is the middle of the block that a cell is scaled up to, in pixels (x, y), shape (row,
+    column, 2).
     """
     down, across = UPSAMPLING[-1]
     x = (np.arange(columns) + 0.5) * across - 0.5

@@ -1,4 +1,4 @@
-"""LIDAR ranges as depth maps, and the files that hold them."""
+"""Convert LIDAR ranges to depth maps, and read and write their files."""
 
 import csv
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ UPSAMPLING = ((3, 2), (6, 2), (9, 4), (12, 4), (15, 6), (18, 6))
 
 @dataclass(frozen=True)
 class Beams:
-    """Where each laser beam of a LIDAR points.
+    """The direction of each laser beam of a LIDAR.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Beams:
 
 
 def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
-    """Return the mean range over several scans, missing returns left out of it.
+    """Return the mean range over several scans, ignoring missing returns.
 
     Parameters
     ----------
@@ -80,19 +80,19 @@ def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
 def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
     """Return X ahead, Y to the left and Z up, in the ranges' unit (Eq. 3.5 to 3.9).
 
-    Eq. 3.6 is printed without the division by 360 that turns degrees into turns.
+    The printed Eq. 3.6 lacks the division by 360 that turns degrees into turns.
 
     Parameters
     ----------
     ranges : ndarray, shape (beam, column)
         One full turn.
     beams : Beams
-        Where each row points.
+        The direction of each row.
 
     Raises
     ------
     InputError
-        If there is not one beam a row.
+        If the number of beams is not the number of rows.
 
     Examples
     --------
@@ -115,16 +115,16 @@ def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
 
 
 def align_columns(values: Floats, beams: Beams) -> Floats:
-    """Return the values with each row turned so that a column is one direction in all rows.
+    """Shift each row so that a column is the same direction in all rows.
 
-    The beams of the head are staggered: neighbouring rows of one column look some degrees apart.
+    The beams of the head are staggered: neighbouring rows of a column differ by some degrees.
 
     Parameters
     ----------
     values : ndarray, shape (beam, column) or (beam, column, 3)
         One full turn.
     beams : Beams
-        Where each row points.
+        The direction of each row.
 
     Examples
     --------
@@ -167,16 +167,16 @@ def fill_missing(values: Floats, valid: Mask) -> Floats:
 
 
 def median_cross(values: Floats, length: int = _MEDIAN) -> Floats:
-    """Return the values after a median along columns, then one along rows.
+    """Apply a median along columns, then one along rows.
 
-    A square median of that length would round corners. Beyond its edge the image is mirrored.
+    A square median of that length would round corners. The image is mirrored beyond its edge.
 
     Parameters
     ----------
     values : ndarray, shape (y, x)
-        What is filtered.
+        The values to filter.
     length : int
-        Odd; 7 for what the LIDAR gives, 13 while it is scaled up.
+        Odd; 7 for the LIDAR's values, 13 while they are scaled up.
     """
     return _median_rows(_median_rows(values.T, length).T, length)
 
@@ -190,7 +190,7 @@ def _median_rows(values: Floats, length: int) -> Floats:
 
 
 def to_levels(distance: Floats) -> Floats:
-    """Return distances in millimetres as whole centimetres, clipped to the levels 0 to 255.
+    """Convert distances in millimetres to whole centimetres, clipped to the levels 0 to 255.
 
     Examples
     --------
@@ -201,9 +201,9 @@ def to_levels(distance: Floats) -> Floats:
 
 
 def in_range(distance: Floats) -> Mask:
-    """Return where a distance in millimetres has a level of its own: below 2.55 m.
+    """Return where a distance in millimetres has its own level: below 2.55 m.
 
-    Level 255 also stands for everything farther.
+    Level 255 also represents everything farther away.
 
     Examples
     --------
@@ -214,11 +214,11 @@ def in_range(distance: Floats) -> Mask:
 
 
 def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
-    """Return levels and validity 18 times as high and 6 times as wide, in six steps.
+    """Scale levels and validity to 18 times the height and 6 times the width, in six steps.
 
-    Each step scales to the nearest neighbour, then takes the medians 13 x 1 and 1 x 13, which
-    round off the stairs that scaling leaves. What was invalid stays so, and so does what a median
-    took from beyond the range.
+    Each step scales to the nearest neighbour, then takes the medians 13 x 1 and 1 x 13, which round
+    off the stairs that scaling leaves. Invalid pixels stay invalid, and so do those whose median
+    comes from beyond the range.
 
     Examples
     --------
@@ -241,9 +241,9 @@ def warp(
     Parameters
     ----------
     levels, valid : ndarray, shape (y, x)
-        After `upsample`.
+        As returned by `upsample`.
     matrix : ndarray of float, shape (3, 3)
-        Projective, from a place (x, y) of `levels` to one of the image, in pixels.
+        Projective, from (x, y) in `levels` to (x, y) in the image, in pixels.
     shape : tuple of int
         Height and width of the image.
 
@@ -262,21 +262,21 @@ def warp(
 
 
 def depth_image(ranges: Floats, beams: Beams) -> tuple[Floats, Mask]:
-    """Return what the LIDAR saw ahead as levels, before registration: every step up to `upsample`.
+    """Return the LIDAR's view ahead as levels, before registration: every step up to `upsample`.
 
     Parameters
     ----------
     ranges : ndarray of float, shape (beam, column)
         Averaged, in millimetres.
     beams : Beams
-        Where each row points.
+        The direction of each row.
 
     Returns
     -------
     levels : ndarray of float, shape (18 * beam, 1800)
         Depth levels.
     valid : ndarray of bool
-        False if nothing came back, or from farther than the levels reach.
+        False if nothing came back, or if it is farther than the levels reach.
     """
     distance = crop_columns(align_columns(to_cartesian(ranges, beams)[0], beams))
     returned = crop_columns(align_columns(ranges, beams)) > 0
@@ -353,13 +353,13 @@ def write_ranges(path: Path, ranges: NDArray[np.int32]) -> None:
 
 
 def read_beams(path: Path | None = None) -> Beams:
-    """Read where a LIDAR's beams point.
+    """Read the directions of a LIDAR's beams.
 
     Parameters
     ----------
     path : Path, optional
-        CSV with columns beam, altitude_deg, azimuth_deg and azimuth_index, the top beam first;
-        by default the thesis's OS-1, shipped with manifest realworld-1.
+        CSV with columns beam, altitude_deg, azimuth_deg and azimuth_index, the top beam first; by
+        default the thesis's OS-1, shipped with manifest realworld-1.
 
     Raises
     ------

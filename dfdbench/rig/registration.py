@@ -1,4 +1,4 @@
-"""Find how the LIDAR lies to the camera, and the file that keeps it."""
+"""Find how the LIDAR is turned relative to the camera, and read and write that as a file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
@@ -19,10 +19,10 @@ from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
-_MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one rig
-_GIVEN_UP = 0.01  # how much of its own agreement a scene may give up for the rig's pose
+_MOVED = 5.0  # pixels by which scenes may differ when fitted alone and still be of one rig
+_GIVEN_UP = 0.01  # how much of its own agreement a scene may lose under the rig's pose
 _SLIDE = np.arange(0, 20.1, 0.25)  # pixels
-#: To the side, down, and turned about the image's middle, in all combinations.
+#: Sideways, down, and rotated about the image's middle, in all combinations.
 _MOVES = tuple(move for move in product((-1, 0, 1), repeat=3) if any(move))
 _MORE_WRONG = 2  # rays
 
@@ -34,15 +34,15 @@ class Registration:
     Parameters
     ----------
     matrix : ndarray of float, shape (3, 3)
-        Projective, from a place (x, y) of the depth image to one of the image, in pixels.
+        Projective, from (x, y) in the depth image to (x, y) in the image, in pixels.
     pose : Pose
-        How the LIDAR is turned.
+        The LIDAR's rotation.
     agreement : float or None
-        Share of the rays near the board's outline that fall on their side of it; None if the
+        Share of the rays near the board's outline that fall on the correct side of it; None if the
         image shows too little of the board.
     known_to : float
-        How far the depth map can be moved and turned until more rays disagree: pixels at the
-        corner of the image that goes farthest.
+        How far the depth map can be moved and turned before more rays disagree, in pixels at the
+        corner of the image that moves most.
     boards : int
         How many boards determined the pose.
     """
@@ -66,7 +66,7 @@ def sight(
     ranges : ndarray of float, shape (beam, column)
         Averaged, in millimetres.
     beams : Beams
-        Where the beams point.
+        The beams' directions.
     rig : CaptureRig
         Focal length, sizes and baseline.
 
@@ -85,12 +85,12 @@ def sight(
 def register(
     sightings: Mapping[str, sights.Sighting], rig: CaptureRig, on_scene: OnDone | None = None
 ) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
-    """Estimate the transforms from the LIDAR's depth images to the images of scenes of one rig.
+    """Estimate the transforms from the LIDAR's depth images to the images, for scenes of one rig.
 
-    The LIDAR is turned the same in all of them. A board whose sides run along the beams leaves
-    its height open by a part of their distance; boards aslant or at another distance do not. A
-    scene that contradicts the others is registered by itself; one that shows less than three
-    sides gets the others' pose.
+    The LIDAR's rotation is the same in all scenes. If a board's sides run along the beams, its
+    height is uncertain by a part of the beams' spacing; boards at a slant or at another distance
+    remove this uncertainty. A scene that contradicts the others is registered alone; one that shows
+    fewer than three sides gets the others' pose.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def register(
     rig : CaptureRig
         Focal length, sizes and baseline.
     on_scene : callable, optional
-        Called with (scenes fitted by themselves, scenes in all).
+        Called with (scenes fitted alone, total scenes).
 
     Returns
     -------
     registrations : dict of str to Registration
-        Of the scenes with a registration.
+        For the scenes with a registration.
     problems : dict of str to tuple of Problem
-        Of the others: sides that are not found, or that do not agree with the rays.
+        For the others: sides that are not found, or that do not agree with the rays.
     """
     fitted: dict[str, sights.Fitted] = {}
     problems: dict[str, tuple[Problem, ...]] = {}
@@ -140,7 +140,7 @@ def _registration(
 
 
 def _of_one_rig(fitted: Mapping[str, sights.Fitted], rig: CaptureRig) -> dict[str, sights.Fitted]:
-    """Return the boards that agree on one pose, under it; none if no two of several do."""
+    """Return the boards that agree on one pose, under it; none if no two of several agree."""
     poses = [astuple(board.pose) for board in fitted.values()]
     middle = np.median(poses or [astuple(Pose())], axis=0)
     members = {
@@ -163,14 +163,14 @@ def _of_one_rig(fitted: Mapping[str, sights.Fitted], rig: CaptureRig) -> dict[st
 
 
 def _apart(first: Pose, second: Pose, rig: CaptureRig) -> float:
-    """Return how far apart two poses put places within the image, in pixels, at most."""
+    """Return the largest distance between two poses' places in the image, in pixels."""
     yaw, pitch, roll = np.abs(np.subtract(astuple(first), astuple(second)))
     turned = np.hypot(yaw, pitch) * rig.focal_length + roll * max(rig.frame_size) / 2
     return float(np.deg2rad(turned))
 
 
 def _known_to(boards: Sequence[sights.Fitted], rig: CaptureRig) -> float:
-    """Return how far all boards can be moved and turned until more rays are wrong, in pixels."""
+    """Return how far all boards can be moved and turned before more rays are wrong, in pixels."""
     wrong = np.zeros((len(_MOVES), _SLIDE.size))
     for board in boards:
         rays = board.sighting.rays
@@ -188,7 +188,7 @@ def _known_to(boards: Sequence[sights.Fitted], rig: CaptureRig) -> float:
 
 
 def _displacements(places: Floats, move: tuple[int, ...], rig: CaptureRig) -> Floats:
-    """Return where a move takes places; the corner of the crop that goes farthest goes a pixel."""
+    """Return the displacements of a move that shifts the crop's farthest corner by one pixel."""
     height, width = rig.frame_size
     half = rig.crop_size / 2
     across, down, turn = move
@@ -227,7 +227,7 @@ class _File(Record):
 
 
 def read_registration(path: Path) -> Floats:
-    """Return the projective matrix that a file gives, outright or by pairs of points.
+    """Return the projective matrix in a file, given directly or by pairs of points.
 
     Parameters
     ----------
@@ -275,16 +275,16 @@ def read_registration(path: Path) -> Floats:
 
 
 def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -> None:
-    """Write a registration as the pairs of four corners; an older file is kept as `PREVIOUS`.
+    """Write a registration as the pairs of four corners; keep an older file as `PREVIOUS`.
 
     Parameters
     ----------
     path : Path
-        Where to.
+        The file to write.
     matrix : ndarray of float, shape (3, 3)
         From the scaled-up depth map to the cropped image.
     corners : ndarray of float, shape (4, 2)
-        Places (x, y) in the depth map to write down.
+        Places (x, y) in the depth map to record.
     note : str
         How it was found: a comment in the file.
 

@@ -1,7 +1,8 @@
 """Find a board in a scan and in an image, and turn the LIDAR until both agree.
 
-Its rays show where the board's sides must be; the image has candidates for each side near there;
-the LIDAR is turned until rays that hit the board are inside the outline and others outside.
+The LIDAR's rays show where the board's sides must be, and the image has candidates for each side
+near there. The LIDAR is turned until rays that hit the board are inside the outline and others
+outside.
 """
 
 from collections.abc import Sequence
@@ -22,35 +23,35 @@ _LEAST_RAYS = 100
 _OFF_PLANE = 0.06  # metres: range noise and a board that is not quite flat
 _BEHIND = 0.15  # metres behind the board: the ray has passed it
 
-#: How far from its expected place a side is looked for, in pixels.
+#: How far from its expected place to look for a side, in pixels.
 SEARCH = 70
-_TILT = 30  # pixels by which its ends may be off against each other
+_TILT = 30  # pixels by which a side's two ends may deviate from each other
 _SMOOTHING = 1.5
-_BRIGHT = 200.0  # levels that the image is scaled to
-_WEAK_EDGE = 3.0  # levels a pixel: an edge of this strength counts half
+_BRIGHT = 200.0  # the image is scaled to this level
+_WEAK_EDGE = 3.0  # levels per pixel: an edge of this strength counts half
 _BAND = 8  # pixels beyond a side that should be plain: the background is not textured
 _LEAST_SUPPORT = 0.2
 _SAMPLES = 160
 _CANDIDATES = 6
-_APART = 7  # pixels between two candidates, in their middle or between their ends
+_APART = 7  # pixels between two candidates, at their middle or at their ends
 
 _LEAST_SIDES = 3
 _BY_HAND = "register it with others of its rig, or by hand: see docs/realworld.md"
-AGREED = 0.99  # share of rays on their side from which an outline is taken for the board's
+AGREED = 0.99  # an outline with this share of rays on their side counts as the board's
 _DOUBTFUL = 0.95
 _SOFTNESS = (2.0, 0.5)  # pixels: first to find the place, then to settle in it
 
 
 @dataclass(frozen=True)
 class Rays:
-    """Rays against the board's plane.
+    """Rays relative to the board's plane.
 
     Parameters
     ----------
     points : ndarray of float, shape (row, column, 3)
         Where each ray meets the plane, in metres, in the LIDAR's space.
     hit, passed : ndarray of bool, shape (row, column)
-        Whether it came back from the board; whether it came back from behind it.
+        Whether the ray came back from the board, and whether it came back from behind it.
     """
 
     points: Floats
@@ -73,14 +74,14 @@ class Rays:
 
 
 def board_rays(ranges: Floats, beams: Beams) -> Rays:
-    """Return the rays that look ahead, against the plane of the largest thing in range.
+    """Return the rays that look ahead, relative to the plane of the largest object in range.
 
     Parameters
     ----------
     ranges : ndarray of float, shape (beam, column)
         Averaged, in millimetres.
     beams : Beams
-        Where the beams point.
+        The beams' directions.
 
     Raises
     ------
@@ -108,14 +109,14 @@ def board_rays(ranges: Floats, beams: Beams) -> Rays:
 
 
 def expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
-    """Return where the rays place the board's sides in the frame: top, right, bottom, left.
+    """Return the board's sides in the frame as the rays see them: top, right, bottom, left.
 
     Parameters
     ----------
     places : ndarray of float, shape (row, column, 2)
         Where each ray appears in the frame, in pixels (x, y).
     hit : ndarray of bool, shape (row, column)
-        Whether it hit the board.
+        Whether the ray hit the board.
 
     Returns
     -------
@@ -147,7 +148,7 @@ def _fit_plane(points: Floats) -> tuple[Floats, float]:
 
 
 def _line_through(points: Floats) -> tuple[Floats, Floats]:
-    """Return a place on the line through most of some points, and the line's direction."""
+    """Return a point on the line through most of some points, and the line's direction."""
     line = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)[:, 0]
     return line[2:].astype(np.float64), line[:2].astype(np.float64)
 
@@ -161,7 +162,7 @@ def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Fl
 def find_sides(
     image: NDArray[np.uint8], expected: list[tuple[Floats, Floats]], middle: Floats
 ) -> list[list[Floats]]:
-    """Return for each expected side the lines that may be it.
+    """Return the candidate lines for each expected side.
 
     Parameters
     ----------
@@ -175,8 +176,8 @@ def find_sides(
     Returns
     -------
     list of list of ndarray, shape (3,)
-        Lines (a, b, c) with ``a x + b y + c`` the distance inwards in pixels; none for a side
-        that is not seen.
+        Lines (a, b, c) with ``a x + b y + c`` the distance inwards in pixels; none for a side that
+        is not visible.
     """
     grey = to_grey(image).astype(np.float64)
     # A dark exposure has the same edges as a bright one, only fainter.
@@ -217,14 +218,14 @@ def _candidates(slopes: list[Floats], start: Floats, end: Floats, middle: Floats
 
 
 def _lines_through(share: Floats) -> NDArray[np.int64]:
-    """Return at which row each line of an offset and a tilt crosses each sample."""
+    """Return the row in which each line of an offset and a tilt crosses each sample."""
     offsets, tilts = np.arange(-SEARCH, SEARCH + 1), np.arange(-_TILT, _TILT + 1)
     row = offsets[:, np.newaxis, np.newaxis] + tilts[np.newaxis, :, np.newaxis] * (share - 0.5)
     return np.rint(row).astype(np.int64) + SEARCH + _TILT
 
 
 def _support(strength: Floats, seen: NDArray[np.bool_], index: NDArray[np.int64]) -> Floats:
-    """Return how much of each line is an edge with something plain beyond it."""
+    """Return the share of each line that is an edge with a plain area beyond it."""
     sample = np.arange(_SAMPLES)
     visible = seen[index, sample].sum(axis=-1)
     beyond = ndimage.uniform_filter1d(strength, _BAND, axis=0)
@@ -250,14 +251,14 @@ def _fitted(edge: Floats, middle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Sighting:
-    """A board as the LIDAR and the camera saw it.
+    """A board as seen by the LIDAR and the camera.
 
     Parameters
     ----------
     rays : Rays
-        The LIDAR's.
+        The LIDAR's rays.
     sides : list of list of ndarray, shape (3,)
-        Lines in the frame that may be the board's sides, best first, for each side that is seen.
+        Candidate lines in the frame for each visible side, best first.
     """
 
     rays: Rays
@@ -266,7 +267,7 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A sighting, the lines taken for the board's sides, and how the LIDAR is turned."""
+    """A sighting, the lines chosen as the board's sides, and the LIDAR's rotation."""
 
     sighting: Sighting
     outline: Floats
@@ -275,12 +276,12 @@ class Fitted:
 
 
 def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
-    """Return a board by itself: the lines that are its sides, and the pose that follows.
+    """Fit a board alone: find the lines that are its sides, and the resulting pose.
 
     Raises
     ------
     SourceError
-        If too few sides are seen, or they do not agree with the rays.
+        If too few sides are visible, or they do not agree with the rays.
     """
     sides = sighting.sides
     if len(sides) < _LEAST_SIDES:
@@ -288,7 +289,7 @@ def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
         raise SourceError(what, expected=f"at least {_LEAST_SIDES}", fix=_BY_HAND)
     best = _turned(sighting, np.array([lines[0] for lines in sides]), rig)
     for number, lines in enumerate(sides):
-        # A texture may have a line clearer than a side, with which the rays do not agree.
+        # A texture may have a clearer line than a side, but the rays do not agree with it.
         for other in lines[1:] if best.agreement < AGREED else ():
             outline = best.outline.copy()
             outline[number] = other
@@ -309,7 +310,7 @@ def _turned(sighting: Sighting, outline: Floats, rig: CaptureRig) -> Fitted:
 def under_pose(
     pose: Pose, sighting: Sighting, rig: CaptureRig, outline: Floats | None = None
 ) -> Fitted:
-    """Return a sighting under a pose that is known, with the lines that agree best with it."""
+    """Return a sighting under a known pose, with the lines that agree best with it."""
     rays = sighting.rays
     if outline is not None and (agreed := _agreement(rays, outline, pose, rig)) >= AGREED:
         return Fitted(sighting, outline, pose, agreed)
@@ -327,7 +328,7 @@ def _agreement(rays: Rays, outline: Floats, pose: Pose, rig: CaptureRig) -> floa
 
 
 def near_outline(rays: Rays, outline: Floats, pose: Pose, rig: CaptureRig) -> tuple[Floats, Mask]:
-    """Return how far within the outline each ray falls, in pixels, and which are near it."""
+    """Return how far inside the outline each ray is, in pixels, and which rays are near it."""
     distance = _inside(rig.project(pose.to_camera(rays.points, rig)), outline)
     return distance, (np.abs(distance) < SEARCH) & (rays.hit | rays.passed)
 
@@ -338,20 +339,21 @@ def _inside(places: Floats, outline: Floats) -> Floats:
 
 
 def turn_into_place(boards: Sequence[Fitted], start: Floats, reach: float, rig: CaptureRig) -> Pose:
-    """Return the pose under which the boards' rays fall on their sides of the outlines.
+    """Return the pose that puts the boards' rays on the correct sides of the outlines.
 
     Parameters
     ----------
     boards : sequence of Fitted
-        Their outlines are used, their poses are not.
+        Only their outlines are used, not their poses.
     start : ndarray of float, shape (3,)
         Angles to start from, in degrees.
     reach : float
-        Rays farther from the outline than this at the start, in pixels, are left out.
+        Ignore rays farther from the outline than this at the start, in pixels.
     rig : CaptureRig
         Focal length, sizes and baseline.
     """
-    # Rays farther than `reach` pixels from the outline stay on their side: the start is near.
+    # Rays farther than `reach` pixels from the outline stay on their side, since the start is
+    # close.
     known = []
     for board in boards:
         rays = board.sighting.rays

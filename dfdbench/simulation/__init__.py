@@ -1,1 +1,1 @@
-"""Scenes and captures that are made."""
+"""Simulate scenes and captures."""

@@ -1,6 +1,6 @@
 """Simulate the capture rig: boards with photographs on them, seen by camera and LIDAR.
 
-It gives what the rig would write, and the truth that the pipeline must find again.
+It produces what the rig would write, and the truth that the pipeline must recover.
 """
 
 import json
@@ -30,7 +30,7 @@ from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Threads
 
 RIG = CaptureRig()
-#: How the simulated LIDAR is turned on its mount: what registration has to find.
+#: The simulated LIDAR's rotation on its mount, which registration has to find.
 MOUNTED = Pose(yaw=0.55, pitch=-0.35, roll=0.9)
 
 _SEED = 20190806
@@ -41,8 +41,8 @@ _READ_NOISE = 1.0  # levels of 255
 _NOISE_AT_GREY = 3.1  # levels of 255, standard deviation at half signal
 _CONVERTER_STEPS = 1023  # 10 bit
 _RADIUS_STEP = 0.25  # pixels: blur radii are rounded to this
-# Light and discs are whole numbers of this part, so that float64 holds their sums exactly: they
-# are the same whatever order a processor adds them in.
+# Light and discs are whole multiples of this fraction, so that float64 holds their sums exactly:
+# they are the same in whatever order a processor adds them.
 _PARTS = 2.0**20
 _RANGE_NOISE = 15.0  # mm, one scan
 _LOST_ABOVE = NormalDist().inv_cdf(1 - 0.02)  # one scan misses a fiftieth of the returns
@@ -58,7 +58,7 @@ _WIDTH, _HEIGHT = 672, 654  # pixels that a board covers: more than the crop, le
 _FLAT_NEAR, _FLAT_FAR = 1.5, 2.5  # metres
 _OBLIQUE_NEAR, _OBLIQUE_FAR = 1.5, 2.2
 _OBLIQUE_HEIGHT = 0.6
-# Returns that never come back: a strip of mirror on the board, in the board's own metres.
+# Rays that never come back: a strip of mirror on the board, in the board's own metres.
 _MIRROR = (0.06, 0.11, -0.02, 0.04)
 
 
@@ -73,7 +73,7 @@ class SimulatedScene:
     rig : CaptureRig
         Camera and mount.
     pose : Pose
-        How the LIDAR is turned.
+        The LIDAR's rotation.
     """
 
     number: int
@@ -98,7 +98,7 @@ class SimulatedScene:
         return Board(centre, (width, _OBLIQUE_HEIGHT), texture, slant=side * slant)
 
     def look(self) -> View:
-        """Return what the camera sees before its lens blurs it; four rays a pixel for colour."""
+        """Return what the camera sees before its lens blurs it; four rays per pixel for colour."""
         wall = Board((0.0, 0.0, _WALL), (40.0, 40.0), Texture("wall", 1.0))
         name = self.board.texture.photograph
         photographs = {name: photograph(name), "wall": np.full((2, 2, 3), _WALL_GREY)}
@@ -111,11 +111,11 @@ class SimulatedScene:
         Parameters
         ----------
         light : ndarray of float, shape (y, x, 3)
-            What reaches the sensor; 1 is a white surface.
+            The light that reaches the sensor; 1 is a white surface.
         exposure_ms : int
             In milliseconds.
         seed : tuple of int
-            Of the noise, with the scene's number.
+            Seed of the noise, together with the scene's number.
         """
         signal = light * (exposure_ms / _WHITE_AT)
         shot = (_NOISE_AT_GREY**2 - _READ_NOISE**2) / 0.5
@@ -130,14 +130,14 @@ class SimulatedScene:
         Parameters
         ----------
         beams : Beams
-            Where the beams point.
+            The beams' directions.
         number : int
-            Which scan; each has its own noise.
+            The number of the scan; each has its own noise.
         """
         directions = self.pose.turn(beam_directions(beams, np.arange(_TURN)))
         origin = np.array([0.0, -self.rig.baseline, 0.0])
         reach = 1 / np.maximum(np.abs(directions), 1e-9) * np.array(_ROOM)
-        # Only what looks ahead can meet the board.
+        # Only rays that look ahead can meet the board.
         hits = self.board.meet(origin, directions)
         distance = np.minimum(reach.min(axis=-1), hits.distance)
         left, right, top, bottom = _MIRROR
@@ -150,27 +150,27 @@ class SimulatedScene:
         return np.where(mirror | lost, 0, np.rint(noisy)).astype(np.int32)
 
     def truth(self, view: View) -> NDArray[np.uint16]:
-        """Return the distance from the camera in mm, cropped as images are."""
+        """Return the distance from the camera in mm, cropped like the images."""
         millimetres = np.rint(view.distance * 1000).astype(np.uint16)
         return np.asarray(self.rig.crop(millimetres), np.uint16)
 
 
 def defocus(view: View, table: LensTable, step: int) -> Floats:
-    """Return what a lens lets reach the sensor at a voltage step: each point spread to a disc.
+    """Return the light that reaches the sensor at a voltage step: each point spread to a disc.
 
     Parameters
     ----------
     view : View
-        What is in front of the lens.
+        The view in front of the lens.
     table : LensTable
-        Its blur radius by distance.
+        The lens's blur radius by distance.
     step : int
         The voltage step.
 
     Returns
     -------
     ndarray of float, shape (y, x, 3)
-        Each pixel gathers with the disc of its own distance.
+        Each pixel gathers light with the disc of its own distance.
     """
     radius = np.round(table.radius_at(step, view.distance) / _RADIUS_STEP) * _RADIUS_STEP
     light = np.zeros_like(view.reflectance)
@@ -178,7 +178,7 @@ def defocus(view: View, table: LensTable, step: int) -> Floats:
     for value in np.unique(radius):
         disc = _disc(float(value))
         blurred = cv2.filter2D(whole, -1, disc, borderType=cv2.BORDER_REPLICATE)
-        # A large disc goes by way of Fourier's transform, which comes close to the whole number.
+        # OpenCV filters large discs by Fourier transform; rounding gives the exact whole number.
         light[radius == value] = np.rint(blurred[radius == value]) / _PARTS**2
     return light
 
@@ -212,7 +212,7 @@ _COLD_NOISE, _WARM_NOISE = 0.6, 1.2  # levels
 
 @dataclass(frozen=True)
 class CaptureSettings:
-    """What is simulated of each scene.
+    """What to simulate of each scene.
 
     Parameters
     ----------
@@ -221,9 +221,9 @@ class CaptureSettings:
     exposures : tuple of int
         In milliseconds.
     frames, scans : int
-        Frames of an image, scans of the LIDAR.
+        Frames per image, scans of the LIDAR.
     pose : Pose
-        How the LIDAR is turned on its mount.
+        The LIDAR's rotation on its mount.
     """
 
     steps: tuple[int, ...]
@@ -248,15 +248,15 @@ def write_captures(
     Parameters
     ----------
     folder : Path
-        Where to.
+        The folder to write to.
     scenes : sequence of str
         k00 to k63.
     capture : Recording
-        Sizes, of the manifest.
+        The manifest's section, for the sizes.
     settings : CaptureSettings
-        What is simulated.
+        What to simulate.
     workers : int
-        Scenes made at once; the files do not depend on it.
+        How many scenes to make at once; the files do not depend on it.
     on_scene : callable, optional
         Called with (scenes done, scenes to make).
 
@@ -268,7 +268,7 @@ def write_captures(
     Raises
     ------
     InputError
-        If a scene's folder holds something else; then nothing is changed.
+        If a scene's folder holds something else; then nothing is written.
     """
     wanted = json.dumps({"version": _VERSION, **asdict(settings)}, indent=1) + "\n"
     InputError.raise_if([p for name in scenes if (p := _foreign(folder / name, wanted))])
@@ -315,7 +315,7 @@ def write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None
     """Write an image, RGB or grey, 8 or 16 bit, as PNG."""
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = image[:, :, ::-1] if image.ndim == 3 else image
-    # Noise hardly shrinks: the fastest compression is as good as the best.
+    # Noise hardly compresses: the fastest compression is as good as the best.
     _, content = cv2.imencode(".png", stored, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     path.write_bytes(content.tobytes())
 
@@ -329,12 +329,12 @@ def _foreign(place: Path, wanted: str) -> Problem | None:
 
 
 def write_lens_test(folder: Path) -> int:
-    """Write a lens test's captures; return how many images that is.
+    """Write a lens test's captures; return the number of images.
 
     Parameters
     ----------
     folder : Path
-        Gets ``temperature``, ``up`` and ``down``, as `dfdbench.optics.sharpness` reads them.
+        It gets ``temperature``, ``up`` and ``down``, as `dfdbench.optics.sharpness` reads them.
     """
     table = read_lens_table()
     images: dict[str, NDArray[np.uint8]] = {}
@@ -356,7 +356,7 @@ def write_lens_test(folder: Path) -> int:
 
 
 def _dot(blur: float, noise: float, seed: tuple[int, ...]) -> NDArray[np.uint8]:
-    # A dot seen through a disc: its rim fades over the disc's width, and its middle with it.
+    # A dot seen through a disc: its rim fades over the disc's width, and so does its middle.
     y, x = np.mgrid[:_DOT_SIZE, :_DOT_SIZE] - (_DOT_SIZE - 1) / 2
     share = np.clip((_DOT + blur - np.hypot(x, y)) / (2 * blur), 0, 1)
     share *= min(1.0, _DOT**2 / max(blur, 1e-9) ** 2)

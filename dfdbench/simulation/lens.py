@@ -1,9 +1,9 @@
-"""Photograph a scene through a thin lens: rays through many points of its aperture.
+"""Photograph a scene through a thin lens, with rays through many points of its aperture.
 
-A ray leaves the lens's plane, z = 0, at a point a and meets the plane in focus, z = s, where the
-ray through the lens's middle does. In lengths of z it runs along ``p / F - a / s``, where p is the
-pixel's place and ``F = f s / (s - f)`` the distance of the sensor, both in the same unit. Breathing
-(F grows as s shrinks), the circle of confusion and what near surfaces hide follow from that.
+A ray leaves the lens's plane, z = 0, at a point a. It meets the plane in focus, z = s, at the same
+point as the ray through the lens's middle. Per unit of z it runs along ``p / F - a / s``, where p
+is the pixel's place and ``F = f s / (s - f)`` the distance of the sensor, both in the same unit.
+This gives breathing (F grows as s shrinks), the circle of confusion and occlusion by near surfaces.
 """
 
 import math
@@ -25,9 +25,9 @@ from dfdbench.system.parallel import Threads
 Colour = tuple[float, float, float]
 
 _TILE = 8  # pixels
-_SETS = 256  # of lens points; each pixel draws one
+_SETS = 256  # sets of lens points; each pixel draws one
 _BAND = 32  # rows that a thread traces at a time
-_FINE = 2.0**24  # lens points are whole parts of this: sines may differ in their last bit
+_FINE = 2.0**24  # lens points are multiples of 1 / _FINE: sines may differ in their last bit
 _STEPS = 4095  # of the converter: 12 bits
 
 
@@ -42,26 +42,26 @@ class Camera:
     shape : tuple of int
         Height and width in pixels.
     view_focus : float, optional
-        Show as much of the scene as when focused at this distance, in metres; by default the lens
-        breathes. It is what aligning a focus stack does.
+        Show as much of the scene as if focused at this distance, in metres, as aligning a focal
+        stack does; by default the lens breathes.
     blades : int
         Straight edges of the aperture, at least 3; 0 for a round one. The area stays the same.
     cos4 : bool
-        Darken an image point as the fourth power of the cosine of its angle to the axis.
+        Darken an image point by the fourth power of the cosine of its angle to the axis.
     ring : tuple of float, optional
         Mechanical vignetting: distance before the lens and radius of a second stop, in metres.
     lateral : tuple of float
-        Lateral colour error: how much larger red, green and blue are imaged, 0.001 for 0.1 %.
+        Lateral colour error: how much larger red, green and blue appear, 0.001 for 0.1 %.
     longitudinal : tuple of float
         Longitudinal colour error: dioptres (1/m) to add to the focus, 1 / s, of each channel.
     full_well : float
-        Electrons of light 1, for shot noise; 0 for none.
+        Electrons at light 1, for shot noise; 0 for none.
     read_noise : float
-        Standard deviation in light, 1 being white.
+        Standard deviation in units of light, in which 1 is white.
     encoding : {"srgb", "linear"}
-        Curve of the file.
+        Tone curve of the file.
     jpeg : int
-        Quality, 1 to 100; 0 for no compression.
+        JPEG quality, 1 to 100; 0 for no compression.
     """
 
     lens: ThinLens
@@ -98,15 +98,15 @@ def render(
     Parameters
     ----------
     scene : Scene
-        What is in front of the lens.
+        The scene in front of the lens.
     camera : Camera
-        The lens; noise, curve and file come with `develop`.
+        The lens; `develop` applies noise, curve and file.
     samples : int
-        Rays a pixel, a power of two.
+        Rays per pixel, a power of two.
     key : tuple of int
-        Of the rays' places: each pixel draws its own, from a generator that counts.
+        Key of the rays' positions: each pixel draws its own, from a counter-based generator.
     threads : int
-        The light does not depend on it.
+        How many threads to use; the light does not depend on it.
     """
     height, width = camera.shape
     points = _points(samples, camera.blades)
@@ -136,9 +136,9 @@ def render(
 
 
 def depth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
-    """Return how far each pixel's centre is from the lens along its axis (z), in metres.
+    """Return the distance of each pixel's centre from the lens along its axis (z), in metres.
 
-    It is what a pinhole in the middle of the lens sees; infinity where there is no surface.
+    It is what a pinhole in the middle of the lens sees; infinity if there is no surface.
     """
     view = (camera.focal_pixels, 0.0, 1.0)
     out = np.empty(camera.shape)
@@ -147,16 +147,16 @@ def depth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 
 
 def develop(light: Floats, camera: Camera, key: tuple[int, ...]) -> Image:
-    """Return the file that a camera makes of light: noise, 12 bits, curve, 8 bits, JPEG.
+    """Simulate the file that a camera makes from light: noise, 12 bits, curve, 8 bits, JPEG.
 
     Parameters
     ----------
     light : ndarray of float, shape (y, x, 3)
         Linear; 1 fills the sensor.
     camera : Camera
-        Its noise, curve and file.
+        The camera, for noise, curve and file.
     key : tuple of int
-        Of the noise.
+        Key of the noise.
 
     Notes
     -----
@@ -179,13 +179,13 @@ def develop(light: Floats, camera: Camera, key: tuple[int, ...]) -> Image:
 
 @lru_cache(maxsize=8)
 def _points(samples: int, blades: int) -> Floats:
-    # Here: it takes half a second.
+    # Imported here because it takes half a second.
     from scipy.stats import qmc
 
     whole = qmc.Sobol(4, scramble=False, bits=32).random(samples) * 2.0**32
     draws = np.random.PCG64(np.random.SeedSequence((samples,))).random_raw(_SETS * 4)
     shifts = (draws >> np.uint64(32)).reshape(_SETS, 1, 4)
-    # Turning over the same bits of all points keeps them as evenly spread as they are.
+    # Flipping the same bits of all points keeps them evenly spread.
     square = ((whole.astype(np.uint64) ^ shifts) + 0.5) / 2.0**32
     lens = _polygon(square[..., :2], blades) if blades else _disc(square[..., :2])
     return np.concatenate([np.rint(lens * _FINE) / _FINE, square[..., 2:] - 0.5], axis=-1)
@@ -202,7 +202,7 @@ def _disc(square: Floats) -> Floats:
 
 
 def _polygon(square: Floats, blades: int) -> Floats:
-    """Map the unit square to a regular polygon of the unit disc's area, a triangle a blade."""
+    """Map the unit square to a regular polygon of the unit disc's area, one triangle per blade."""
     turn = 2 * math.pi / blades
     blade = np.floor(square[..., 0] * blades)
     along, out = square[..., 0] * blades - blade, np.sqrt(square[..., 1])
@@ -236,25 +236,25 @@ def _tiles(
 
 
 def _bounds(scene: Scene, surface: int, reach: float, focus: float) -> Floats:
-    """Return between which x / z and y / z rays can meet a surface, and what part of its axis."""
+    """Return the range of x / z and y / z of rays that can meet a surface, and along its axis."""
     hull = scene.hull(surface)
     ahead = hull[:, 2] >= CLOSEST
     if not ahead.any():
         return np.full(8, np.inf)
     visible = [hull[ahead]]
     if not ahead.all():
-        # Where the hull leaves the space in front of the lens.
+        # Add the points at which the hull leaves the space in front of the lens.
         near, far = hull[~ahead, np.newaxis], hull[np.newaxis, ahead]
         share = (CLOSEST - near[..., 2:]) / (far[..., 2:] - near[..., 2:])
         visible.append((near + share * (far - near)).reshape(-1, 3))
     points = np.concatenate(visible)
     slopes = points[:, :2] / points[:, 2:]
     ends = np.array([points[:, 2].min(), points[:, 2].max()])
-    # The plane in focus is seen alike from all over the lens; others move with the lens point.
+    # The plane in focus looks the same from all over the lens; others move with the lens point.
     blur = reach * np.abs(1 / ends - 1 / focus).max()
     row = scene.rows[surface]
     x, y = row[tracing.DOWN : tracing.DOWN + 2]
-    # Across a rod that lies askew.
+    # Across a slanted rod.
     part = slopes[:, 0] * -y + slopes[:, 1] * x
     wide = (abs(x) + abs(y)) * blur
     return np.array(

@@ -1,4 +1,4 @@
-"""Work out once how much light falls on each surface of a scene: lamps, shadows, daylight."""
+"""Precompute how much light falls on each surface of a scene: lamps, shadows, daylight."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from dfdbench.simulation.shapes import Scene, Vector, spans
 _LAMP_POINTS = 24
 _SKY_RAYS = 48
 _FEWEST, _MOST = 3, 160  # steps along a surface's side
-_FINE = 2.0**26  # places are whole parts of a metre of this: sines may differ in their last bit
+_FINE = 2.0**26  # places are multiples of 1 m / _FINE: sines may differ in their last bit
 _LIGHT_SPACING, _SHADE_SPACING = 0.05, 0.02  # metres
-_REACH = 1.0  # metres: what is nearer than this keeps ambient light away
+_REACH = 1.0  # metres: surfaces nearer than this block ambient light
 _LIGHT_FINE = 2.0**14
-_MARGIN = 0.3  # metres past what is seen
+_MARGIN = 0.3  # metres beyond the visible part
 _GOLDEN = (math.sqrt(5) - 1) / 2
 
 
@@ -30,7 +30,7 @@ class Lamp:
     place : tuple of float
         In metres.
     radius : float
-        In metres: the larger, the softer the shadows.
+        In metres; the larger, the softer the shadows.
     strength : float
         Light on a surface that faces it from a metre away.
     """
@@ -41,7 +41,7 @@ class Lamp:
 
 
 def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float, float]) -> Scene:
-    """Return a scene with the light that falls on its surfaces, on the side that is seen.
+    """Return a scene with the light that falls on the visible side of its surfaces.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
     lamps : sequence of Lamp
         Each casts shadows.
     ambient : float
-        Daylight on a surface that nothing stands near.
+        Daylight on a surface with nothing nearby.
     slope : tuple of float
-        The largest x / z and y / z that are seen; elsewhere the light is not worked out.
+        The largest visible x / z and y / z; elsewhere the light is not computed.
 
     Notes
     -----
     Lambert's law: a lamp's light is its strength times the cosine of its angle over the square of
     its distance, times the share of its points that are not hidden. Ambient light is that of an
-    even sky, less most of the share that is hidden within a metre. No light is reflected. Between
-    the places at which light is worked out it is interpolated.
+    even sky, minus most of the share that is hidden within a metre. No light is reflected. Light is
+    interpolated between the places at which it is computed.
     """
     charts, points, facing = _places(scene, _LIGHT_SPACING)
     beyond = np.abs(points[:, :2]) - points[:, 2:] * np.array(slope)
@@ -67,8 +67,8 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
     out = np.zeros(int(seen.sum()))
     shining = np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in lamps])
     places = (_balls_around(scene), points[seen], facing[seen])
-    # Points spread over a unit sphere, and directions around (0, 0, 1), as dense as the cosine of
-    # their angle to it.
+    # Points spread over a unit sphere, and directions around (0, 0, 1) with a density that follows
+    # the cosine of their angle to it.
     ball = _spiral(1 - (2 * np.arange(_LAMP_POINTS) + 1) / _LAMP_POINTS)
     sky = _spiral(np.sqrt(1 - (np.arange(_SKY_RAYS) + 0.5) / _SKY_RAYS))
     sources = (shining.reshape(-1, 5), ball, ambient, _REACH, sky)
@@ -79,7 +79,7 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
 
 
 def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
-    """Return a scene shaded by a lamp infinitely far away, without shadows, as the demo scenes are.
+    """Return a scene shaded by an infinitely distant lamp without shadows, as in the demo scenes.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
     direction : tuple of float
         Where the light comes from, a unit vector.
     ambient : float
-        Share of the light that falls everywhere alike.
+        Share of the light that falls equally everywhere.
     """
     charts, _, normals = _places(scene, _SHADE_SPACING)
     facing = sum(normals[:, axis] * direction[axis] for axis in range(3))
@@ -97,7 +97,7 @@ def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
 
 
 def _places(scene: Scene, spacing: float) -> tuple[Floats, Floats, Floats]:
-    """Return each surface's chart, and all places and normals that they consist of."""
+    """Return each surface's chart, and all the places and normals in the charts."""
     charts, places, normals = [], [], []
     first = 0
     for surface in range(len(scene.kinds)):
@@ -147,7 +147,7 @@ def _nodes(
 
 
 def _inside(scene: Scene, surface: int) -> bool:
-    """Whether the lens is inside a round surface, and sees its hollow side."""
+    """Return whether the lens is inside a round surface, and sees its hollow side."""
     row = scene.rows[surface]
     square = float((row[:3] ** 2).sum())
     if scene.kinds[surface] == tracing.CYLINDER:

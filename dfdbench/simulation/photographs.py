@@ -1,4 +1,4 @@
-"""Photographs that ship with scikit-image, and noise to see them through: for made scenes."""
+"""Photographs that ship with scikit-image, and camera noise, for simulated scenes."""
 
 from functools import cache
 from pathlib import Path
@@ -29,15 +29,15 @@ def photograph(name: str) -> Floats:
     image = skimage.io.imread(path)
     if image.ndim == 2:
         image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
-    # The photographs are gamma-encoded: light is linear.
+    # The photographs are gamma-encoded, but light is linear.
     table = (np.arange(256) / 255.0) ** GAMMA
     return np.asarray(table[image[:, :, :3]])
 
 
 def near_normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
-    """Return numbers close to normal, the same ones for a seed in every version of NumPy.
+    """Return nearly normal numbers, the same ones for a seed in every version of NumPy.
 
-    Of made scenes alone. The noise of tracks is another stream, and normal to the last bit:
+    Only simulated scenes use them. The noise of tracks is another stream, and exactly normal:
     `dfdbench.blur.formation.normal_numbers`.
 
     Examples
@@ -45,8 +45,8 @@ def near_normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats
     >>> abs(near_normal_numbers((1000,), (1,)).std().round(1).item())
     1.0
     """
-    # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers
-    # the raw stream is promised never to change.
+    # The sum of four 16-bit numbers is close to normal. NumPy promises that this raw stream never
+    # changes, unlike its own normal numbers.
     generator = np.random.PCG64(np.random.SeedSequence(seed))
     raw = np.atleast_1d(generator.random_raw(int(np.prod(shape)))).view(np.uint16)
     total = sum(raw[part::4].astype(np.float64) for part in range(4))

@@ -1,4 +1,4 @@
-"""Cast rays at textured planes, spheres and cylinders: what a small scene needs, and no more."""
+"""Cast rays at textured planes, spheres and cylinders: just enough for a small scene."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ class Texture:
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays meet one surface: distance (infinite if they miss), normal, texture place."""
+    """Where rays meet one surface: distance (infinite for a miss), normal, texture place."""
 
     distance: Floats
     normal: Floats
@@ -61,7 +61,7 @@ class Board:
     def meet(self, origin: Floats, directions: Floats) -> Hits:
         """Return where rays from `origin` along `directions`, shape (..., 3), meet it.
 
-        It is ``z = z0 + slant (x - x0) + tilt (y - y0)`` inside the outline.
+        The surface is ``z = z0 + slant (x - x0) + tilt (y - y0)`` inside the outline.
         """
         x0, y0, z0 = self.centre
         normal = np.array([self.slant, self.tilt, -1.0])
@@ -101,7 +101,7 @@ class Floor:
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere, or with `upright` a vertical cylinder of that half height, in metres."""
+    """A sphere or, with `upright`, a vertical cylinder of that half height, in metres."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -134,7 +134,7 @@ _KINDS = {"board": Board, "floor": Floor, "ball": Ball}
 
 
 def read_scenes(text: str) -> dict[str, tuple[Surface, ...]]:
-    """Return the surfaces of scenes by name, from TOML as the demo set's."""
+    """Return the surfaces of scenes by name, from TOML such as the demo set's."""
     content = tomllib.loads(text)
     textures = {name: Texture(**fields_of(each)) for name, each in content["textures"].items()}
     scenes: dict[str, tuple[Surface, ...]] = {}
@@ -145,7 +145,7 @@ def read_scenes(text: str) -> dict[str, tuple[Surface, ...]]:
 
 
 def fields_of(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a texture or surface from TOML, whose lists are tuples here."""
+    """Return the fields of a texture or surface from TOML, with lists converted to tuples."""
     return {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
 
 
@@ -164,7 +164,7 @@ class View:
 
 @dataclass(frozen=True)
 class Trace(Hits):
-    """Where rays meet the nearest surface, and its number among them, or -1."""
+    """Where rays meet the nearest surface, and that surface's number or -1."""
 
     number: NDArray[np.int64]
 
@@ -178,12 +178,12 @@ def look(
 ) -> View:
     """Return what a camera at ``(offset, 0, 0)``, looking along z, sees through a pinhole.
 
-    Distance and normal are those of each pixel's centre, colour is the mean of four rays.
+    Distance and normal are those of each pixel's centre; colour is the mean of four rays.
 
     Parameters
     ----------
     surfaces : sequence of Surface
-        The scene; the nearest surface along a ray is seen.
+        The scene; a ray sees the nearest surface.
     photographs : mapping of str to ndarray, shape (y, x, 3)
         Linear reflectance of each texture's photograph.
     offset : float
@@ -204,9 +204,9 @@ def look(
 
 
 def directions(shape: tuple[int, int], focal_length: float, down: float, right: float) -> Floats:
-    """Return where a pinhole's rays go, shape (y, x, 3), in lengths of z.
+    """Return the directions of a pinhole's rays, shape (y, x, 3), per unit of z.
 
-    They pass so far from the middle of their pixels, in pixels.
+    `down` and `right` are their offsets from the middle of the pixels, in pixels.
     """
     height, width = shape
     rays = np.ones((height, width, 3))
@@ -233,9 +233,9 @@ def trace(surfaces: Sequence[Surface], origin: Floats, directions: Floats) -> Tr
 def reflectance(
     surfaces: Sequence[Surface], photographs: Mapping[str, Floats], trace: Trace
 ) -> Floats:
-    """Return the colour of what was met, shape (y, x, 3); what nearer surfaces hide costs nothing.
+    """Return the colour of what rays met, shape (y, x, 3), computing only visible surfaces.
 
-    All arguments are as of `look` and `trace`.
+    All arguments are as in `look` and `trace`.
     """
     colour = np.zeros(trace.normal.shape)
     for number, surface in enumerate(surfaces):
@@ -247,8 +247,8 @@ def reflectance(
 
 
 def dot(left: Floats, right: Floats) -> Floats:
-    """Return the sums of products over the last axis, which has three."""
-    # Written out: BLAS may sum in another order on another machine.
+    """Return the dot products over the last axis, which has length three."""
+    # Written out, because BLAS may sum in another order on another machine.
     return np.asarray(
         left[..., 0] * right[..., 0] + left[..., 1] * right[..., 1] + left[..., 2] * right[..., 2]
     )

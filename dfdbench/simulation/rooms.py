@@ -17,13 +17,13 @@ from dfdbench.simulation.raycast import Floats, Texture
 from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, cross, pack
 from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
 
-#: How far the depths of a room are apart at least, in metres.
+#: The least ratio of a room's farthest to its nearest depths.
 SPREAD = 1.6
 #: The largest x / z and y / z that rooms are made for: a field of view of 60 degrees.
 WIDEST = (0.58, 0.435)
 _MOST_ATTEMPTS = 100
 _PREVIEW = Camera(ThinLens(1e6, 0.01, 1.0, 0.01 / 0.99 * WIDEST[0] / 320), (480, 640))
-_FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
+_FINE = 2.0**26  # directions are multiples of 1 / _FINE: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")
 _GROUNDS = ("wood", "tiles", "speckle", "plaid", "marble", "plaster", "bricks", "plain")
 _CEILINGS = ("plain", "plaster", "wood", "tiles", "speckle")
@@ -36,19 +36,19 @@ _BACKS: tuple[Outline, ...] = ("rectangle", "lattice")
 
 @dataclass
 class Room:
-    """A room while it is furnished; x right, y down and z ahead, the lens at the origin.
+    """A room while it is being furnished; x right, y down and z ahead, the lens at the origin.
 
     Parameters
     ----------
     draws : Draws
-        All that is drawn.
+        The source of everything drawn.
     """
 
     draws: Draws
     shapes: list[Panel | Round] = field(default_factory=list)
     # A pattern's kind by name; other names are photographs.
     patterns: dict[str, str] = field(default_factory=dict)
-    # Where the room ends: left, right, ceiling, floor, front, back, in metres.
+    # The ends of the room: left, right, ceiling, floor, front, back, in metres.
     left: float = -2.0
     right: float = 2.0
     top: float = -1.2
@@ -57,7 +57,7 @@ class Room:
     pool: list[Texture] = field(default_factory=list)
 
     def texture(self, kinds: Sequence[str], photograph: float = 0.0) -> Texture:
-        """Draw a texture of these kinds, or a photograph in this share of cases."""
+        """Draw a texture of these kinds or, in this share of cases, a photograph."""
         d = self.draws
         if d.chance(photograph):
             tint = (1.0, d.between(0.75, 1), d.between(0.6, 1)) if d.chance(0.5) else _WHITE
@@ -80,7 +80,7 @@ class Room:
         return Texture(old.photograph, old.texels * d.between(0.7, 1.6), tint)
 
     def box(self, centre: Vector, size: Vector, turn: float, texture: Texture) -> None:
-        """Add a box that is turned about the vertical; size is width, height, depth."""
+        """Add a box rotated about the vertical; size is width, height, depth."""
         across, down, away = upright(turn)
         w, h, t = size
         faces = (
@@ -121,7 +121,7 @@ class Room:
 
 
 def upright(turn: float) -> Frame:
-    """Return a frame that is turned by radians about the vertical."""
+    """Return a frame rotated by radians about the vertical."""
     c, s = _fine(math.cos(turn)), _fine(math.sin(turn))
     return (c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)
 
@@ -150,7 +150,7 @@ def _unit(way: Sequence[float]) -> Vector:
 
 
 def _small_thing(room: Room, x: float, y: float, z: float, size: float) -> None:
-    """Put something of about this size on a place."""
+    """Put something of about this size at a place."""
     d, texture = room.draws, room.thing()
     kind = d.whole(0, 4)
     if kind == 0:
@@ -255,7 +255,7 @@ def _shelf(room: Room, x: float, z: float, turn: float) -> None:
 
 
 def _lamp(room: Room, x: float, y: float, z: float) -> None:
-    """Hang up a shade or a ball on a wire from the ceiling."""
+    """Hang a shade or a ball on a wire from the ceiling."""
     d, texture = room.draws, room.thing()
     radius = d.between(0.07, 0.22)
     room.rod((x, room.top, z), (x, y, z), d.between(0.004, 0.012), room.texture(_BARS))
@@ -353,10 +353,10 @@ def _pictures(room: Room, z: float) -> None:
 
 
 def _shell(room: Room) -> None:
-    """Walls, floor, ceiling; one may be round, or slant like a roof."""
+    """Add walls, floor and ceiling; one may be round, or slant like a roof."""
     d = room.draws
     x, y, z = (room.left + room.right) / 2, (room.top + room.floor) / 2, room.back / 2 - 0.75
-    # Walls go on behind each other, so that no vault or roof leaves a gap.
+    # Walls extend behind each other, so that no vault or roof leaves a gap.
     width, height, depth = (room.right - room.left, room.floor - room.top, room.back + 1.5)
     tall = height + 3.0
     wall = room.texture(_WALLS, 0.1)
@@ -443,20 +443,20 @@ def _furnish(room: Room) -> None:
 
 
 def draw_room(seed: int, number: int) -> Scene:
-    """Return a room as a camera at the origin sees it, lit.
+    """Return a lit room as a camera at the origin sees it.
 
     Parameters
     ----------
     seed : int
-        Of a set of rooms.
+        Seed of a set of rooms.
     number : int
-        Of a room in it.
+        Number of a room in the set.
 
     Notes
     -----
-    A room is drawn again until all that a view of `WIDEST` shows is between `NEAR` and `FAR`, and
-    the farthest twentieth is at least `SPREAD` times as far as the nearest. Past that view there is
-    ambient light only.
+    A room is redrawn until everything visible in a view of `WIDEST` is between `NEAR` and `FAR`,
+    and the farthest twentieth is at least `SPREAD` times as far as the nearest. Outside that view
+    there is only ambient light.
     """
     for attempt in range(_MOST_ATTEMPTS):
         draws = Draws("room", seed, number, attempt)
@@ -506,7 +506,7 @@ def _bulb(room: Room, axes: Frame) -> Lamp:
 
 
 def _axes(d: Draws) -> Frame:
-    """Draw the camera's right, bottom and view, in a room's directions; a fifth is on end."""
+    """Draw the camera's right, bottom and view directions in the room; a fifth are in portrait."""
     yaw, pitch, roll = d.between(-0.6, 0.6), d.between(-0.4, 0.4), d.between(-0.12, 0.12)
     if d.chance(0.2):
         roll += d.one_of((-1, 1)) * math.pi / 2

@@ -1,4 +1,4 @@
-"""Flat and round surfaces in any direction, and a scene packed from them for `tracing`."""
+"""Flat and round surfaces in any direction, packed into a scene for `tracing`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,25 +12,25 @@ from dfdbench.simulation.raycast import Ball, Board, Floats, Floor, Surface, Tex
 
 Vector = tuple[float, float, float]
 Outline = Literal["rectangle", "disc", "lattice"]
-#: The directions of a surface's right, of its bottom and of what lies behind it; unit vectors at
+#: The directions of a surface's right, of its bottom and away from the viewer: unit vectors at
 #: right angles.
 Frame = tuple[Vector, Vector, Vector]
 
 UPRIGHT: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-#: Half the side of what has no end, in metres.
+#: Half the side of an infinite plane's stand-in, in metres.
 _ENDLESS = 50.0
-#: What is nearer to the lens than this cannot be seen, in metres.
+#: Anything nearer to the lens than this is invisible, in metres.
 CLOSEST = 0.05
 _WIDEST = 0.05  # metres: no lens has a larger radius
-_COARSEST = 2  # pixels: a pyramid ends before its shorter side is less
+_COARSEST = 2  # pixels: a pyramid ends before its shorter side gets smaller
 _KINDS = {"rectangle": tracing.RECTANGLE, "disc": tracing.DISC, "lattice": tracing.LATTICE}
 _CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T.astype(np.float64)
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A flat rectangle, disc or lattice that faces any way.
+    """A flat rectangle, disc or lattice that faces any direction.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class Panel:
     texture : Texture
         Its texture.
     shape : {"rectangle", "disc", "lattice"}
-        A disc has the axes of the rectangle around it; a lattice is bars that cross.
+        A disc has the axes of the rectangle around it; a lattice is made of crossing bars.
     pitch, bar : float
-        Of a lattice: distance of its bars in metres, and the share of it that a bar covers.
+        For a lattice: the distance of its bars in metres, and the share of it that a bar covers.
     closed : bool
-        What lies behind cannot be seen past it, as behind a face of a box: if its back is turned
-        to the lens, no ray from the lens is tried on it.
+        The space behind cannot be seen past it, as behind the face of a box: if its back faces the
+        lens, rays from the lens are not tested against it.
     """
 
     centre: Vector
@@ -63,12 +63,13 @@ class Panel:
 
 @dataclass(frozen=True)
 class Round:
-    """A sphere, or with `half_height` the side of a cylinder around the frame's second axis.
+    """A sphere or, with `half_height`, the side of a cylinder around the frame's second axis.
 
     Parameters
     ----------
     centre, frame, texture
-        As of `Panel`. The texture's middle is in front, on the side the third axis points from.
+        As in `Panel`. The texture's middle is in front, on the side from which the third axis
+        points.
     radius, half_height : float
         In metres.
     """
@@ -80,16 +81,16 @@ class Round:
     half_height: float | None = None
 
 
-#: What can be packed; of other surfaces those of `dfdbench.simulation.raycast`.
+#: What can be packed; other surfaces come from `dfdbench.simulation.raycast`.
 Shape = Panel | Round | Surface
 
 
 class Scene(NamedTuple):
-    """A scene's surfaces, textures and light as arrays: what `tracing` takes.
+    """A scene's surfaces, textures and light as arrays: the input of `tracing`.
 
-    `kinds`, `rows`, `near` and `textures` have an entry a surface; `near` is the smallest z, and
-    infinite if the surface cannot be seen. `starts`, `levels` and `atlas`
-    hold the textures' pyramids; `charts` and `lightmap` the light that falls on each surface.
+    `kinds`, `rows`, `near` and `textures` have one entry per surface; `near` is the smallest z, or
+    infinity if the surface is invisible. `starts`, `levels` and `atlas` hold the textures'
+    pyramids; `charts` and `lightmap` hold the light that falls on each surface.
     """
 
     kinds: NDArray[np.int64]
@@ -103,7 +104,7 @@ class Scene(NamedTuple):
     lightmap: NDArray[np.float32]
 
     def hull(self, surface: int) -> Floats:
-        """Return points, shape (point, 3), whose convex hull holds a surface."""
+        """Return points, shape (point, 3), whose convex hull contains a surface."""
         row = self.rows[surface]
         across, down, away = spans(row)
         width, height = row[tracing.HALF_WIDTH], row[tracing.HALF_HEIGHT]
@@ -114,7 +115,7 @@ class Scene(NamedTuple):
 
 
 def spans(row: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return what a metre across, down and away is on a surface, as vectors in space."""
+    """Return a surface's vectors of one metre across, down and away in space."""
     u, v, n = row[tracing.ACROSS : tracing.AWAY + 3].reshape(3, 3).tolist()
     across, down, away = np.array([cross(v, n), cross(n, u), cross(u, v)])
     volume = float((u * across).sum())
@@ -122,12 +123,12 @@ def spans(row: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def cross(a: Sequence[float], b: Sequence[float]) -> Vector:
-    """Return the cross product, in a tenth of the time that NumPy's takes."""
+    """Return the cross product, in a tenth of NumPy's time."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def pack(shapes: Sequence[Shape], photographs: Mapping[str, Floats]) -> Scene:
-    """Pack surfaces and their textures; light 1 falls on all of them.
+    """Pack surfaces and their textures, all lit by light 1.
 
     Parameters
     ----------
@@ -178,13 +179,13 @@ def _pyramid(photograph: Floats) -> list[Floats]:
 
 
 def _facing(shape: Shape) -> Panel | Round:
-    """Return a surface of `raycast` as one that faces any way."""
+    """Convert a surface of `raycast` to one that faces any direction."""
     right, bottom, behind = UPRIGHT
     match shape:
         case Board():
             normal = np.array([-shape.slant, -shape.tilt, 1.0])
             x, y, z = normal / np.sqrt((normal * normal).sum())
-            # What is measured across and down is measured along x and y, not along the slope.
+            # Lengths across and down are measured along x and y, not along the slope.
             frame = (right, bottom, (float(x), float(y), float(z)))
             return Panel(shape.centre, frame, shape.size, shape.texture, shape.shape)
         case Floor():

@@ -1,4 +1,4 @@
-"""Draw numbers from a seed, and from them textures: plaster, wood, tiles, cloth and print."""
+"""Draw numbers from a seed, and textures from them: plaster, wood, tiles, cloth and print."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -8,7 +8,7 @@ import numpy as np
 from dfdbench.blur.formation import uniform_numbers
 from dfdbench.blur.light import LINEAR, Floats
 
-#: Photographs that may hang on a wall or cover a thing.
+#: Photographs that may hang on a wall or cover an object.
 PHOTOGRAPHS = (
     "astronaut", "brick", "camera", "cell", "chelsea", "coffee", "coins", "grass", "gravel",
     "ihc", "moon", "motorcycle_left", "page", "text",
@@ -20,7 +20,7 @@ Item = TypeVar("Item")
 
 
 class Draws:
-    """A stream of random numbers under a key; another key gives another stream.
+    """A stream of random numbers for a key; another key gives another stream.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Draws:
         return self._block[place]
 
     def between(self, low: float, high: float) -> float:
-        """Return a number between two others, all equally likely."""
+        """Return a number between two others, uniformly distributed."""
         return low + (high - low) * self.share()
 
     def whole(self, low: int, high: int) -> int:
@@ -60,7 +60,7 @@ class Draws:
         return self.share() < share
 
     def one_of(self, items: Sequence[Item]) -> Item:
-        """Return one of the items, all equally likely."""
+        """Return one of the items, with equal probability."""
         return items[self.whole(0, len(items) - 1)]
 
 
@@ -70,12 +70,12 @@ def pattern(kind: str, draws: Draws) -> Floats:
     Parameters
     ----------
     kind : str
-        Of `PATTERNS`.
+        One of `PATTERNS`.
     draws : Draws
-        Its colours, sizes and grain.
+        Draws its colours, sizes and grain.
     """
     grey = PATTERNS[kind](draws)
-    # In whole grey levels, so that the last bits of a machine's arithmetic change nothing.
+    # Round to whole grey levels, so that the last bits of a machine's arithmetic change nothing.
     return np.asarray(LINEAR[np.clip(np.rint(grey), 0, 255).astype(np.int64)])
 
 
@@ -85,13 +85,13 @@ def clouds(draws: Draws, size: float, rough: float = 0.5, stretch: float = 1.0) 
     Parameters
     ----------
     draws : Draws
-        Its seed.
+        Draws the noise.
     size : float
-        Of the largest blots, in texels.
+        Size of the largest blots, in texels.
     rough : float
-        How much weight each finer octave has of the one before.
+        The weight of each finer octave relative to the previous one.
     stretch : float
-        How many times longer than wide the blots are.
+        The ratio of the blots' length to their width.
     """
     total, weight, sum_of_weights = np.zeros((_SIDE, _SIDE)), 1.0, 0.0
     while size >= 2:
@@ -115,7 +115,7 @@ def _between(grid: Floats, step: float) -> Floats:
 def colour(draws: Draws, low: float = 60, high: float = 225, vivid: float = 45) -> Floats:
     """Return a colour as three grey levels: a grey, warmed or cooled and tinted by up to `vivid`.
 
-    Most things in a room are warmer than grey, few are pink or violet.
+    Most things in a room are warmer than grey; few are pink or violet.
     """
     grey, warm = draws.between(low, high), draws.between(-0.5, 1) * vivid
     green = draws.between(-0.3, 0.4) * vivid
@@ -185,7 +185,7 @@ def _bricks(draws: Draws) -> Floats:
 
 
 def _bands(draws: Draws) -> Floats:
-    # A period of bands in a few colours, again and again.
+    # A repeating period of bands in a few colours.
     period = draws.whole(16, 96)
     colours = [colour(draws, 40, 230, 60) for _ in range(draws.whole(2, 4))]
     edges = np.sort([draws.whole(0, period) for _ in range(draws.whole(2, 6))])
@@ -204,7 +204,7 @@ def _plaid(draws: Draws) -> Floats:
 
 
 def _motif(draws: Draws) -> Floats:
-    # Wallpaper: one small figure, symmetric, at every place of a grid.
+    # Wallpaper: one small symmetric figure, repeated on a grid.
     side = draws.whole(6, 12)
     dots = uniform_numbers(side * side, "motif", draws.whole(0, 2**30)).reshape(side, side)
     figure = np.where(dots > draws.between(0.5, 0.75), 1.0, 0.0)
@@ -219,7 +219,7 @@ def _motif(draws: Draws) -> Floats:
 
 
 def _print(draws: Draws) -> Floats:
-    # A printed page: lines of words of strokes, now and then a gap.
+    # A printed page: lines of words made of strokes, with an occasional gap.
     ink = np.zeros((_SIDE, _SIDE))
     line, name = draws.whole(9, 16), draws.whole(0, 2**30)
     noise = uniform_numbers(_SIDE * _SIDE, "print", name).reshape(_SIDE, _SIDE)

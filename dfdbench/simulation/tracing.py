@@ -1,7 +1,7 @@
 """Trace rays through a scene of flat and round surfaces, compiled with numba.
 
-Only ``+ - * /``, square roots and `floor` are used, without `fastmath`: IEEE 754 fixes the result
-of each, so that a scene gives the same light on every machine and with any number of threads.
+It uses only ``+ - * /``, square roots and `floor`, without `fastmath`. IEEE 754 fixes the result of
+each, so a scene gives the same light on every machine and with any number of threads.
 """
 
 import math
@@ -11,15 +11,15 @@ import numpy as np
 
 from dfdbench.system.compiled import compiled
 
-#: Kinds of surfaces, as the column `kind` of a scene has them.
+#: Kinds of surfaces, as in the column `kind` of a scene.
 RECTANGLE: Final = 0
 DISC: Final = 1
 LATTICE: Final = 2
 SPHERE: Final = 3
 CYLINDER: Final = 4
 
-#: Columns of a surface's row. CENTRE, ACROSS, DOWN and AWAY are the first of three. The last three
-#: are a frame: ACROSS and DOWN measure the place on the surface, AWAY is a plane's normal.
+#: Columns of a surface's row. CENTRE, ACROSS, DOWN and AWAY are the first of three each. The last
+#: three form a frame: ACROSS and DOWN measure the place on the surface, AWAY is a plane's normal.
 CENTRE: Final = 0
 ACROSS: Final = 3
 DOWN: Final = 6
@@ -32,11 +32,11 @@ TEXELS: Final = 16  # per metre
 TINT: Final = 17
 COLUMNS: Final = 20
 
-_LEAST = 1e-6  # metres that a ray goes before it meets anything
-_OFF = 2e-3  # metres off the surface on which a ray of light begins
-_RUN = 16  # neighbouring places whose light is worked out with the same few surfaces
+_LEAST = 1e-6  # metres that a ray travels before it can meet anything
+_OFF = 2e-3  # metres off the surface at which a ray of light starts
+_RUN = 16  # neighbouring places whose light is computed with the same few surfaces
 _LEAST_SKY = 0.35  # share of even light that reaches a corner, in place of reflected light
-_FINEST = 0.5  # pixels: where all is sharp, no texel is larger than this
+_FINEST = 0.5  # pixels: where everything is sharp, no texel is larger than this
 _SPREAD = 0.7  # distance between neighbouring rays, by the blur's diameter and their number
 
 
@@ -100,7 +100,7 @@ def _meet_round(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-un
 
 @compiled(inline="always")
 def meet(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    """Return how far along a ray a surface is, in lengths of its direction; infinity if it misses.
+    """Return a surface's distance along a ray, in lengths of its direction; infinity for a miss.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def meet(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-d
 def arctan2(y, x):  # type: ignore[no-untyped-def]
     """Return the angle of (x, y) to 1e-5 radians, the same on every machine.
 
-    The polynomial is the first terms of the series of Abramowitz and Stegun, 4.4.49.
+    The polynomial has the first terms of the series in Abramowitz and Stegun, 4.4.49.
     """
     if x == 0.0 and y == 0.0:
         return 0.0
@@ -140,7 +140,7 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always")
 def place_on(kind, rows, item, x, y, z):  # type: ignore[no-untyped-def]
-    """Return a point's place on a surface in metres, (across, down): round ones are unrolled."""
+    """Return a point's place on a surface in metres, (across, down); unroll round surfaces."""
     x, y, z = x - rows[item, 0], y - rows[item, 1], z - rows[item, 2]
     u, v = _along(rows, item, ACROSS, x, y, z), _along(rows, item, DOWN, x, y, z)
     if kind >= SPHERE:
@@ -185,15 +185,15 @@ def colour_at(atlas, levels, starts, texture, u, v, texels, finest):  # type: ig
     levels : ndarray of int64, shape (level, 3)
         First texel, width and height of each level of each texture.
     starts : ndarray of int64, shape (texture + 1,)
-        Each texture's first level, and where the last one ends.
+        Each texture's first level, and the end of the last texture.
     texture : int
-        Its number.
+        The texture's number.
     u, v : float
-        The place in metres; past its edge a texture is mirrored.
+        The place in metres; a texture is mirrored beyond its edge.
     texels : float
         Texels per metre.
     finest : float
-        Detail smaller than this, in metres, is left out.
+        Detail smaller than this, in metres, is omitted.
     """
     first, end = starts[texture], starts[texture + 1]
     width, height = levels[first, 1], levels[first, 2]
@@ -222,7 +222,7 @@ def light_at(lightmap, charts, item, u, v):  # type: ignore[no-untyped-def]
     lightmap : ndarray of float32, shape (node,)
         The charts of all surfaces.
     chart : ndarray of float64, shape (5,)
-        This surface's: first node, nodes across and down, half extents in metres.
+        The surface's chart: first node, nodes across and down, half extents in metres.
     u, v : float
         The place in metres.
     """
@@ -235,15 +235,15 @@ def light_at(lightmap, charts, item, u, v):  # type: ignore[no-untyped-def]
 
 @compiled()
 def list_tiles(kinds, rows, near, bounds, tile, shape, view, items, nears):  # type: ignore[no-untyped-def]
-    """List the surfaces that the rays of each tile may meet, the nearest first; return the ends.
+    """List the surfaces that each tile's rays may meet, nearest first; return the lists' ends.
 
     Parameters
     ----------
     kinds, rows, near : ndarray
         The scene's surfaces, and the smallest z of each.
     bounds : ndarray of float64, shape (surface, 8)
-        Least x / z and y / z of the rays that may meet it, and the largest; a direction (x, y), and
-        the least and the largest part along it.
+        Minimum x / z and y / z of the rays that may meet it, then the maxima; a direction (x, y),
+        and the minimum and the maximum along it.
     tile : int
         A tile's side in pixels.
     shape : tuple of int
@@ -252,15 +252,15 @@ def list_tiles(kinds, rows, near, bounds, tile, shape, view, items, nears):  # t
         Focal length in pixels; half the side of a square around the lens, and the focus distance,
         in metres.
     items : ndarray of int64
-        Gets the surfaces, one tile after the other.
+        Receives the surfaces, tile by tile.
     nears : ndarray of float64
-        Gets the least z at which a ray of the tile may meet each.
+        Receives the minimum z at which a ray of the tile may meet each.
 
     Notes
     -----
-    A plane maps tile and lens projectively, so what holds for rays between the corners of both
-    holds for all: past which edge of a surface they go, and that they meet it. What begins behind a
-    surface that every ray of a tile meets is left out.
+    A plane maps tile and lens projectively. So what holds for rays between the corners of both
+    holds for all: past which edge of a surface they pass, or that they meet it. Surfaces that begin
+    behind one that every ray of a tile meets are left out.
     """
     height, width = shape
     down, across = (height + tile - 1) // tile, (width + tile - 1) // tile
@@ -310,8 +310,8 @@ def list_tiles(kinds, rows, near, bounds, tile, shape, view, items, nears):  # t
 
 @compiled()
 def _corners(rows, item, left, top, right, bottom, view, out):  # type: ignore[no-untyped-def]
-    # Least and largest z, across, and down, over the rays between a tile's corners and the lens's;
-    # last 1, or 0 if the plane lies along some of the rays.
+    # Minimum and maximum of z, across, and down, over the rays between a tile's corners and the
+    # lens's; last 1, or 0 if the plane is parallel to some of the rays.
     out[0], out[2], out[4] = math.inf, math.inf, math.inf
     out[1], out[3], out[5] = -math.inf, -math.inf, -math.inf
     sign = 0.0
@@ -344,7 +344,7 @@ def nearest(kinds, rows, items, nears, begin, end, dx, dy, ox, oy):  # type: ign
     kinds, rows : ndarray
         The scene's surfaces.
     items, nears : ndarray
-        Of `list_tiles`.
+        From `list_tiles`.
     begin, end : int
         The part of them to try.
     dx, dy, ox, oy : float
@@ -365,18 +365,18 @@ def nearest(kinds, rows, items, nears, begin, end, dx, dy, ox, oy):  # type: ign
 def gather(  # type: ignore[no-untyped-def]
     scene, tiles, tile_size, points, picks, view, ring, channel, begin, end, out
 ):
-    """Add up the light of rows `begin` to `end` of an image, a mean over the lens and the pixel.
+    """Sum the light of rows `begin` to `end` of an image, as a mean over the lens and the pixel.
 
     Parameters
     ----------
     scene : tuple
         Kinds, rows, near ends, textures' numbers, first levels, levels, atlas, charts, lightmap.
     tiles : tuple of ndarray
-        Where each tile's surfaces end, and what `list_tiles` filled.
+        The end of each tile's surfaces, and the arrays that `list_tiles` filled.
     tile_size : int
         In pixels.
     points : ndarray of float64, shape (set, sample, 4)
-        A ray's place on the lens, (x, y) with a round lens's radius as 1, and in its pixel, from
+        A ray's place on the lens, (x, y) relative to a round lens's radius, and in its pixel, from
         -1/2 to 1/2.
     picks : ndarray, shape (y, x)
         The set that a pixel uses.
@@ -387,9 +387,9 @@ def gather(  # type: ignore[no-untyped-def]
     channel : int
         The channel to fill; -1 for all.
     begin, end : int
-        Rows.
+        The rows to compute.
     out : ndarray of float64, shape (y, x, 3)
-        Gets the light.
+        Receives the light.
     """
     kinds, rows, _, textures, starts, levels, atlas, charts, lightmap = scene
     ends, items, nears = tiles
@@ -431,7 +431,7 @@ def gather(  # type: ignore[no-untyped-def]
 def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-def]
     """Fill `out` with the z in metres that a pinhole sees at each pixel's centre.
 
-    All parameters are as of `gather`.
+    All parameters are as in `gather`.
     """
     kinds, rows = scene[0], scene[1]
     ends, items, nears = tiles
@@ -448,26 +448,26 @@ def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-d
 def fall(  # type: ignore[no-untyped-def]
     kinds, rows, hulls, places, normals, lamps, ball, ambient, reach, sky, out
 ):
-    """Fill `out` with the light that falls on places, as `dfdbench.simulation.lighting.lit` says.
+    """Fill `out` with the light that falls on places; see `dfdbench.simulation.lighting.lit`.
 
     Parameters
     ----------
     kinds, rows : ndarray
         The scene's surfaces.
     hulls : ndarray of float64, shape (surface, 4)
-        Middle and radius of a ball around each.
+        Middle and radius of a ball around each surface.
     places, normals : ndarray of float64, shape (node, 3)
-        Where, and the side that light comes from.
+        The places, and the side that light comes from.
     lamps : ndarray of float64, shape (lamp, 5)
         Place, radius, strength.
     ball : ndarray of float64, shape (point, 3)
         Points of a lamp's surface, of radius 1.
     ambient, reach : float
-        The even light, and how far away a surface keeps it off, in metres.
+        The even light, and the distance in metres within which a surface blocks it.
     sky : ndarray of float64, shape (ray, 3)
-        Directions around (0, 0, 1), as dense as their cosine.
+        Directions around (0, 0, 1), with a density that follows their cosine.
     out : ndarray of float64, shape (node,)
-        Gets the light.
+        Receives the light.
     """
     for begin in range(0, len(places), _RUN):
         run = places[begin : begin + _RUN]
@@ -491,7 +491,7 @@ def fall(  # type: ignore[no-untyped-def]
 
 @compiled()
 def _between(hulls, ax, ay, az, bx, by, bz, wide):  # type: ignore[no-untyped-def]
-    # The surfaces whose balls come within a distance of the line from a to b.
+    # The surfaces whose balls are within a distance of the line from a to b.
     found = np.empty(len(hulls), np.int64)
     count = 0
     x, y, z = bx - ax, by - ay, bz - az

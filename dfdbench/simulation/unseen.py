@@ -1,4 +1,4 @@
-"""Draw cameras and photograph rooms by seed: pairs and focus stacks that nobody has seen."""
+"""Draw cameras and photograph rooms by seed: pairs and focal stacks that nobody has seen."""
 
 import math
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene
 from dfdbench.simulation.textures import Draws
 
-#: What a camera is drawn from: the least and the most of each number, all in between as likely.
+#: The ranges from which a camera is drawn; all values in a range are equally likely.
 RANGES = {
     "field_of_view": (40.0, 58.0),  # degrees, across
     "focal_length": (0.020, 0.035),  # metres
     "f_number": (1.8, 2.8),  # of the defocus image and of stacks
-    # Metres: half of the cameras focus at the near end, the others inside, as far as blur tells the
-    # depth of most pixels: at 0.88 m 9 % lie nearer than the focus, in 200 rooms; at 1.2 m 28 %, as
-    # blurred as the others.
+    # Metres: half of the cameras focus at the near end. The others focus inside, but only as far as
+    # blur still determines the depth of most pixels: at 0.88 m 9 % are nearer than the focus, in
+    # 200 rooms; at 1.2 m 28 %, with the same blur as pixels beyond it.
     "focus_near": (0.6, 0.75),
     "focus_inside": (0.75, 0.88),
     "full_well": (8_000.0, 40_000.0),  # electrons
@@ -37,7 +37,7 @@ RANGES = {
 _INFOCUS_F_NUMBER = 8.0
 _SHAPE = (480, 640)
 _STACK_ENDS = (0.65, 5.0)  # metres
-# Rays a pixel; a small aperture needs fewer.
+# Rays per pixel; a small aperture needs fewer.
 _RAYS, _INFOCUS_RAYS, _STACK_RAYS = 128, 64, 64
 _BRIGHTEST = 0.98
 _TEXTURE_WINDOW, _TEXTURE_LEVELS = 9, 4.0
@@ -47,8 +47,8 @@ class Photographs(NamedTuple):
     """Photographs of a room, its depth and what is known of the camera.
 
     `images` are RGB, shape (image, y, x, 3): the first at f/8, then one with the wide aperture at
-    each of `focus_distances`, in metres, ascending. `depth` is in metres along the axis, shape
-    (y, x), as the first image sees it; `facts` fit for JSON.
+    each of `focus_distances`, in metres, ascending. `depth` is in metres along the axis, shape (y,
+    x), as seen in the first image; `facts` are JSON data.
     """
 
     images: Image
@@ -65,7 +65,7 @@ def draw_camera(seed: int, scene: int | None = None) -> Camera:
     seed : int
         0 or more.
     scene : int, optional
-        Draw another camera for each scene; by default a seed has one.
+        Draw a different camera for each scene; by default a seed has only one.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def draw_camera(seed: int, scene: int | None = None) -> Camera:
     coloured, compressed = d.chance(1 / 3), d.chance(0.5)
     red, blue = d.between(*RANGES["lateral"]), d.between(*RANGES["lateral"])
     warm, cold = d.between(*RANGES["longitudinal"]), d.between(*RANGES["longitudinal"])
-    # Five significant digits are what a fact sheet says, and the same on every machine.
+    # A fact sheet gives five significant digits, and they are the same on every machine.
     return Camera(
         ThinLens(_short(f_number), _short(focal_length), _short(focus), _short(pitch)),
         _SHAPE,
@@ -112,17 +112,17 @@ def render_pair(
     Parameters
     ----------
     seed : int
-        Of the camera, the room and the noise.
+        Seed of the camera, the room and the noise.
     scene : int
         The room's number.
     camera : Camera, optional
-        Another than the seed's, for the same rooms in the same light.
+        Replaces the seed's camera, for the same rooms in the same light.
     rays : int
-        A pixel of the defocus image; half as many at f/8.
+        Rays per pixel of the defocus image; half as many at f/8.
     threads : int
-        The images do not depend on it.
+        How many threads to use; the images do not depend on it.
     sharp_focus : float, optional
-        Focus elsewhere at f/8, in metres, so that the lens breathes between the images.
+        A different focus at f/8, in metres, so that the lens breathes between the images.
     """
     wide = camera or draw_camera(seed)
     small = _stopped_down(wide, sharp_focus)
@@ -149,9 +149,9 @@ def render_stack(
     Parameters
     ----------
     seed, scene, rays, threads, camera
-        As of `render_pair`.
+        As in `render_pair`.
     planes : int or sequence of float
-        Focus distances, evenly spread in dioptres; or which, in metres, ascending.
+        How many focus distances, evenly spaced in dioptres; or the distances in metres, ascending.
     """
     wide = camera or draw_camera(seed)
     near, far = (1 / end for end in _STACK_ENDS)
@@ -176,7 +176,7 @@ def textured(image: Image) -> NDArray[np.bool_]:
     """Return where an image has texture, shape (y, x).
 
     A pixel has texture if the grey levels of the 9 x 9 pixels around it have a standard deviation
-    of at least 4. The mean of the map is what a scene's difficulty is stated by.
+    of at least 4. The mean of the map measures a scene's difficulty.
     """
     grey = image.astype(np.float64).mean(axis=2)
     window = (_TEXTURE_WINDOW, _TEXTURE_WINDOW)

@@ -1,1 +1,1 @@
-"""Disk, object stores, locks, caches, pools, extras: what a machine is asked for."""
+"""Access to the machine: disk, object stores, locks, caches, pools, installed extras."""

@@ -1,4 +1,4 @@
-"""Arrays of files that somebody handed in, and what reading damaged ones comes to."""
+"""Read array files from users, and list the errors that damaged ones raise."""
 
 import struct
 import tokenize
@@ -13,7 +13,8 @@ from PIL.Image import DecompressionBombError
 
 from dfdbench.system.files import require_file
 
-#: Of ``numpy.load``, which parses heads as Python and archives as zip files, and of Pillow.
+#: Raised by ``numpy.load``, which parses headers as Python and archives as zip files, and by
+#: Pillow.
 UNREADABLE: tuple[type[Exception], ...] = (
     ArithmeticError,
     EOFError,
@@ -29,19 +30,19 @@ UNREADABLE: tuple[type[Exception], ...] = (
     zipfile.BadZipFile,
     zlib.error,
 )
-#: Of an image, besides: one that claims more pixels than anybody has.
+#: Raised for images; one may claim more pixels than any real image has.
 UNREADABLE_IMAGE: tuple[type[Exception], ...] = (*UNREADABLE, DecompressionBombError)
 
 
 def load_array(path: Path) -> NDArray[Any]:
     """Return the array of an ``.npy`` file, mapped into memory and without pickle.
 
-    Mapped, so that a header that claims more than the file holds takes no memory.
+    Mapping it means that a header that claims more than the file holds takes no memory.
 
     Raises
     ------
     ValueError, and others of `UNREADABLE`
-        Where it is none; an archive under that name, too.
+        If it is not such a file; this includes archives under that name.
 
     Examples
     --------

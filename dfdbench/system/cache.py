@@ -1,4 +1,4 @@
-"""The folder in which downloads and built data sets are kept, and what is in it."""
+"""The folder for downloads and built data sets, and its contents."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ KINDS = (DOWNLOADS, STORES)
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """One thing in the cache.
+    """One entry of the cache.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ class CacheEntry:
     name : str
         The data set's name, or the store's.
     files, size : int
-        How many files it has, and their bytes.
+        How many files it has, and their total bytes.
     path : Path
-        Where it lies.
+        Where it is.
     """
 
     kind: str
@@ -40,14 +40,14 @@ class CacheEntry:
 
 
 def cache_folder(folder: Path | str | None = None) -> Path:
-    """Return a folder if one is given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
+    """Return `folder` if given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
 
-    ``~`` stands for the home folder, also where no shell saw it.
+    ``~`` is the home folder, even if no shell has expanded it.
 
     Raises
     ------
     InputError
-        Where it is an address: what is fetched and built lies on this machine first.
+        If it is a URL: downloads and builds go to this machine first.
 
     Examples
     --------
@@ -65,14 +65,14 @@ def cache_folder(folder: Path | str | None = None) -> Path:
 
 
 def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
-    """Return what a cache folder holds, by kind and name.
+    """Return the contents of a cache folder, by kind and name.
 
-    A build that was stopped leaves ``NAME.zarr.partial``, which the next one goes on with.
+    An interrupted build leaves ``NAME.zarr.partial``, which the next one continues.
 
     Raises
     ------
     InputError
-        Where there is something that is no folder.
+        If it is something other than a folder.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError("the cache is no folder", where=str(folder), fix="--cache DIR")
@@ -87,6 +87,6 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
 
 
 def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
-    """Remove what `cache_entries` found."""
+    """Remove entries that `cache_entries` found."""
     for entry in entries:
         shutil.rmtree(entry.path)

@@ -1,4 +1,4 @@
-"""Compile functions with numba, and cache the machine code where there is a place for it."""
+"""Compile functions with numba, and cache the machine code if there is a place for it."""
 
 import logging
 import os
@@ -22,13 +22,13 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     Parameters
     ----------
     **options
-        Of `numba.njit`, besides ``cache`` and ``nogil``.
+        Options of `numba.njit`, besides ``cache`` and ``nogil``.
 
     Notes
     -----
-    Numba caches in ``NUMBA_CACHE_DIR``, else beside the source; where the package is read-only, the
-    machine code goes into our own cache folder. If none can be written, as in a container without a
-    home, the function is compiled without a cache, and one warning is logged.
+    Numba caches in ``NUMBA_CACHE_DIR``, else beside the source; if the package is read-only, the
+    machine code goes into our own cache folder. If none of these is writable, as in a container
+    without a home, the function is compiled without a cache, and one warning is logged.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
                 except RuntimeError:
                     continue
         finally:
-            # It is everybody's: other packages' functions go where they went.
+            # The setting is global, so restore it for other packages' functions.
             config.CACHE_DIR = named
         _warn_once()
         return numba.njit(nogil=True, **options)(function)
@@ -68,7 +68,7 @@ def _own_place() -> str:
 
 @cache
 def _warn_once() -> None:
-    # Workers would each repeat it.
+    # Each worker would repeat it.
     if parent_process() is None:
         logging.getLogger("dfdbench").warning(
             "warning: compiled code cannot be cached, so each command compiles it again; "

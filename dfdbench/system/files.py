@@ -1,4 +1,4 @@
-"""Write files whole or not at all, and lock a folder for one writer."""
+"""Write files as a whole or not at all, and lock a folder for one writer."""
 
 import contextlib
 import errno
@@ -11,17 +11,17 @@ from pathlib import Path
 
 from dfdbench.errors import DfdbenchError, ResultError, reason_of, room_or
 
-#: The largest file that is text: results, lists, configurations. Results have some 30 KB.
+#: The size limit of text files: results, lists, configurations. Results have some 30 KB.
 LARGEST_TEXT = 64 * 2**20
-#: The largest file of numbers that is read at once: an image, the ranges of a laser scanner.
+#: The size limit of number files that are read at once: an image, the ranges of a laser scanner.
 LARGEST_ARRAY = 2**30
 _UNFINISHED = ".unfinished"
-# What travels with the package lies beside its code; in a clone, in these folders of the root.
+# The package's data files are beside its code; in a clone, they are in these folders of the root.
 _IN_A_CLONE = {"manifests": "manifests", "rows": "leaderboard"}
 
 
 def shipped(name: str) -> Path:
-    """Return the folder of data files that travels with the package, installed or in a clone.
+    """Return a folder of data files that the package ships, installed or in a clone.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def shipped(name: str) -> Path:
 
 
 def is_address(place: str | Path) -> bool:
-    """Return whether a text is a URL, even if a Path has swallowed one of its slashes.
+    """Return whether a text is a URL, even if Path has removed one of its slashes.
 
     Examples
     --------
@@ -45,12 +45,12 @@ def is_address(place: str | Path) -> bool:
 
 
 def require_file(path: Path) -> None:
-    """Do nothing where a path names a file: opening a pipe may never end, nor reading a device.
+    """Raise unless a path is a regular file: opening a pipe or reading a device may never end.
 
     Raises
     ------
     OSError
-        Where it names none; `strerror` says what it is.
+        If it is not a file; `strerror` says what it is.
 
     Examples
     --------
@@ -65,19 +65,19 @@ def require_file(path: Path) -> None:
 
 
 def read_whole(path: Path, largest: int = LARGEST_TEXT) -> bytes:
-    """Return what a file holds, provided that it is one and holds no more than a bound.
+    """Return the contents of a regular file, up to a size limit.
 
     Parameters
     ----------
     path : Path
-        The file; a link to one is followed.
+        The file; links are followed.
     largest : int
-        In bytes.
+        The limit in bytes.
 
     Raises
     ------
     OSError
-        Where it cannot be read, is no regular file or is larger; `strerror` says which.
+        If it cannot be read, is not a regular file or is larger; `strerror` says which.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def read_whole(path: Path, largest: int = LARGEST_TEXT) -> bytes:
     """
     require_file(path)
     with path.open("rb") as file:
-        # Not read(largest + 1), which takes that much memory before the first byte is read.
+        # Not read(largest + 1), which allocates that much memory before it reads the first byte.
         if os.fstat(file.fileno()).st_size > largest:
             raise OSError(errno.EFBIG, f"larger than {largest / 2**20:g} MB", str(path))
         return file.read()
@@ -96,7 +96,7 @@ def read_whole(path: Path, largest: int = LARGEST_TEXT) -> bytes:
 def read_as(
     kind: type[DfdbenchError], path: Path, what: str, largest: int = LARGEST_TEXT, fix: str = ""
 ) -> bytes:
-    """Return what a file holds; raise an error of a kind, "cannot read WHAT", if it cannot be."""
+    """Return the contents of a file; if it cannot be read, raise `kind` with "cannot read WHAT"."""
     try:
         return read_whole(path, largest)
     except OSError as error:
@@ -104,21 +104,21 @@ def read_as(
 
 
 def read_text(path: Path) -> str:
-    """Return what a file of text in UTF-8 says, with every line end as a newline.
+    """Return the contents of a UTF-8 text file, with every line end as a newline.
 
     Raises
     ------
     OSError
-        As of `read_whole`.
+        As in `read_whole`.
     UnicodeDecodeError
-        Where it is no such text.
+        If it is not UTF-8 text.
     """
     text = read_whole(path).decode("utf-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_text_as(kind: type[DfdbenchError], path: Path, what: str, fix: str = "") -> str:
-    """Return what a file of text says; raise an error as `read_as` does."""
+    """Return the contents of a text file; raise errors as `read_as` does."""
     try:
         return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
@@ -126,12 +126,12 @@ def read_text_as(kind: type[DfdbenchError], path: Path, what: str, fix: str = ""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees the old one or the new one, never a part.
+    """Write a file so that a reader sees either the old or the new one, never a part.
 
     Raises
     ------
     OSError
-        Where it cannot be written; `filename` is that of the file itself.
+        If it cannot be written; `filename` is the final path.
 
     Examples
     --------
@@ -145,13 +145,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
     try:
         _replace(path, content)
     except OSError as error:
-        # Nobody knows the name that it has until it is whole.
+        # Report the final path, not the temporary one.
         error.filename, error.filename2 = str(path), None
         raise
 
 
 def whole_files(folder: Path) -> list[Path]:
-    """Return what lies in a folder, without what `write_whole` left where it was killed."""
+    """Return the files in a folder, except those that `write_whole` left when it was killed."""
     if not folder.exists():
         return []
     return [path for path in folder.iterdir() if path.suffix != _UNFINISHED]
@@ -173,27 +173,27 @@ def _replace(path: Path, content: str | bytes) -> None:
 
 @contextlib.contextmanager
 def hold(path: Path, taken: DfdbenchError) -> Iterator[None]:
-    """Lock a file while the block runs; raise `taken` if another process has it locked.
+    """Lock a file while the block runs; raise `taken` if another process has locked it.
 
-    The lock ends with its process, and the file is removed with it.
+    The lock ends with its process, and the file is removed with the lock.
     """
-    # Absolute: the block may change the working directory.
+    # Absolute, because the block may change the working directory.
     place = os.path.abspath(path)
-    # Here: it takes longer to import than most verbs to say what they know.
+    # Imported here, because most commands would spend longer on it than on their work.
     import filelock
 
     lock = filelock.FileLock(place, timeout=0)
     try:
         lock.acquire()
     except filelock.Timeout as error:
-        # Where no file can be made, as below /proc, it times out as well: then this raises.
+        # If no file can be created, as below /proc, the lock also times out; this line raises then.
         with tempfile.TemporaryFile(dir=os.path.dirname(place)):
             raise taken from error
     try:
         yield
     finally:
-        # Before the lock ends: afterwards the name may be another's. Whoever opened the file before
-        # finds it without a name and tries again. Windows removes no open file.
+        # Remove it before the lock ends: afterwards the name may be another's. Whoever opened the
+        # file before finds it without a name and tries again. Windows cannot remove open files.
         with contextlib.suppress(OSError):
             os.unlink(place)
         lock.release()
@@ -208,11 +208,11 @@ def writing_folder(
     Parameters
     ----------
     folder : Path
-        What is written; the lock is beside it.
+        The folder to write; the lock is beside it.
     what : str
-        What it is the folder of, as in "cannot write the run".
+        What the folder holds, as in "cannot write the run".
     again : str
-        What goes on once there is room.
+        What continues the work once there is room.
 
     Raises
     ------

@@ -11,10 +11,10 @@ from upath import UPath
 
 from dfdbench.errors import InputError, reason_of
 
-#: What a place may be given as.
+#: The types that a place may be given as.
 Place = str | Path | UPath
 
-#: How zarr names an array's chunks: side by side, where by default each axis is a folder more.
+#: How zarr names an array's chunks: in one folder, where the default has a folder level per axis.
 CHUNK_KEYS: dict[str, Any] = {"name": "default", "configuration": {"separator": "."}}
 
 _LOCAL = ("", "file", "local")
@@ -31,7 +31,7 @@ def as_location(place: Place) -> UPath:
     Raises
     ------
     InputError
-        Where no installed library reaches places of this kind, or the host does not answer.
+        If no installed library handles this kind of place, or the host does not answer.
 
     Examples
     --------
@@ -44,12 +44,12 @@ def as_location(place: Place) -> UPath:
         location = UPath(place)
         _ = location.fs
     except (ImportError, ValueError, TypeError, AttributeError) as error:
-        # TypeError and AttributeError: kinds that need more than a URL, as reference:// does.
+        # TypeError and AttributeError: kinds such as reference:// that need more than a URL.
         fix = "install what fsspec needs for it; for s3:// that is dfdbench[s3]"
         what = "cannot reach places of this kind"
         raise InputError(what, where=str(place), got=str(error), fix=fix) from error
     except OSError as error:
-        # Some libraries connect at once.
+        # Some libraries connect immediately.
         what = f"cannot reach the host: {reason_of(error)}"
         raise InputError(what, where=str(place), fix="check the URL and the network") from error
     if location.protocol in _LOCAL:
@@ -66,16 +66,16 @@ def is_local(location: UPath) -> bool:
 
 
 def zarr_store(location: UPath) -> zarr.abc.store.Store:
-    """Return what zarr reads and writes a place through."""
+    """Return the store object through which zarr reads and writes a place."""
     if is_local(location):
         return zarr.storage.LocalStore(Path(location.path))
-    # Another process may have written since this one last looked: listings are not kept.
+    # Do not cache listings: another process may have written since this one last looked.
     options = {**location.storage_options, "use_listings_cache": False}
     return zarr.storage.FsspecStore.from_url(str(location), storage_options=options)
 
 
 def exists(location: UPath) -> bool:
-    """Return whether there is a file or a folder at a place, now."""
+    """Return whether a file or a folder exists at a place now."""
     location.fs.invalidate_cache()
     return location.exists()
 
@@ -87,13 +87,13 @@ def folders_in(location: UPath) -> tuple[str, ...]:
 
 
 def size_of(location: UPath) -> int:
-    """Return the bytes that all files below a place have together."""
+    """Return the total bytes of all files below a place."""
     location.fs.invalidate_cache()
     return sum(item["size"] for item in location.fs.find(location.path, detail=True).values())
 
 
 def remove(location: UPath) -> None:
-    """Remove a folder and all in it; a place where nothing is stays as it is."""
+    """Remove a folder and everything in it, if it exists."""
     if is_local(location):
         shutil.rmtree(location.path, ignore_errors=True)
     elif exists(location):
@@ -101,16 +101,16 @@ def remove(location: UPath) -> None:
 
 
 def write_folder(folder: UPath, files: Mapping[str, bytes], last: str) -> None:
-    """Write files below a folder, by their paths from there; the one named `last` after all others.
+    """Write files below a folder, given by relative path, the file `last` after all others.
 
     Parameters
     ----------
     folder : UPath
-        Made where it is not there.
+        Created if missing.
     files : mapping of str to bytes
-        What they hold.
+        Their contents.
     last : str
-        The file without which the folder is not taken for a whole.
+        The file without which the folder counts as incomplete.
     """
     for names in ([name for name in files if name != last], [last]):
         if not is_local(folder):
@@ -123,14 +123,14 @@ def write_folder(folder: UPath, files: Mapping[str, bytes], last: str) -> None:
 
 
 def copy_folder(source: UPath, target: UPath, last: str = "") -> None:
-    """Copy a folder's files; the one named `last`, directly in it, after all others.
+    """Copy a folder's files; the file `last`, directly in it, after all others.
 
     Parameters
     ----------
     source, target : UPath
         Folders on the same file system.
     last : str
-        The file without which the copy is not taken for a whole.
+        The file without which the copy counts as incomplete.
     """
     if is_local(source):
         shutil.copytree(source.path, target.path, dirs_exist_ok=True)
@@ -150,8 +150,8 @@ def copy_folder(source: UPath, target: UPath, last: str = "") -> None:
 def move_folder(source: UPath, target: UPath, last: str) -> None:
     """Move a folder over another; a reader sees the old one, none, or the new one.
 
-    A local folder is renamed. Object stores cannot rename: the old one's file `last` goes
-    first and the new one's comes last, and what has no such file is not taken for a whole.
+    A local folder is renamed. Object stores cannot rename: the old folder's file `last` is removed
+    first and the new one's is written last, and a folder without this file counts as incomplete.
     """
     if is_local(source):
         old = target.with_name(target.name + ".old")

@@ -1,4 +1,4 @@
-"""What is installed: versions, extras, plug-ins."""
+"""Installed packages: versions, extras, plug-ins."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,13 +7,13 @@ from importlib.metadata import EntryPoint, entry_points, version
 from dfdbench.errors import InputError, Problem
 
 PACKAGE_VERSION = version("dfdbench")
-#: The modules that each extra brings.
+#: The modules that each extra installs.
 EXTRAS = {"nets": ("torch", "safetensors"), "onnx": ("onnxruntime",)}
 EXTRAS |= {"cluster": ("distributed",), "s3": ("s3fs",)}
 
 
 def extra_of(module: str | None) -> str | None:
-    """Return the extra that brings a module, or None.
+    """Return the extra that installs a module, or None.
 
     Examples
     --------
@@ -31,12 +31,12 @@ def absent(module: str, extra: str) -> Problem:
 
 @contextmanager
 def needed() -> Iterator[None]:
-    """Tell what to install where the block imports a library that is absent.
+    """Say what to install if the block imports a missing library.
 
     Raises
     ------
     InputError
-        Naming the extra.
+        With the extra's name.
     """
     try:
         yield
@@ -48,7 +48,7 @@ def needed() -> Iterator[None]:
 
 
 def offered_as(group: str) -> dict[str, EntryPoint]:
-    """Return what installed packages offer in a group of entry points, by name; none is imported.
+    """Return the entry points of installed packages in a group, by name, without importing any.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Do one thing for many items at once: in threads, in processes, on a cluster of Dask's."""
+"""Do one thing for many items at once: in threads, in processes, on a Dask cluster."""
 
 import logging
 import os
@@ -15,20 +15,20 @@ from dfdbench.errors import InputError
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
-#: An item's number and its outcome, as soon as it is there.
+#: An item's number and its outcome, as soon as it is available.
 Done = Generator[tuple[int, Outcome], None, None]
-#: Called with (items done, items in all) after each item.
+#: Called with (items done, total items) after each item.
 OnDone = Callable[[int, int], None]
-#: Shows how far a step is: entered with what is done, it gives a callable (done, total).
+#: Shows the progress of a step: entered with what is done, it gives a callable (done, total).
 Shown = Callable[[str], AbstractContextManager[Callable[..., None] | None]]
 
 _SECONDS_TO_ANSWER = 30
-#: How a scheduler is named: HOST:PORT, with a protocol before it or without.
+#: The form of a scheduler's address: HOST:PORT, with or without a protocol before it.
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
 
 
 def one_by_one(items: Collection[Item], on_done: OnDone | None) -> Iterator[Item]:
-    """Yield each item; `on_done` is called with (items done, items in all) as each is over.
+    """Yield each item; call `on_done` with (items done, total items) after each one.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def one_by_one(items: Collection[Item], on_done: OnDone | None) -> Iterator[Item
 
 
 class Pool(ABC):
-    """Where work is done."""
+    """Base of the places where work is done."""
 
     def map(
         self,
@@ -55,21 +55,21 @@ class Pool(ABC):
         on_outcome: Callable[[Item, Outcome], None] | None = None,
         on_done: OnDone | None = None,
     ) -> list[Outcome]:
-        """Return what a function gives for each item, in the items' order.
+        """Return the function's result for each item, in the items' order.
 
         Parameters
         ----------
         function : callable
-            Called once an item. For processes and clusters it has to be picklable.
+            Called once per item. For processes and clusters it must be picklable.
         items : sequence
-            What it is called with.
+            The arguments of the calls.
         on_outcome : callable, optional
             Called with (item, outcome) after each item as it is done, in the calling thread.
         on_done : callable, optional
-            Called after that with (items done, items in all).
+            Called after that with (items done, total items).
         """
         outcomes: dict[int, Outcome] = {}
-        # Closed at once where something fails: the work that nobody waits for is called off then.
+        # Closed as soon as something fails, so that work nobody waits for is cancelled.
         with closing(self._as_done(function, items)) as done:
             for number, outcome in done:
                 outcomes[number] = outcome
@@ -81,7 +81,7 @@ class Pool(ABC):
 
     @abstractmethod
     def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
-        """Yield an item's number and what the function gives for it, as each is done."""
+        """Yield each item's number and the function's result, as each is done."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Threads(Pool):
     Parameters
     ----------
     workers : int
-        How many items are worked on at once.
+        How many items to work on at once.
 
     Examples
     --------
@@ -107,20 +107,20 @@ class Threads(Pool):
 
 @dataclass(frozen=True)
 class Processes(Pool):
-    """Work in processes of this machine, for what shares no process well.
+    """Work in processes on this machine, for tasks that do not share a process well.
 
     Parameters
     ----------
     workers : int
-        How many items are worked on at once.
+        How many items to work on at once.
     """
 
     workers: int = 1
 
     def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
-        from multiprocessing import get_context  # most verbs are done before this is imported
+        from multiprocessing import get_context  # most commands finish without it
 
-        # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
+        # Forking a process that has threads (numba's, zarr's) can hang, so start a fresh one.
         context = get_context("spawn")
         pool = futures.ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
         try:
@@ -138,7 +138,7 @@ class Cluster(Pool):
     Parameters
     ----------
     address : str
-        The scheduler's, such as ``tcp://node1:8786``.
+        The scheduler's address, such as ``tcp://node1:8786``.
 
     Raises
     ------
@@ -154,7 +154,7 @@ class Cluster(Pool):
             place = {future.key: number for number, future in enumerate(sent)}
             try:
                 for future, outcome in as_completed(sent, loop=client.loop, with_results=True):
-                    # Work that nobody will do any more comes as an outcome, too.
+                    # Cancelled work also arrives as an outcome.
                     if future.cancelled():
                         raise _gone(self.address)
                     yield place[future.key], outcome
@@ -167,12 +167,12 @@ def _begin_worker() -> None:
     from multiprocessing import parent_process, set_start_method
     from multiprocessing.connection import wait
 
-    # What a method starts in a worker begins as it would without one.
+    # A process that a method starts in a worker must begin as it would outside of one.
     set_start_method(None, force=True)
 
     keep_quiet_of_abandoned_tasks()
-    # Where the parent is killed, nobody takes what a worker gives: it would write what the next
-    # call writes, too, and then wait for ever.
+    # If the parent is killed, nobody takes a worker's results: it would go on to write what the
+    # next call writes, too, and then wait forever.
     parent = parent_process()
     assert parent is not None
 
@@ -191,7 +191,7 @@ def _computed(
         for done in futures.as_completed(numbers):
             yield numbers[done], done.result()
     finally:
-        # After Ctrl-C, too: what has begun is finished, so that nothing is left half-written.
+        # Even after Ctrl-C, finish what has begun, so that nothing is left half-written.
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -204,7 +204,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
         what = f"dask.distributed is not installed: {error}"
         raise InputError(what, where="--scheduler", fix=fix) from error
     if not _ADDRESS.fullmatch(address):
-        # Asked all the same, the client's threads would keep the command from ending.
+        # If asked anyway, the client's threads would keep the command from ending.
         what = f"not a scheduler's address, such as tcp://node1:8786: {address}"
         raise InputError(what, where="--scheduler")
     try:
@@ -212,7 +212,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     except (OSError, ValueError) as error:
         what = f"no scheduler answers at {address}: {error}"
         raise InputError(what, where="--scheduler", fix="start one with: dask scheduler") from error
-    # A scheduler that goes away is reported once, in our words.
+    # Report a scheduler that goes away once, in our words.
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -229,7 +229,7 @@ def _gone(address: str) -> InputError:
     return InputError(what, where="--scheduler", fix=fix)
 
 
-# What asyncio says, with a traceback, whenever the garbage collector comes by.
+# What asyncio prints, with a traceback, whenever the garbage collector runs.
 _SAID = (
     "Task exception was never retrieved",
     "Future exception was never retrieved",
@@ -238,10 +238,10 @@ _SAID = (
 
 
 def keep_quiet_of_abandoned_tasks() -> None:
-    """Let asyncio say nothing of the tasks that nobody waits for any more.
+    """Stop asyncio from printing tracebacks of tasks that nobody waits for any more.
 
-    zarr reads the members of a group all at once. The first that cannot be read is raised, and
-    with its name; of the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
+    zarr reads the members of a group all at once. The first unreadable one raises an error that
+    names it; for the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
     """
     logging.getLogger("asyncio").addFilter(_is_news)
 

@@ -1,4 +1,4 @@
-"""Frozen records of checked fields, and what is wrong with one in words."""
+"""Frozen records with checked fields, and the problems of an invalid one in words."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -13,11 +13,11 @@ from dfdbench.errors import InputError, Problem
 Made = TypeVar("Made")
 #: A length, a distance or a ratio: finite and above zero.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-#: A part of the light; a channel's curve has some at even steps of r^2, from the middle on.
+#: A factor of the light; a channel's curve has some at even steps of r^2, from the middle outwards.
 Share = Annotated[float, Field(ge=0.01, le=100)]
 STEPS = Field(min_length=2, max_length=100)
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
-# Pydantic's kinds of refusal in our words.
+# Pydantic's kinds of errors in our words.
 _WORDS = {
     "string_type": "text",
     "list_type": "a list",
@@ -34,14 +34,14 @@ _LONGEST = 80
 
 
 class Record(BaseModel):
-    """A frozen record that refuses fields it does not know."""
+    """A frozen record that refuses unknown fields."""
 
-    # Put together when it is first used: of most, never.
+    # Build the validator on first use: most records are never used.
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class StrictRecord(Record):
-    """A record that refuses values of another type: TOML tells text from numbers."""
+    """A record that refuses values of another type, since TOML distinguishes text from numbers."""
 
     model_config = ConfigDict(strict=True)
 
@@ -49,18 +49,18 @@ class StrictRecord(Record):
 def problems_of(
     error: ValidationError, what: str, *, file: object, section: str = "", fix: str = ""
 ) -> list[Problem]:
-    """Return what is wrong with a record: each field that pydantic refused.
+    """Return the problems of a record: each field that pydantic refused.
 
     Parameters
     ----------
     error : ValidationError
         From the record.
     what : str
-        The problem in a few words, of a value that does not fit.
+        The problem in a few words, if a value does not fit.
     file : str or Path
         Where the record is from.
     section : str, optional
-        The record's part that was checked, where it was not the whole.
+        The part of the record that was checked, if not the whole.
     fix : str, optional
         What the user can do about it.
 
@@ -88,7 +88,7 @@ def problems_of(
             case "json_invalid":
                 problem = Problem(f"broken JSON: {detail['ctx']['error']}", where=where, fix=fix)
             case kind:
-                # What contradicts itself as a whole is too long to be shown.
+                # A record that contradicts itself is too long to show as a whole.
                 whole = kind == "value_error" and isinstance(detail["input"], dict)
                 expected = _PREAMBLE.sub("", detail["msg"])
                 if kind in _WORDS:
@@ -100,7 +100,7 @@ def problems_of(
 
 
 def check_fields(record: Any, what: str) -> None:
-    """Check a dataclass's values against the annotations of its fields, strictly.
+    """Check a dataclass's values strictly against the annotations of its fields.
 
     Raises
     ------
@@ -112,12 +112,12 @@ def check_fields(record: Any, what: str) -> None:
 
 
 def made_of(kind: type[Made], given: Mapping[str, Any], what: str) -> Made:
-    """Return a dataclass made of its fields by name.
+    """Return a dataclass made from its fields by name.
 
     Raises
     ------
     InputError
-        With every field that is unknown, lacking or wrong; `what` names the record.
+        With every field that is unknown, missing or wrong; `what` names the record.
     """
     known = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
     unknown = [name for name in given if name not in known]

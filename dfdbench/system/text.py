@@ -10,22 +10,21 @@ from pydantic_core import to_json
 
 from dfdbench.errors import InputError, Problem
 
-#: Between the trainings that `trained_on` names, where weights began with other weights: the last
-#: first.
+#: Separates the trainings in `trained_on`, latest first, if weights started from other weights.
 TRAININGS = "; "
 
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return what a file's JSON says.
+    """Parse the JSON of a file.
 
     Raises
     ------
     ValueError
-        If it is no JSON, is nested too deep, has a number of thousands of digits, holds half a
-        character, which no file can be written with, or has a key twice in one object: another
-        reader would take the other value.
+        If it is not JSON, is nested too deep, has a number of thousands of digits, contains half a
+        character, which cannot be written to a file, or repeats a key in one object: another reader
+        would take the other value.
 
     Examples
     --------
@@ -46,7 +45,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def as_json(kind: str, **content: Any) -> str:
-    """Return an answer as its file has it: what kind it is, and its content; NaN becomes null.
+    """Format an answer as a JSON file with its kind and content; NaN becomes null.
 
     Examples
     --------
@@ -73,14 +72,14 @@ def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def differences(
     before: Mapping[str, Any], now: Mapping[str, Any], name: str = ""
 ) -> Iterator[tuple[str, Any, Any]]:
-    """Return where two nested records differ: each value's dotted name, what it was, what it is.
+    """Yield the differences of two nested records: dotted name, value before, value now.
 
     Parameters
     ----------
     before, now : mapping of str
-        As JSON has them. What one of them lacks is None there.
+        As parsed from JSON. A value missing from one of them is None there.
     name : str, optional
-        What stands before each name.
+        A prefix of each name.
 
     Examples
     --------
@@ -98,7 +97,7 @@ def differences(
 def require_same(
     before: Mapping[str, Any], now: Mapping[str, Any], what: str, where: str, fix: str = ""
 ) -> None:
-    """Raise an InputError that names everything in which two nested records differ."""
+    """Raise an InputError that names every difference of two nested records."""
     InputError.raise_if(
         Problem(f"{what}, with {name} {one} instead of {other}", where=where, fix=fix)
         for name, one, other in differences(before, now)
@@ -106,7 +105,7 @@ def require_same(
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """Return texts, numbers, switches and lists of them as TOML, a line a name.
+    """Format texts, numbers, switches and lists of them as TOML, one line per name.
 
     Examples
     --------
@@ -115,18 +114,18 @@ def toml_text(content: Mapping[str, Any]) -> str:
     schedule = "cosine"
     decay_prelu = true
     """
-    # What JSON writes of these TOML reads alike.
+    # For these types, what JSON writes is valid TOML with the same meaning.
     return "".join(f"{name} = {json.dumps(value)}\n" for name, value in content.items())
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return what TOML says.
+    """Parse TOML.
 
     Raises
     ------
     ValueError
-        Where it is no TOML, is nested deeper than anything that means something, or has a number
-        of thousands of digits.
+        If it is not TOML, is nested deeper than anything meaningful, or has a number of thousands
+        of digits.
 
     Examples
     --------

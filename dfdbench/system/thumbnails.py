@@ -1,4 +1,4 @@
-"""Pictures in HTML that needs no other file: what a notebook shows of images and depth maps."""
+"""Self-contained HTML pictures: what a notebook shows of images and depth maps."""
 
 import base64
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,7 @@ _WIDTH = 160
 _UNKNOWN = (191, 191, 191)
 _QUALITY = 80
 
-#: A thumbnail and what stands below it.
+#: A thumbnail and its caption.
 Thumbnail = tuple[str, str]
 
 
@@ -26,7 +26,7 @@ def photograph(image: NDArray[np.uint8], caption: str) -> Thumbnail:
 def depth_map(
     depth: NDArray[np.uint8] | NDArray[np.float32], valid: NDArray[np.bool_], caption: str
 ) -> Thumbnail:
-    """Return the thumbnail of a depth map, shape (y, x): far dark, near bright, grey unknown."""
+    """Return the thumbnail of a depth map, shape (y, x): far dark, near bright, unknown grey."""
     levels = np.clip(np.rint(np.where(valid, depth, 0)), 0, 255).astype(np.uint8)
     coloured = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     coloured[~valid] = _UNKNOWN
@@ -54,14 +54,14 @@ def heading(name: str, facts: str) -> str:
 
 
 def webp_address(image: NDArray[Any], quality: int) -> str:
-    """Return an RGB image as a data address of WebP.
+    """Return an RGB image as a WebP data URL.
 
     Parameters
     ----------
     image : ndarray of uint8, shape (y, x, 3)
         The image.
     quality : int
-        1 to 100, as of WebP.
+        WebP's quality, 1 to 100.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Eight float64 at once in compiled code, where loops are too short for the compiler's own way.
+"""Process eight float64 at once in compiled code, for loops too short for auto-vectorisation.
 
-A loop that LLVM vectorises by itself first asks whether arrays overlap, and does its last few steps
-one by one; slices, by which it learns that an index is not negative, count references. Where rows
-are twenty numbers long that takes longer than the sums. Each of the eight is rounded as a float64
-by itself is, and no product is fused with a sum: results do not depend on the processor.
+When LLVM vectorises a loop itself, the loop first checks whether arrays overlap, and does its last
+few steps one by one. Slices, which tell LLVM that an index is not negative, count references. If
+rows are twenty numbers long, this takes longer than the sums. Each of the eight numbers is rounded
+like a single float64, and no product is fused with a sum: results do not depend on the processor.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ LANES = 8
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _ZEROS = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
 
-# Its decorated functions are called without the first argument, which no type says.
+# Its decorated functions are called without their first argument, which no type expresses.
 intrinsic: Any = _intrinsic
 
 
@@ -39,7 +39,7 @@ class _VectorModel(models.PrimitiveModel):
 
 @intrinsic
 def load(typing: Any, array: Any, at: Any) -> Any:
-    """Return ``array[at : at + LANES]`` of a contiguous float64 array; no bound is checked.
+    """Return ``array[at : at + LANES]`` of a contiguous float64 array, without bounds checks.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def load(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, at: Any, numbers: Any) -> Any:
-    """Write ``array[at : at + LANES]`` of a contiguous float64 array; no bound is checked."""
+    """Write ``array[at : at + LANES]`` of a contiguous float64 array, without bounds checks."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> None:
         place = _place(context, builder, signature, args, _VECTOR)
@@ -73,7 +73,7 @@ def store(typing: Any, array: Any, at: Any, numbers: Any) -> Any:
 
 @intrinsic
 def all_of(typing: Any, number: Any) -> Any:
-    """Return a vector of one number."""
+    """Return a vector that repeats one number."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return _spread(builder, args[0], _VECTOR)
@@ -97,7 +97,7 @@ def times(typing: Any, first: Any, second: Any) -> Any:
 def where_below(typing: Any, array: Any, at: Any, limit: Any, numbers: Any) -> Any:
     """Return numbers where ``array[at : at + LANES]``, of a signed integer type, is below a limit.
 
-    Elsewhere 0; the limit is one of the array's type.
+    Return 0 elsewhere; the limit has the array's type.
     """
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:

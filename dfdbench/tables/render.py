@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-# What a spreadsheet takes for the beginning of a formula.
+# What a spreadsheet takes for the start of a formula.
 _FORMULA = tuple("=+-@")
-# What Markdown and HTML would take for markup. GitHub takes dollars for formulas and tildes for
-# struck-out text, escaped or not; the site takes braces for attributes, escaped or not.
+# What Markdown and HTML would take for markup. Even escaped, GitHub takes dollars for formulas and
+# tildes for struck-out text, and the site takes braces for attributes.
 _MARKDOWN = {ord(mark): f"\\{mark}" for mark in "\\|*_`[]"}
 _MARKDOWN |= {ord(mark): f"&#{ord(mark)};" for mark in "$~{}"}
 _MARKDOWN |= {ord("&"): "&amp;", ord("<"): "&lt;", ord(">"): "&gt;"}
-# What begins a block at the start of a line: a heading, a list, an admonition, a rule.
+# What starts a block at the beginning of a line: a heading, a list, an admonition, a rule.
 _BLOCK = re.compile(r"[#+\-=!:]|\d+[.)]")
 _LATEX = {mark: f"\\{mark}" for mark in "{}$&#%_"} | {mark: f"${mark}$" for mark in "<>|"}
 _COMMANDS = ["times", "pm", "le", "ge", "delta", "downarrow", "uparrow"]
@@ -35,21 +35,21 @@ _LATEX |= dict(
 _LATEX |= dict(zip("°²³…", [r"$^\circ$", r"$^2$", r"$^3$", r"\dots{}"], strict=True))
 _LATEX |= {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
-# Of what is not ASCII, the letters that we know LaTeX's own fonts to have.
+# The non-ASCII letters that LaTeX's own fonts are known to have.
 _LETTERS = {*map(chr, range(0xC0, 0x100))} - {*"ÐðÞþ×÷"} | {*"œłıŒŁčćěńřšžČĆĚŃŘŠŽ"}
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
-    r"""Return tables in one of the forms.
+    r"""Render tables in one of the forms.
 
     Parameters
     ----------
     tables : sequence of Table
-        What to show, in this order. CSV holds one heading: the columns of all of them.
+        The tables to show, in this order. CSV has one heading with the columns of all of them.
     format : Format
         The form.
     width : int, optional
-        Of the terminal, in characters, for `Format.table`; by default as wide as needed.
+        The terminal's width in characters, for `Format.table`; by default as wide as needed.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
     if format is Format.table:
         from rich.console import Console
 
-        # Captured, there is no terminal to fit: lines are as long as they need be.
+        # The output is captured, so there is no terminal that lines have to fit.
         console = Console(file=io.StringIO(), width=width or 400, color_system=None)
         with console.capture() as captured:
             for table in tables:
@@ -85,8 +85,8 @@ def as_json(tables: Sequence[Table] = (), **facts: object) -> str:
     tables : sequence of Table
         Each becomes an object of its title, its rows as data, and its notes; may be empty.
     **facts
-        By name. What JSON does not know, a path for example, becomes text, and a number that is not
-        finite null.
+        Facts by name. Values that JSON cannot hold, such as paths, become text; a number that is
+        not finite becomes null.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def _records(table: Table) -> list[Mapping[str, object]]:
 def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
     """Return title, table and notes for a terminal; text is never taken for markup.
 
-    They are apart because Rich would wrap a title and a caption at the table's width.
+    They are separate because Rich would wrap a title and a caption at the table's width.
     """
     from rich import box
     from rich.table import Table as RichTable
@@ -187,7 +187,7 @@ def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
 def _csv_cell(value: object) -> object:
     if not isinstance(value, str):
         return value
-    # Blanks before it do not keep a spreadsheet from it.
+    # A spreadsheet takes it for a formula even after blanks.
     formula = value.lstrip().startswith(_FORMULA) and not _is_number(value)
     return ("'" if formula else "") + spelt_out(value)
 
@@ -201,10 +201,10 @@ def _is_number(text: str) -> bool:
 
 
 def as_latex(table: Table) -> str:
-    r"""Return the table for a paper: LaTeX with booktabs, any text escaped.
+    r"""Return the table for a paper, as LaTeX with booktabs and all text escaped.
 
-    The table's `parts` come one below the other. What is wider than the page's text is scaled
-    down to it.
+    The table's `parts` come one below the other. A table wider than the page's text is scaled down
+    to it.
 
     Examples
     --------
@@ -281,8 +281,8 @@ def _markdown_line(text: str) -> str:
 def escape_markdown(text: str) -> str:
     r"""Return text on one line, with the markup of Markdown and HTML escaped.
 
-    Markdown is GitHub's and the documentation site's, where braces give attributes to what
-    precedes them. A plain address stays one: both may show it as a link.
+    This covers GitHub's Markdown and that of the documentation site, where braces set attributes.
+    A plain address stays as it is: both may show it as a link.
 
     Examples
     --------
@@ -295,7 +295,7 @@ def escape_markdown(text: str) -> str:
 
 
 def latex_text(text: str) -> str:
-    r"""Return text as LaTeX; letters that its fonts lack appear as their number.
+    r"""Return text as LaTeX; letters that its fonts lack appear as their code point.
 
     Examples
     --------
@@ -306,7 +306,7 @@ def latex_text(text: str) -> str:
 
 
 def latex_label(text: str) -> str:
-    """Return a table's label: the words of a text.
+    """Return a table's LaTeX label, made from the words of a text.
 
     Examples
     --------
@@ -329,8 +329,8 @@ def _letter(letter: str) -> str:
 def spelt_out(text: str) -> str:
     r"""Return text with invisible characters as escapes; tabs and line ends stay.
 
-    Others may write what we show: control characters would move the cursor, marks of direction
-    reorder what is read, and spaces of no width make two names look the same.
+    We show text that others wrote: control characters would move the cursor, direction marks would
+    reorder the text, and zero-width spaces would make two names look the same.
 
     Examples
     --------

@@ -23,7 +23,7 @@ class Format(StrEnum):
 
 
 class Link(str):
-    """A cell's text with the address it leads to, if the form can show one."""
+    """A cell's text with a link, if the form can show one."""
 
     target: str
 
@@ -35,7 +35,7 @@ class Link(str):
 
 
 class Marked(str):
-    """A cell's text that stands out if the form can show it: best bold, second underlined."""
+    """A cell's text that stands out, if the form can show it: best bold, second underlined."""
 
     mark: str
 
@@ -50,8 +50,8 @@ class Marked(str):
 class Table:
     """Rows of text under headings.
 
-    `align` has a letter a column, ``l`` or ``r``; the columns after those are aligned to the
-    right. `rules` are the rows followed by a line.
+    `align` has a letter per column, ``l`` or ``r``; further columns are aligned to the right.
+    `rules` are the rows followed by a line.
     `records` are the same rows as data, numbers in full, for CSV and JSON, which show the text
     without them. `parts` groups the columns for pages too narrow for all of them. `label` names
     the table in LaTeX, by default after its title.
@@ -72,14 +72,14 @@ class Table:
 
     @property
     def wraps(self) -> tuple[bool, ...]:
-        """Whether a column may be broken between words: text of several."""
+        """Whether each column may wrap, which is so if its text has several words."""
         cells = zip(self.columns, *self.rows, strict=True)
         several = (any(" " in cell for cell in column) for column in cells)
         return tuple(s and side != "r" for s, side in zip(several, self.align, strict=True))
 
 
 def least_width(table: Table) -> int:
-    """Return how many characters wide a terminal must be to break no word of the cells.
+    """Return the least width, in characters, of a terminal that breaks no word of the cells.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def least_width(table: Table) -> int:
     cells = list(zip(table.columns, *table.rows, strict=True))
     whole = [max(map(len, column)) for column in cells]
     words = [max(len(word) for cell in column for word in cell.split() or [""]) for column in cells]
-    # Columns that wrap are narrowed alike, the widest first, down to the longest word of any.
+    # Columns that wrap are narrowed together, widest first, down to the longest word of any.
     widest = max((n for n, wraps in zip(words, table.wraps, strict=True) if wraps), default=0)
     widths = [
         min(width, widest) if wraps else width
@@ -153,7 +153,7 @@ def counted(number: int, what: str) -> str:
 
 
 def without(table: Table, *columns: str) -> Table:
-    """Return a table without the columns of some names."""
+    """Return a table without the named columns."""
     kept = [at for at, name in enumerate(table.columns) if name not in columns]
     return replace(
         table,
@@ -164,7 +164,7 @@ def without(table: Table, *columns: str) -> Table:
 
 
 def grouped(things: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
-    """Return values by their keys, in the order in which those come.
+    """Group values by key, in order of appearance.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def grouped(things: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
 
 
 def listed(things: Iterable[object], most: int | None = None) -> str:
-    """Join things with commas; of more than `most`, name the first and count the rest.
+    """Join things with commas; if there are more than `most`, count the rest.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Train the networks as the thesis did, or as is done today; needs the extra ``nets``."""
+"""Train the networks as in the thesis, or as is done today; needs the extra ``nets``."""

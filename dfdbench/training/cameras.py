@@ -1,6 +1,7 @@
-"""Train a network on the captures of many cameras, some of which only test.
+"""Train a network on the captures of many cameras; some cameras only test.
 
-Crops of them, a learning rate along a cosine, and weights that are the mean over the last steps.
+It trains on crops, its learning rate follows a cosine, and its weights are averaged over the last
+steps.
 """
 
 import copy
@@ -28,22 +29,22 @@ from dfdbench.training.task import begun_network
 from dfdbench.training.trainer import Log, Trainee
 
 E = TypeVar("E")
-#: Rows and columns of a crop that the networks' scales divide.
+#: The networks' scales require crops with multiples of this many rows and columns.
 MULTIPLE = 32
-#: The largest learning rate, and the steps that lead to it.
+#: The largest learning rate, and the number of steps to reach it.
 RATE, WARM_UP = 2e-3, 100
 _DECAY, _CLIP = 1e-4, 1.0
-# What the mean's error counts beside cross-entropy, from how many levels on it grows but linearly.
+# The weight of the mean's error beside cross-entropy, and the level from which it grows linearly.
 _OF_MEAN, _LINEAR = 0.5, 64.0
-# The weights that are kept are a mean over about so many steps.
+# The final weights are a mean over about this many steps.
 _AVERAGED = 500
-# How often, in steps, the cameras held out are scored.
+# How often, in steps, the held-out cameras are scored.
 _SCORED = 500
 
 
 @dataclass(frozen=True)
 class Course(Generic[E]):
-    """How a network is trained on examples of many cameras.
+    """How a network is trained on examples from many cameras.
 
     Parameters
     ----------
@@ -54,23 +55,23 @@ class Course(Generic[E]):
     recipe : str
         How the blur of the examples is known, for the card.
     rooms : str
-        What its rendered rooms are called on a card.
+        The card's name for its rendered rooms.
     of_rooms : callable
-        Make examples of them by camera, kept in a folder.
+        Make examples from the rooms, by camera, kept in a folder.
     of_captures : callable
-        Make examples of a data set's captures.
+        Make examples from a data set's captures.
     held_out : collection of str
         Cameras that only test.
     steps : int
-        After which the learning rate is 0, if no other number is asked for.
+        The steps until the learning rate is 0, if no other number is given.
     crops, crop : int
-        Crops of a step, and their side at most.
+        Crops per step, and the largest side of a crop.
     shape_of : callable
         Return an example's rows and columns.
     loss : callable
-        Of the network, all examples, the seed, the step, and whether to compute in bf16.
+        Called with the network, all examples, the seed, the step, and whether to compute in bf16.
     error : callable
-        Of the network on an example, as a part of the scale.
+        Called with the network and an example; the error as a fraction of the scale.
     """
 
     method: str
@@ -94,18 +95,18 @@ def kept_examples(
     read: Callable[[Mapping[str, Any]], Sequence[E]],
     on_camera: OnDone | None,
 ) -> dict[str, Sequence[E]]:
-    """Return examples by camera; what the folder holds, an ``.npz`` file each, is not made again.
+    """Return examples by camera; those already in the folder, one ``.npz`` file each, are reused.
 
     Parameters
     ----------
     folder : Path
-        Where they are kept.
+        The folder of the files.
     makers : mapping of str to callable
-        What makes the arrays of a camera, by name.
+        Make the arrays of a camera, by name.
     read : callable
-        Return examples of them.
+        Turn arrays into examples.
     on_camera : callable, optional
-        Called with (cameras done, cameras in all).
+        Called with (cameras done, total cameras).
     """
     found = {}
     for name, make in one_by_one(makers.items(), on_camera):
@@ -120,12 +121,12 @@ def kept_examples(
 
 
 def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
-    """Return how many steps a training has, by what a user changed.
+    """Return a training's number of steps, given the user's changes.
 
     Raises
     ------
     InputError
-        For another choice than ``steps``, or no whole number from 1 on.
+        If anything but ``steps`` is changed, or it is not a whole number of at least 1.
     """
     steps = changes.get("steps", course.steps)
     right = isinstance(steps, int) and not isinstance(steps, bool) and steps > 0
@@ -141,7 +142,7 @@ def steps_of(course: Course[Any], changes: Mapping[str, Any]) -> int:
 
 
 def side_of(shapes: Iterable[tuple[int, ...]], crop: int) -> int:
-    """Return the side of the largest squares that all images hold: `crop` at most.
+    """Return the side of the largest square that fits into all images, at most `crop`.
 
     Examples
     --------
@@ -154,27 +155,27 @@ def side_of(shapes: Iterable[tuple[int, ...]], crop: int) -> int:
 def cut(
     shape: Sequence[int], side: int, cell: int, random: np.random.Generator
 ) -> tuple[slice, ...]:
-    """Draw which rows and columns are a square crop; it begins with a whole cell of pixels."""
+    """Draw the rows and columns of a square crop that starts at a whole cell of pixels."""
     begins = [cell * int(random.integers((size - side) // cell + 1)) for size in shape]
     return tuple(slice(begin, begin + side) for begin in begins)
 
 
 def turned(image: Any, turns: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Return the last two axes in one of eight ways: turned by right angles, mirrored if odd."""
+    """Turn the last two axes to one of eight orientations: right-angle turns, odd ones mirrored."""
     found = np.rot90(image, turns // 2, (-2, -1))
     return np.ascontiguousarray(found[..., ::-1] if turns % 2 else found, np.float32)
 
 
 def loss_of(logits: Tensor, mask: Tensor, levels: Tensor, depths: Tensor, known: Tensor) -> Tensor:
-    """Return cross-entropy with the true depth, and how far the mean is off.
+    """Return the cross-entropy with the true depth plus the error of the mean.
 
-    The depth of a larger pixel, that of one of its pixels, is shared by the two levels that it lies
-    between.
+    The depth of a larger pixel is that of one of its pixels, and is shared by the two levels around
+    it.
 
     Parameters
     ----------
     logits, mask, depths
-        As of `mean_and_variance`; depths rise.
+        As in `mean_and_variance`; depths rise.
     levels : Tensor, shape (n, y, x)
         The truth.
     known : Tensor of bool, of that shape
@@ -208,24 +209,24 @@ class CameraLearner(Trainee, Generic[E]):
     Parameters
     ----------
     course : Course
-        What is trained, and how.
+        What to train, and how.
     examples : mapping of str to sequence
         By camera; those that the course holds out only test.
     trained_on : str
-        What they are, for the card.
+        What the examples are, for the card.
     seed : int
-        Of the first weights and the crops.
+        Seed of the first weights and the crops.
     steps : int, optional
-        After which the learning rate is 0; it falls with the time spent, too.
+        The steps until the learning rate is 0; it also falls with the time spent.
     start : Path, optional
-        Weights to begin with instead of random ones.
+        Weights to start from, in place of random ones.
 
     Raises
     ------
     InputError
         If the images are too small.
     MethodError
-        If the weights are of another network.
+        If the weights belong to another network.
     """
 
     def __init__(
@@ -266,7 +267,7 @@ class CameraLearner(Trainee, Generic[E]):
         self._bf16 = precision_for(cpu)[0] == "bf16"
 
     def learn(self, spent: float = 0.0) -> tuple[float, float]:
-        """Do one step, of so much of the time; return its learning rate and its loss."""
+        """Do one step, given the share of time spent; return its learning rate and its loss."""
         part = max(self.step / self._total, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)
@@ -279,7 +280,7 @@ class CameraLearner(Trainee, Generic[E]):
         return rate, value
 
     def scores(self, last: bool) -> dict[str, float]:
-        """Return the error of the mean weights for each camera held out, by its name."""
+        """Return the error of the mean weights for each held-out camera, by its name."""
         if not last and self.step % _SCORED:
             return {}
         with torch.inference_mode():
@@ -289,7 +290,7 @@ class CameraLearner(Trainee, Generic[E]):
             }
 
     def facts(self, log: Log) -> dict[str, Any]:
-        """Return what the card says of the course, and of the errors that were scored last."""
+        """Return the card's facts about the course and the latest errors."""
         course = self._course
         chosen = {"crop": course.crop, "crops_per_step": course.crops, "learning_rate": RATE}
         last = (log.scores or [{}])[-1]
@@ -309,7 +310,7 @@ class CameraLearner(Trainee, Generic[E]):
         }
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state for a checkpoint."""
         return {**super().state(), "averaged": self.kept.state_dict()}
 
     def restore(self, state: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""How a network is trained: a checked record of every choice, and the files it is read from."""
+"""How a network is trained: a checked record of every choice, and the files that hold it."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -19,7 +19,7 @@ from dfdbench.system.text import parse_toml
 
 Count = Annotated[int, Field(ge=1)]
 Expansion = Literal["eight", "basic", "one"]
-#: Wider than this no configuration can mean.
+#: Division by more than this makes no sense.
 _NARROWEST = 128
 _ONE_A_FILTER = Field(min_length=len(SIZED), max_length=len(SIZED))
 _ONE_A_SITE = Field(min_length=len(SITES), max_length=len(SITES))
@@ -28,82 +28,83 @@ _Beta = Annotated[float, Field(ge=0, lt=1)]
 _Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
 _OF_DFD_NET = ("sampling_size", "first_activation", "kernels", "activations")
-#: Processors without one of these compute bf16 in steps: training takes twenty times as long.
+#: Processors without one of these emulate bf16, and training takes twenty times as long.
 _BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
 
 class TrainingConfiguration(Record):
     """All choices of a training but the data and the seed.
 
-    Defaults are the thesis's (5.2). Its text does not say how many patches make a step: 28 is what
-    its author's sources and its Fig. 5.8 come to.
+    Defaults are the thesis's (5.2). Its text does not say how many patches make a step; 28 follows
+    from its author's sources and its Fig. 5.8.
 
     Parameters
     ----------
     filters : str or list of int, optional
         A name of Table D.2, or the numbers themselves; by default the published ones.
     narrow : int
-        All widths but the last divided by this.
+        Divide all widths but the last by this.
     sampling_size : int
         Filters that halve and double the resolution (5.4.5); DfD-Net only.
     first_activation : {"prelu", "sigmoid"}
-        ``sigmoid`` as the particle swarm chose (6.1); DfD-Net only.
+        ``sigmoid`` is the particle swarm's choice (6.1); DfD-Net only.
     kernels, activations, normalized : list, optional
-        What else a particle describes, as of `DfDNet`: 14 filter sizes, 9 activations in place of
-        `first_activation` and PReLU, at which of 9 sites there is batch normalization. For U-Net
-        true or false: batch normalization after each convolution, or none, as it was published.
+        What else a particle describes, as in `DfDNet`: 14 filter sizes, 9 activations in place of
+        `first_activation` and PReLU, and which of 9 sites have batch normalization. For U-Net true
+        or false: batch normalization after each convolution, or none, as published.
     crop : int
         Rows and columns of the image patches.
     crops_per_step : int
         Patches drawn for each step, before expansion.
     expansion : {"eight", "basic", "one"}
-        Every patch in four rotations and mirrored; ``basic``: mirrored left-right, then up-down,
-        each with probability 1/2 (5.2.1); ``one``: in one of all eight, drawn at random.
+        ``eight``: every patch in four rotations, also mirrored. ``basic``: mirrored left-right,
+        then up-down, each with probability 1/2 (5.2.1). ``one``: in one of all eight, drawn at
+        random.
     noise : float
         Standard deviation of Gaussian noise on all six channels, in grey levels (5.4.4).
     redraw_depth : bool
-        Move each patch's depth map to another level within those of the training pairs, tilt
-        it, and blur the in-focus patch anew: few scenes then show every level on every texture.
+        Move each patch's depth map to another level within those of the training pairs, tilt it,
+        and blur the in-focus patch anew. Then few scenes show every level on every texture.
     recipe : {"published", "text"}, optional
-        Of `redraw_depth`: the blur recipe; by default the data set's, if it has one.
+        For `redraw_depth`: the blur recipe; by default the data set's, if it has one.
     tilt : float
-        Of `redraw_depth`: the steepest slope added along rows and columns, in levels a pixel.
+        For `redraw_depth`: the steepest slope added along rows and columns, in levels per pixel.
     tracks : list of str
-        Tracks, of which one is drawn for each patch, with a severity from 0, which is clean, to 3;
-        both images of the patch are formed by it. Needs `redraw_depth`.
+        Draw one of these tracks for each patch, with a severity from 0 (clean) to 3, and form both
+        images of the patch by it. Needs `redraw_depth`.
     unknown : {"level", "ignore"}
-        Pixels without ground truth: trained as the level they are stored with, or left out.
+        Pixels without ground truth: train them as the level they are stored with, or leave them
+        out.
     initial_filters : {"random", "differences"}
         ``differences``: the first convolution starts from differences of the two images.
     normalization : {"batch", "fixed"}
-        By the means of each batch, or by those that the weights it begins with hold,
-        as in inference. Batches of few patches have means that say more about their textures
-        than about blur.
+        Normalise by the means of each batch, or by those stored with the initial weights, as in
+        inference. The means of small batches say more about their textures than about blur.
     label_width : float
-        0: cross-entropy with the true level. Above: with a Gaussian of this standard deviation
-        about it, in levels, so that near misses count as such.
+        0: cross-entropy with the true level. Above 0: with a Gaussian of this standard deviation
+        around it, in levels, so that near misses count as such.
     learning_rate, weight_decay, betas
-        Of Adam.
+        Parameters of Adam.
     decay_prelu : bool
-        Weight decay for the slopes of the PReLUs too, as in dlib; else for filters alone. A choice
-        of its own, whatever the schedule. U-Net has no PReLU.
+        Apply weight decay to the slopes of the PReLUs too, as in dlib, not only to filters. It is
+        independent of the schedule. U-Net has no PReLU.
     schedule : {"dlib", "cosine"}
-        Lower the learning rate if the loss makes no progress, as dlib's trainer judges it; or along
+        Lower the learning rate if the loss makes no progress, as dlib's trainer judges it, or along
         a cosine to 0.
     patience, shrink, minimum_learning_rate
-        Of ``dlib``: steps without progress, factor, and where training ends.
+        For ``dlib``: steps without progress, factor, and the rate at which training ends.
     steps : int, optional
-        If training ends at the latest; ``cosine`` needs it.
+        The last step of training; ``cosine`` needs it.
     warm_up : int
-        Of ``cosine``: steps over which the learning rate rises.
+        For ``cosine``: steps over which the learning rate rises.
     precision : {"float32", "bf16", "auto"}
-        Of all convolutions but the first, which tells apart what differs by less than bf16 can.
-        ``auto``: bf16 where the processor has it, see `precision_for`.
+        Of all convolutions but the first, which must distinguish differences too small for bf16.
+        ``auto``: bf16 if the processor supports it, see `precision_for`.
     readout : {"mode", "median"}
-        Which level of a pixel's distribution is the answer, in what is logged and wherever the
-        weights are used: the likeliest, as in the thesis, or the median.
+        Which level of a pixel's distribution is the answer, both in logs and when the weights are
+        used: the likeliest, as in the thesis, or the median.
     evaluate_every, evaluate_pairs : int
-        How often, and on how many pairs of training and test each, the metrics are logged.
+        How often the metrics are logged, and on how many pairs each of training and test.
     """
 
     filters: str | Annotated[list[Count], Field(min_length=1)] | None = None
@@ -166,9 +167,9 @@ class TrainingConfiguration(Record):
         return self
 
     def with_examples_of_eight(self) -> Self:
-        """Return it with as many examples a step as its patches give in eight orientations.
+        """Return it with as many examples per step as its patches give in eight orientations.
 
-        5.2.1 compares schemes of expansion so.
+        This is how 5.2.1 compares the schemes of expansion.
 
         Examples
         --------
@@ -179,12 +180,12 @@ class TrainingConfiguration(Record):
         return self.model_copy(update={"crops_per_step": patches})
 
     def architecture(self, method: str) -> dict[str, Any]:
-        """Return the constructor arguments of the network of a method.
+        """Return the constructor arguments of a method's network.
 
         Raises
         ------
         InputError
-            If the configuration has a choice that the network does not have.
+            If the configuration has a choice that the network lacks.
 
         Examples
         --------
@@ -276,7 +277,7 @@ def read_configuration(
 
 
 def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str]:
-    """Return the precision in which a device computes fast, and the reason in words.
+    """Return the fastest precision of a device, and the reason in words.
 
     Examples
     --------
@@ -289,7 +290,7 @@ def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str
             return "bf16", "this graphics processor has bf16"
         return "float32", "this graphics processor has no bf16"
     if device.type == "cpu":
-        # PyTorch before 2.6 cannot be asked; float32 is right everywhere.
+        # PyTorch before 2.6 cannot report this; float32 is always correct.
         known: Mapping[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
         there = [name for name in _BF16_INSTRUCTIONS if known.get(name)]
         if there:
@@ -298,7 +299,7 @@ def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str
 
 
 def settled(configuration: TrainingConfiguration, device: torch.device) -> TrainingConfiguration:
-    """Return a configuration whose precision is not ``auto`` but what the device does fast.
+    """Return a configuration in which the device's fastest precision replaces ``auto``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Draw patches for training, and count from which pairs they came."""
+"""Draw patches for training, and count which pairs they came from."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.system.parallel import OnDone, one_by_one
 from dfdbench.training.configuration import Expansion
 
-#: What forms a patch where no track is drawn.
+#: Forms a patch if no track is drawn.
 CLEAN = Degradation(TRACKS["noise"], 0)
-#: What cross-entropy leaves out.
+#: The label that cross-entropy ignores.
 IGNORED = -100
 
 
@@ -42,7 +42,7 @@ class TrainingImages:
 
     @classmethod
     def read(cls, store: Dataset, pairs: tuple[Pair, ...], ignore_unknown: bool) -> TrainingImages:
-        """Read pairs of a store; a depth map that several share is kept once."""
+        """Read pairs of a store; a depth map that several pairs share is kept once."""
         pixels = []
         levels: list[Tensor] = []
         kept: dict[bytes, Tensor] = {}
@@ -75,18 +75,18 @@ class PatchPlace:
     Parameters
     ----------
     index : int
-        Which of the training's images.
+        The index of the image in the training.
     top, left : int
         The patch's first row and column in it.
     orientation : int
-        One of eight, where patches are not given in all of them.
+        One of eight, if patches are not given in all of them.
     depth : tuple of float, optional
-        Slope down, slope to the right and mean level, where patches are given other depths.
+        Slope down, slope to the right and mean level, if patches get other depths.
     degradation : Degradation
         The track and its severity that form the patch, if its depth is another.
     name : str
-        Direction, gain and noise on the track follow from it. It begins with ``training``, which no
-        pair's does, so that no noise of a data set is drawn again.
+        Determines direction, gain and noise on the track. It begins with ``training``, unlike any
+        pair's name, so that a data set's noise is never drawn again.
     """
 
     index: int
@@ -107,13 +107,13 @@ class Redraw:
     recipe : BlurRecipe
         How the data set's defocus images were made.
     lowest, highest : int
-        If a patch's mean level may come to lie.
+        The limits of a patch's mean level.
     tilt : float
-        The steepest slope added along rows and columns, in levels a pixel.
+        The steepest slope added along rows and columns, in levels per pixel.
     unknown : int
         The level that stays as it is.
     tracks : tuple of Degradation
-        One is drawn for each patch, all equally likely, and forms both of its images.
+        One is drawn for each patch, with equal probability, and forms both of its images.
     """
 
     recipe: BlurRecipe
@@ -125,7 +125,7 @@ class Redraw:
 
     @property
     def margin(self) -> int:
-        """Pixels around a patch that its blur depends on, on any of the tracks."""
+        """How many pixels around a patch affect its blur, on any of the tracks."""
         return max(margin_of(self.recipe, track) for track in (CLEAN, *self.tracks))
 
     def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
@@ -149,22 +149,22 @@ class Redraw:
 
 @dataclass
 class Cropper:
-    """Draws the patches of each step.
+    """Draw the patches of each step.
 
     Parameters
     ----------
     images : TrainingImages
-        To draw from.
+        The images to draw from.
     size : int
         Rows and columns of a patch.
     count : int
-        Patches a step, before expansion.
+        Patches per step, before expansion.
     expansion : {"eight", "basic", "one"}
         Each in its eight orientations, in one of the four by mirroring alone, or in one of all.
     noise : float
         Standard deviation in grey levels.
     seed : int
-        A step's patches follow from seed and step alone.
+        A step's patches depend only on seed and step.
     redraw : Redraw, optional
         Gives patches another depth, and draws a track for each.
     """
@@ -200,14 +200,14 @@ class Cropper:
         return batch, torch.stack(levels)
 
     def places(self, step: int) -> list[PatchPlace]:
-        """Return where the patches of a step are taken from, without taking them."""
+        """Return where the patches of a step come from, without reading them."""
         return self._places(np.random.default_rng((self.seed, step)), step)
 
     def _places(self, random: np.random.Generator, step: int) -> list[PatchPlace]:
         places = []
         for number in range(self.count):
             index = int(random.integers(len(self.shapes)))
-            # A patch that is given another depth lies inside what its blur depends on.
+            # A patch that gets another depth needs all surroundings that affect its blur.
             side = self.size + 2 * self._margin
             top, left = (
                 int(random.integers(extent - side + 1)) + self._margin
@@ -244,7 +244,7 @@ class Cropper:
 
 
 def severities_of(names: Iterable[str]) -> tuple[Degradation, ...]:
-    """Return tracks, each with every severity from 0, which is clean.
+    """Return each track with every severity from 0, which is clean.
 
     Examples
     --------
@@ -259,14 +259,14 @@ def severities_of(names: Iterable[str]) -> tuple[Degradation, ...]:
 
 
 def margin_of(recipe: BlurRecipe, track: Degradation) -> int:
-    """Return how many pixels around a patch its blur depends on, on a track."""
+    """Return how many pixels around a patch affect its blur, on a track."""
     formation = track.formation
     radius = kernel_size_of(law_of(recipe, formation), formation.layers) // 2
     return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
 
 
 def oriented(image: Tensor, orientation: int) -> Tensor:
-    """Return an image in one of eight orientations: quarter turns, from 4 on mirrored.
+    """Return an image in one of eight orientations: quarter turns, mirrored from 4 on.
 
     Examples
     --------
@@ -285,7 +285,7 @@ def count_levels(levels: Tensor) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Selections:
-    """The patches of a training, each counted once, in however many orientations it was given.
+    """The patches of a training; each counts once, however many orientations it was given in.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ class Selections:
     size : int
         Rows and columns of a patch.
     places : ndarray of int32, shape (patches, 3)
-        Of each patch the pair's number, its first row and its first column.
+        For each patch: the pair's index, its first row and its first column.
     """
 
     pairs: tuple[str, ...]
@@ -310,7 +310,7 @@ class Selections:
         return np.asarray(np.bincount(self.places[:, 0], minlength=len(self.pairs)))
 
     def uses(self, pair: int) -> NDArray[np.int64]:
-        """Return in how many patches each pixel of a pair lay, shape (y, x).
+        """Return how many patches contained each pixel of a pair, shape (y, x).
 
         Examples
         --------
@@ -320,7 +320,7 @@ class Selections:
         """
         rows, columns = self.shapes[pair]
         _, top, left = self.places[self.places[:, 0] == pair].T
-        # Each patch by its corners; their sums along both axes are its pixels.
+        # Mark each patch at its corners; cumulative sums along both axes give its pixels.
         corners = np.zeros((rows + 1, columns + 1), np.int64)
         for row, column, sign in (
             (top, left, 1),
@@ -332,7 +332,7 @@ class Selections:
         return np.asarray(corners.cumsum(0).cumsum(1)[:rows, :columns])
 
     def rows(self) -> list[dict[str, object]]:
-        """Return a row a pair: its patches, and least, mean and most patches a pixel lay in."""
+        """Return a row per pair: its patches, and the least, mean and most patches per pixel."""
         found: list[dict[str, object]] = []
         for number, (pair, patches) in enumerate(zip(self.pairs, self.patches, strict=True)):
             uses = self.uses(number)
@@ -345,18 +345,18 @@ class Selections:
 def selections_of(
     cropper: Cropper, pairs: Sequence[str], steps: int, on_step: OnDone | None = None
 ) -> Selections:
-    """Return what a training of so many steps drew: a step's patches follow from its number.
+    """Return what a training of this many steps drew: a step's patches follow from its number.
 
     Parameters
     ----------
     cropper : Cropper
-        Of the training.
+        The training's cropper.
     pairs : sequence of str
         The names of its pairs.
     steps : int
         Steps done.
     on_step : callable, optional
-        Called with (steps counted, steps in all).
+        Called with (steps counted, total steps).
     """
     drawn = (place for step in one_by_one(range(steps), on_step) for place in cropper.places(step))
     places = np.fromiter((n for p in drawn for n in (p.index, p.top, p.left)), np.int32)

@@ -24,11 +24,11 @@ from dfdbench.training.reduction.reduce import comparison_table, seconds_an_imag
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
 from dfdbench.training.trainer import WEIGHTS, EndedBy, OnStep, train
 
-#: What an experiment changes where it changes no choice of the configuration.
+#: An experiment that varies no choice of the configuration varies this.
 FOLD = "fold"
-#: The pair of voltage steps: each value has a data set of its own.
+#: The pair of voltage steps: each value has its own data set.
 PAIR = "pair"
-#: The experiment whose networks are compared in speed as well.
+#: The experiment that also compares the networks' speed.
 REDUCTION = "reduction"
 
 
@@ -38,17 +38,17 @@ class Experiment(Record):
     Parameters
     ----------
     name, title : str
-        As it is asked for, and as its table is headed.
+        The experiment's name, and the heading of its table.
     varies : str
-        A choice of the configuration, ``"fold"``, ``"pair"``, or nothing: the seed alone.
+        A choice of the configuration, ``"fold"``, ``"pair"``, or empty: only the seed.
     values : tuple
-        What it takes; for folds those of the data set.
+        The values to try; for folds, those of the data set.
     repeats : int
         Trainings of each value, with seeds from 0.
     split : str
-        What trains, where no fold does.
+        The split to train on, unless a fold does.
     baseline : str
-        The value, as text, whose spread the figure shades; empty for the seed alone.
+        The value, as text, whose spread the figure shades; empty if only the seed varies.
     """
 
     name: str
@@ -88,7 +88,7 @@ def find_experiment(name: str) -> Experiment:
 
 
 def folds_of(manifest: Manifest) -> tuple[str, ...]:
-    """Return a data set's folds; of one that has none, each scene is one."""
+    """Return a data set's folds; if it has none, each scene is one."""
     return tuple(fold.name for fold in manifest.folds) or manifest.scene_names
 
 
@@ -99,11 +99,11 @@ class Trial:
     Parameters
     ----------
     value : str
-        What was varied, as text.
+        The varied value, as text.
     task : Task
-        What is trained.
+        What to train.
     folder : Path
-        Where.
+        Its folder.
     """
 
     value: str
@@ -127,27 +127,27 @@ def trials(
     Parameters
     ----------
     experiment : Experiment
-        Which.
+        The experiment.
     method : str
-        What is trained.
+        The network to train.
     store : Dataset or mapping of str to Dataset
-        On what; the set of each pair of voltage steps by its value where those vary.
+        The data set; if pairs of voltage steps vary, the set of each by its value.
     config : str or mapping of str to str
-        The configuration to start from, a file or a shipped name; or that of each value, whose
-        whole difference it is.
+        The configuration to start from, a file or a shipped name; or one for each value, which is
+        then the only difference.
     changes : mapping
-        Values in place of the file's.
+        Values that replace the file's.
     folder : Path
-        Each training has a folder in it.
+        The folder that holds a folder for each training.
     values, repeats
-        In place of the experiment's own.
+        Replace the experiment's own.
     start : Path, optional
-        Weights that every training begins with, in place of random ones.
+        Weights that every training starts from, in place of random ones.
 
     Raises
     ------
     InputError
-        If a value is none that the configuration takes, or the network cannot be trained.
+        If the configuration does not take a value, or the network cannot be trained.
     """
     chosen = tuple(values or (experiment.values if isinstance(config, str) else config))
     if not isinstance(store, Dataset):
@@ -162,7 +162,7 @@ def trials(
         what = f"{experiment.name} varies {experiment.varies} itself"
         raise InputError(what, where="--set", fix="choose its values with --values")
     found = []
-    # A value given twice is one value: its trainings would be counted twice.
+    # Ignore repeated values: their trainings would be counted twice.
     for value in dict.fromkeys(chosen):
         fold = str(value) if experiment.varies == FOLD else None
         choice = experiment.varies not in ("", FOLD, PAIR) and isinstance(config, str)
@@ -183,7 +183,7 @@ def trials(
 def run_trial(
     trial: Trial, max_seconds: float | None, device: str, on_step: OnStep | None = None
 ) -> Card:
-    """Train, or go on with it; of a training that has ended, return the card.
+    """Train, or continue; if the training has ended, only return its card.
 
     Raises
     ------
@@ -210,15 +210,15 @@ def run_trials(
     device: str,
     shown: Shown,
 ) -> tuple[list[Table], list[tuple[str, Card]]]:
-    """Train all that is planned; return its tables, and the value and card of each training.
+    """Run all planned trainings; return the tables, and the value and card of each training.
 
-    The folder has the tables of what has been trained so far. `shown` shows how far each is;
-    `max_seconds` and `device` are of each training.
+    The folder has the tables of what has been trained so far. `shown` shows the progress of each
+    training; `max_seconds` and `device` apply to each.
 
     Raises
     ------
     InputError
-        As of `run_trial`.
+        As in `run_trial`.
     """
     cards: list[tuple[str, Card]] = []
     tables: list[Table] = []
@@ -247,14 +247,14 @@ def _is_of(card: Card, task: Task, device: str) -> bool:
 def experiment_table(
     experiment: Experiment, cards: Sequence[tuple[str, Card]], protocol: str = PROTOCOL
 ) -> Table:
-    """Return minimum, mean, maximum and deviation of the scores, as Tables 5.6 and 5.7.
+    """Return minimum, mean, maximum and deviation of the scores, as in Tables 5.6 and 5.7.
 
     Parameters
     ----------
     experiment : Experiment
-        What was done.
+        The experiment that was run.
     cards : sequence of (str, Card)
-        Value and card of each training that has ended.
+        Value and card of each finished training.
     protocol : str
         The label of one of `dfdbench.training.task.LOGGED`.
     """

@@ -21,20 +21,20 @@ from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.crops import IGNORED, Cropper, TrainingImages, count_levels
 from dfdbench.training.trainer import EndedBy, Log, Row, Trainee
 
-#: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
+#: From dlib's trainer: each step's addition to the budget of checks, the minimum of dropped losses.
 _BUDGET_A_STEP, _DROPPED = 200, 400
-#: The probability from which a loss counts as fallen.
+#: The probability above which a loss counts as fallen.
 _SURE = 0.51
 
 
 class DlibSchedule:
-    """Lower the learning rate if dlib's trainer would (5.2.2).
+    """Lower the learning rate when dlib's trainer would (5.2.2).
 
-    It keeps the last `patience` losses. Once there are so many, it fits a line to them every
+    It keeps the last `patience` losses. Once it has that many, it fits a line to them every
     ``patience // 200 + 1`` steps (13 for 2,500). If that line does not fall with a probability of
     0.51, neither over all of them nor without the largest 10 %, it lowers the rate and drops the
-    oldest ``400 + patience // 10`` losses. After dlib's ``dnn_trainer`` and ``running_gradient``,
-    except that dlib also returns to its last file if the loss rises.
+    oldest ``400 + patience // 10`` losses. This follows dlib's ``dnn_trainer`` and
+    ``running_gradient``, except that dlib also returns to its last file if the loss rises.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class DlibSchedule:
     def __init__(self, configuration: TrainingConfiguration) -> None:
         self._choices = configuration
         self._losses: list[float] = []
-        #: The learning rate of the step to come.
+        #: The learning rate of the next step.
         self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
-        """Note the loss of a step that is over; lower the rate if dlib would."""
+        """Record the loss of a finished step; lower the rate if dlib would."""
         patience = self._choices.patience
         self._losses = [*self._losses[-patience + 1 :], loss]
         due = step % (patience // _BUDGET_A_STEP + 1) == 0
@@ -75,13 +75,13 @@ class DlibSchedule:
 
     @property
     def ended(self) -> str:
-        """Why there is no further step; empty if the rate is not yet the least."""
-        # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
+        """Why there is no further step; empty if the rate is not yet at its minimum."""
+        # Ten reductions by 0.1 leave a rounding error above 1e-10.
         least = self._choices.minimum_learning_rate
         return f"{EndedBy.LEARNING_RATE} {least:g}" if self.rate <= least * (1 + 1e-6) else ""
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state for a checkpoint."""
         return {"rate": self.rate, "losses": list(self._losses)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -117,7 +117,7 @@ def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
     Parameters
     ----------
     losses : array_like of float, shape (n,)
-        One a step, oldest first; at least 3.
+        One per step, oldest first; at least 3.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
     slope = float(steps @ centred / (steps @ steps))
     residual = centred - slope * steps
     error = float(np.sqrt(residual @ residual / (values.size - 2) / (steps @ steps)))
-    # Below this, slopes and their errors are the sums' own rounding.
+    # Below this, slopes and their errors are mere rounding errors of the sums.
     least = float(1e-12 * max(1.0, np.abs(values).max()))
     if error > least:
         return float(ndtr(-slope / error))
@@ -158,7 +158,7 @@ class Learner(Trainee):
     Parameters
     ----------
     task : Task
-        What is trained.
+        What to train.
     device : str
         As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
 
@@ -167,16 +167,16 @@ class Learner(Trainee):
     architecture : dict
         The network's constructor arguments.
     cropper : Cropper
-        What draws the patches.
+        Draws the patches.
     pairs : tuple of str
         The training pairs' names.
     present, trained : ndarray of int64, shape (256,)
-        How often each depth level occurs in the training pairs, and how often it was trained.
+        How often each depth level occurs in the training pairs, and how often it was trained on.
 
     Raises
     ------
     InputError
-        If the choices do not fit, or the weights to begin with are of another network.
+        If the choices contradict each other, or the initial weights belong to another network.
     """
 
     def __init__(self, task: tasks.Task, device: str = "auto") -> None:
@@ -213,7 +213,7 @@ class Learner(Trainee):
 
     @property
     def time_up(self) -> str:
-        """What the card says if time is up: weights within the warm-up are hardly trained."""
+        """The card's reason if time is up: within the warm-up, weights are hardly trained."""
         warm_up = self._choices.warm_up
         if self._choices.schedule != "cosine" or self.step >= warm_up:
             return super().time_up
@@ -254,7 +254,7 @@ class Learner(Trainee):
         return tasks.mean_scores(self.network, store, pairs, self.device, readout=readout)
 
     def levels(self) -> list[Row]:
-        """Return how often each depth level was trained, and occurs in the training pairs."""
+        """Return how often each depth level was trained on, and occurs in the training pairs."""
         counts = zip(self.trained.tolist(), self.present.tolist(), strict=True)
         return [
             {"level": level, "trained": trained, "present": present}
@@ -262,7 +262,7 @@ class Learner(Trainee):
         ]
 
     def facts(self, log: Log) -> dict[str, Any]:
-        """Return what the card says of task, configuration and scores."""
+        """Return the card's facts about task, configuration and scores."""
         task, choices = self._task, self._choices
         scores = self.mean_scores(task.test)
         return {
@@ -280,7 +280,7 @@ class Learner(Trainee):
         }
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state for a checkpoint."""
         schedule = self._dlib.state() if self._dlib else {}
         trained = torch.from_numpy(self.trained)
         return {**super().state(), "schedule": schedule, "trained": trained}
@@ -316,7 +316,7 @@ class LevelLoss:
         0: all weight on the true level, the published loss. Above 0: a Gaussian of this standard
         deviation in levels, whose own entropy is subtracted, so that a perfect answer has loss 0.
     device : torch.device
-        Of the tensors that it is called with.
+        The device of its arguments.
 
     Examples
     --------
@@ -335,7 +335,7 @@ class LevelLoss:
 
     def __call__(self, logits: Tensor, levels: Tensor) -> Tensor:
         """Return the loss for logits, float (n, 256, y, x), and levels, int64 (n, y, x)."""
-        # A row a pixel: channels come last in memory already, so that this copies nothing.
+        # One row per pixel: channels are last in memory already, so this copies nothing.
         rows = logits.float().permute(0, 2, 3, 1).reshape(-1, LEVELS)
         flat = levels.flatten()
         if self._targets is None:

@@ -1,4 +1,4 @@
-"""Train ``stack-net`` on focal stacks of few images or many, rendered or of a data set."""
+"""Train ``stack-net`` on focal stacks of any length, rendered or from a data set."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,19 +21,18 @@ from dfdbench.methods.stack_net import greys_of
 from dfdbench.system.parallel import OnDone
 from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss_of, side_of, turned
 
-#: What rendered stacks are called on a card.
+#: The card's name for rendered stacks.
 STACKS = "rooms of unseen-0 from 1000 on, focused through random lenses"
-#: Cameras, each with a room of its own; those whose number leaves the last of the remainders only
-#: test.
+#: How many cameras there are, each with a room of its own; every EVERY-th only tests.
 CAMERAS, EVERY = 27, 8
-# Photographs of a stack, rays a pixel, and the size, of 480 x 640 at most: rays take time.
+# Photographs per stack, rays per pixel, and the size, at most 480 x 640, because rays take time.
 _PLANES, _RAYS, _SHAPE = 10, 32, (288, 384)
-# The first of the cameras, whose numbers no scene's camera has.
+# The number of the first camera; no scene's camera has these numbers.
 _FIRST = 7000
-# Ends of the focus in dioptres, how much a distance may leave its place among the others, in
-# steps, what the drawn f-number is multiplied by, and how much of the view is seen.
+# The ranges of the nearest and the farthest focus in dioptres, how far a distance may deviate from
+# even spacing, in steps, the factor of the drawn f-number, and the share of the view that is seen.
 _NEAR, _FAR, _JITTER, _STOPS, _VIEW = (1.1, 1.9), (0.1, 0.5), 0.3, (0.5, 1.2), (0.6, 1.0)
-# So many cameras of five have no colour error: three colours take three times as long.
+# This many of five cameras have no colour error: three colours take three times as long.
 _PLAIN = 4
 
 
@@ -45,9 +44,9 @@ class Stack:
     ----------
     images : ndarray of uint8, shape (image, y, x, 3)
     places : ndarray of float32, shape (image,)
-        Where each image's focus lies, rising, on a scale that blur grows along.
+        Each image's focus, rising, on a scale on which blur grows evenly.
     truth : ndarray of float32, shape (y, x)
-        Depth on that scale; NaN where it is not known.
+        Depth on that scale; NaN if unknown.
     """
 
     images: NDArray[np.uint8]
@@ -56,14 +55,14 @@ class Stack:
 
 
 def room_stacks(folder: Path, on_camera: OnDone | None = None) -> dict[str, Sequence[Stack]]:
-    """Return stacks of rendered rooms by camera; what the folder holds is not made again.
+    """Return stacks of rendered rooms by camera; those already in the folder are reused.
 
     Parameters
     ----------
     folder : Path
-        Where they are kept.
+        The folder of the stacks.
     on_camera : callable, optional
-        Called with (cameras done, cameras in all).
+        Called with (cameras done, total cameras).
     """
     names = {f"stack-{number:02}": partial(_rendered, number) for number in range(CAMERAS)}
     return kept_examples(folder, names, lambda arrays: [Stack(**arrays)], on_camera)
@@ -75,7 +74,7 @@ def stack_of(capture: Capture) -> Stack:
     Raises
     ------
     MethodError
-        If it is no stack of three images or more with known focus.
+        If it is not a stack of at least three images with known focus.
     """
     places, where = focus_places(capture.stack, "stack-net")
     truth = 1 / capture.depth if capture.about.kind == "metres" else capture.depth
@@ -104,16 +103,17 @@ def _rendered(number: int) -> dict[str, NDArray[Any]]:
     return {"images": stack.images[:0:-1], "places": places, "truth": depths}
 
 
-#: How many crops a step has, their rows and columns, and the fewest images.
+#: Crops per step, their rows and columns, and the fewest images.
 CROPS, CROP, FEWEST = 4, 160, 3
 #: Cameras that only test, by name.
 HELD_OUT = tuple(f"stack-{number:02}" for number in range(EVERY - 1, CAMERAS, EVERY))
-# Spread of an image's light, as other exposures have; and the most noise, of the images' mean.
+# The spread of an image's light, as between exposures; the most noise, relative to the images'
+# mean.
 _GAIN, _NOISE = 0.02, 0.06
 
 
 def draw(stacks: Sequence[Stack], seed: int, step: int) -> list[Tensor]:
-    """Return the crops of a step: they follow from the seed and the step alone.
+    """Return the crops of a step, which depend only on the seed and the step.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def draw(stacks: Sequence[Stack], seed: int, step: int) -> list[Tensor]:
     focus : Tensor, shape (n, image)
         From 0 to 255.
     truth : Tensor, shape (n, y, x)
-        On the same scale; NaN unknown.
+        On the same scale; NaN if unknown.
     """
     random = np.random.default_rng((seed, step))
     chosen = [stacks[int(random.integers(len(stacks)))] for _ in range(CROPS)]
@@ -136,7 +136,7 @@ def _crop(
     stack: Stack, count: int, side: int, random: np.random.Generator
 ) -> tuple[NDArray[Any], ...]:
     there = len(stack.images)
-    if random.random() < 0.5:  # evenly from end to end, as most stacks are
+    if random.random() < 0.5:  # evenly spaced, as in most stacks
         which = np.rint(np.linspace(0, there - 1, count)).astype(int)
     else:
         which = np.sort(random.choice(there, count, replace=False))
@@ -155,7 +155,7 @@ def _crop(
 def scaled(
     places: NDArray[np.float32], truth: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return places and truth on a scale on which the places go from 0 to 255."""
+    """Rescale places and truth so that the places go from 0 to 255."""
     factor = np.float32(LAST_LEVEL / np.ptp(places))
     return (places - places[0]) * factor, (truth - places[0]) * factor
 
@@ -165,13 +165,13 @@ def _loss(network: StackNet, stacks: Sequence[Stack], seed: int, step: int, bf16
     with torch.autocast("cpu", torch.bfloat16, enabled=bf16):
         logits, mask = network(images, focus)
     depths, known = places_of(focus), truth.isfinite()
-    # What lies beyond all places can be told as the outermost at best.
+    # The best answer for a truth beyond all places is the outermost place.
     told = truth.nan_to_num(0).clamp(depths[:, :1, None], depths[:, -1:, None])
     return loss_of(logits, mask, told, depths, known)
 
 
 def error_of(network: StackNet, stack: Stack) -> float:
-    """Return the root mean square error over the known pixels, as a part of the focus's range."""
+    """Return the root mean square error over the known pixels, as a fraction of the focus range."""
     rows, columns = (size // MULTIPLE * MULTIPLE for size in stack.truth.shape)
     places, truth = scaled(stack.places, stack.truth[:rows, :columns])
     focus = torch.from_numpy(places)[np.newaxis]

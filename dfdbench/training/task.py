@@ -1,4 +1,4 @@
-"""What is trained on what, what it begins with, and how its validation pairs are scored."""
+"""What to train on what, what to start from, and how to score the validation pairs."""
 
 import copy
 import math
@@ -40,15 +40,15 @@ class Task:
     train, test : tuple of Pair
         Pairs to train on, and pairs to score.
     trained_on : str
-        The training pairs in words that `dfdbench.audit.leaks` can read.
+        The training pairs, in words that `dfdbench.audit.leaks` can read.
     tested_on : str
         The name of the split or fold that tests.
     configuration : TrainingConfiguration
         Every other choice.
     seed : int
-        Of weights, patches and noise.
+        Seed of weights, patches and noise.
     start : Path, optional
-        Weights to begin with instead of random ones.
+        Weights to start from, in place of random ones.
     """
 
     method: str
@@ -63,13 +63,13 @@ class Task:
 
     @property
     def recipe(self) -> BlurRecipe | None:
-        """How patches are blurred; None where nobody knows."""
+        """How patches are blurred; None if unknown."""
         named = self.configuration.recipe
         return RECIPES[named] if named else self.store.recipe
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must be the same to continue from a checkpoint."""
+        """What must be unchanged to continue from a checkpoint."""
         return {
             "method": self.method,
             "manifest_sha256": self.store.manifest.sha256,
@@ -90,7 +90,7 @@ def task_of(
     seed: int = 0,
     start: Path | None = None,
 ) -> Task:
-    """Return the task to train on a split, or on all scenes but those of a fold or one scene.
+    """Return the task of training on a split, or on all scenes except a fold or a scene.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def require_trainable(task: Task) -> dict[str, Any]:
     Raises
     ------
     InputError
-        With what does not fit.
+        With everything that does not fit.
     """
     choices, recipe = task.configuration, task.recipe
     architecture = choices.architecture(task.method)
@@ -164,14 +164,14 @@ def require_trainable(task: Task) -> dict[str, Any]:
     return architecture
 
 
-#: Under which training scores are taken first, and drawn.
+#: The first protocol of the training scores, and the one in figures.
 PROTOCOL = "thesis"
-#: All under which they are taken: Tables 5.6 and 5.7 are of the second kind.
+#: All protocols of the training scores; Tables 5.6 and 5.7 use the second.
 LOGGED = (PROTOCOL, find_protocol("thesis-networks").label)
 
 
 def evenly_spaced(pairs: Sequence[Pair], count: int) -> tuple[Pair, ...]:
-    """Return some of the pairs, spread over all of them.
+    """Return some of the pairs, spread evenly over all.
 
     Examples
     --------
@@ -184,9 +184,9 @@ def evenly_spaced(pairs: Sequence[Pair], count: int) -> tuple[Pair, ...]:
 
 @contextmanager
 def same_threads() -> Iterator[None]:
-    """Leave PyTorch as many threads after the block as before.
+    """Keep PyTorch's number of threads the same after the block as before.
 
-    Numba shares OpenMP with PyTorch, and leaves its own number of threads behind.
+    Numba shares OpenMP with PyTorch and changes its number of threads.
     """
     threads = torch.get_num_threads()
     try:
@@ -212,19 +212,19 @@ def mean_scores(
     Parameters
     ----------
     network : nn.Module
-        Left as it is: a copy is asked.
+        Unchanged: a copy is evaluated.
     store : Dataset
-        If the pairs lie.
+        The store of the pairs.
     pairs : sequence of Pair
-        Which pairs.
+        The pairs.
     device : torch.device
-        If it runs.
+        Where the network runs.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer.
     protocols : sequence of Protocol
         By default those of `LOGGED`.
     centre : tuple of int, optional
-        Score only so many rows and columns in the centre of each image.
+        Score only this many rows and columns in the centre of each image.
     """
     predict = Predictor(copy.deepcopy(network).eval(), device, readout=readout)
     found: dict[str, list[dict[str, float]]] = {protocol.label: [] for protocol in protocols}
@@ -248,26 +248,26 @@ def mean_scores(
 def begun_network(
     method: str, architecture: dict[str, Any], seed: int, start: Path | None
 ) -> tuple[nn.Module, str]:
-    """Return the network that a training begins with, and the card's word on it: `started_from`.
+    """Return the network at the start of a training, and the card's `started_from`.
 
     Parameters
     ----------
     method : str
         The network's name.
     architecture : dict
-        Its constructor arguments; channel means become those of the weights to begin with.
+        Its constructor arguments; channel means are taken from the initial weights.
     seed : int
-        Of PyTorch's own initial values.
+        Seed of PyTorch's initial values.
     start : Path or None
-        Weights to begin with instead.
+        Weights to start from instead.
 
     Raises
     ------
     InputError
-        If the weights are of another network.
+        If the weights belong to another network.
     """
     if start is None:
-        # PyTorch's global generator is left as it was.
+        # Do not change PyTorch's global generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             return build_network(method, architecture), ""

@@ -1,4 +1,4 @@
-"""Train a network: steps, scores, checkpoints, and what a training folder holds."""
+"""Train a network: steps, scores, checkpoints, and the contents of a training folder."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from dfdbench.tables.render import as_csv
 from dfdbench.training.task import same_threads
 
 _SAVE_SECONDS = 60.0
-#: Called with (steps done, steps in all if known).
+#: Called with (steps done, total steps if known).
 OnStep = Callable[[int, int | None], None]
 
 
 class EndedBy(StrEnum):
-    """Why a training ended: the words that a card's `ended_by` begins with."""
+    """Why a training ended, in the words with which a card's `ended_by` begins."""
 
     STEPS = "its number of steps"
     LEARNING_RATE = "learning rate"
@@ -63,24 +63,24 @@ class Trainee(ABC):
     Parameters
     ----------
     network : torch.nn.Module
-        What learns.
+        The network that learns.
     optimizer : torch.optim.Optimizer
-        What changes its weights.
+        Changes its weights.
     steps : int or None
-        Steps in all, if known.
+        Total steps, if known.
     identity : mapping
-        What must be the same to go on from a checkpoint.
+        What must be unchanged to continue from a checkpoint.
     started_from : str
-        What the card says of the weights to begin with; empty for random ones.
+        What the card says about the initial weights; empty for random ones.
     device : torch.device
-        Where it learns.
+        The device it learns on.
 
     Attributes
     ----------
     step : int
         Steps done.
     kept : torch.nn.Module
-        The network whose weights are kept.
+        The network whose weights are saved.
     """
 
     def __init__(
@@ -99,17 +99,17 @@ class Trainee(ABC):
 
     @property
     def ended(self) -> str:
-        """Why there is no further step, in the words of the card; empty if there is one."""
+        """Why there is no further step, in the card's words; empty if there is one."""
         return EndedBy.STEPS if self.steps is not None and self.step >= self.steps else ""
 
     @property
     def time_up(self) -> str:
-        """What the card says if time is up now."""
+        """The card's reason if time is up now."""
         return EndedBy.TIME_LIMIT
 
     @abstractmethod
     def learn(self, spent: float = 0.0) -> tuple[float, float]:
-        """Do a step, such a share of the time being spent; return its learning rate and loss.
+        """Do a step, given the share of time spent; return its learning rate and loss.
 
         Raises
         ------
@@ -118,12 +118,12 @@ class Trainee(ABC):
         """
 
     def descend(self, loss: Tensor, rate: float, clip: float | None = None, fix: str = "") -> float:
-        """Do a step at a learning rate, gradients clipped to a norm if one is given.
+        """Do a step at a learning rate, clipping gradients to a norm if given.
 
         Raises
         ------
         DivergedError
-            If the loss became NaN or infinite; `fix` is what to do about it.
+            If the loss became NaN or infinite; `fix` says what to do about it.
         """
         for group in self.optimizer.param_groups:
             group["lr"] = rate
@@ -144,15 +144,15 @@ class Trainee(ABC):
         """Return the scores at this step, if it is one to score or the last."""
 
     def levels(self) -> list[Row]:
-        """Return how often each depth level was learnt; nothing if that is not counted."""
+        """Return how often each depth level was trained on; nothing if that is not counted."""
         return []
 
     @abstractmethod
     def facts(self, log: Log) -> dict[str, Any]:
-        """Return what the card says of this training alone, by the card's fields."""
+        """Return the card's facts that are specific to this training, by the card's fields."""
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state for a checkpoint."""
         return {
             "step": self.step,
             "network": self.network.state_dict(),
@@ -173,25 +173,25 @@ def train(
     on_step: OnStep | None = None,
     fresh: bool = False,
 ) -> TrainingOutcome:
-    """Train until there is no further step or time is up, from the folder's checkpoint if any.
+    """Train until the steps end or time is up; continue from a checkpoint if there is one.
 
     Parameters
     ----------
     learner : Trainee
-        What learns.
+        What to train.
     folder : Path
-        Where checkpoint, log and weights go.
+        The folder for checkpoint, log and weights.
     max_seconds : float, optional
-        The most time to spend on training, earlier calls included.
+        The most time to spend on training, including earlier calls.
     on_step : callable, optional
-        Called with (steps done, steps in all if known).
+        Called with (steps done, total steps if known).
     fresh : bool
         Remove an earlier training from the folder.
 
     Raises
     ------
     InputError
-        If the checkpoint is damaged or of another training.
+        If the checkpoint is damaged or belongs to another training.
     DivergedError
         If the loss became NaN or infinite.
     ResultError
@@ -216,7 +216,7 @@ def _drive(
     on_step: OnStep | None,
     fresh: bool,
 ) -> tuple[str, float, Log]:
-    """Let a network learn, and save it every minute; return why it ended, seconds and log."""
+    """Train a network, and save it every minute; return why it ended, seconds and log."""
     log, seconds = Log(), 0.0
 
     def save() -> None:
@@ -276,7 +276,7 @@ def _card_of(learner: Trainee, ended: str, seconds: float, log: Log) -> Card:
 
 WEIGHTS = "weights.safetensors"
 _CHECKPOINT = "checkpoint.pt"
-#: Of a `Log`, in the order of its fields.
+#: The tables of a `Log`, in the order of its fields.
 _TABLES = ("losses.csv", "scores.csv", "depth_levels.csv")
 _PATCHES = "patches.csv"
 FIGURES = ("training.png", "depth_levels.png", "patches.png")
@@ -290,7 +290,7 @@ Row = dict[str, Any]
 
 @dataclass
 class Log:
-    """What people read of a training: a row a step, a row a scoring, a row a depth level."""
+    """The human-readable log of a training: rows for steps, for scorings, and for depth levels."""
 
     losses: list[Row] = field(default_factory=list)
     scores: list[Row] = field(default_factory=list)
@@ -331,7 +331,7 @@ class TrainingFolder:
             (self.path / name).unlink(missing_ok=True)
 
     def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], log: Log) -> None:
-        """Write the log as tables for people, then the checkpoint, which holds it too.
+        """Write the log as tables for people, then the checkpoint, which also contains it.
 
         After a kill in between, the tables are ahead of the checkpoint until the next `save`.
         """
@@ -349,7 +349,7 @@ class TrainingFolder:
         Raises
         ------
         InputError
-            If it is damaged, or of another training; every difference is named.
+            If it is damaged, or belongs to another training; every difference is named.
         """
         path = self.path / _CHECKPOINT
         fix = "--fresh starts over"

@@ -1,7 +1,7 @@
-"""Train ``volume-net`` on what depths cost, of rendered rooms or of a data set's pairs.
+"""Train ``volume-net`` on cost volumes of rendered rooms or of a data set's pairs.
 
-Rooms are seen by cameras that are each drawn, some by rays through a lens, some blurred by a drawn
-law, some as focal stacks. Each camera's blur is fitted to its own rooms, as for any other camera.
+Each camera that sees the rooms is drawn: some trace rays through a lens, some blur by a drawn law,
+some take focal stacks. Each camera's blur is fitted to its own rooms, as for any other camera.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,21 +33,21 @@ from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss
 
 Array = NDArray[Any]
 
-#: What rendered rooms are called on a card.
+#: The card's name for rendered rooms.
 ROOMS = "rooms of unseen-0 from 1000 on, seen by random lenses"
 #: Levels of the volumes.
 COUNT = 32
-#: In so many steps of a nat it is kept how much can be told.
+#: The information of a pixel is stored in this many steps per nat.
 TOLD_STEPS = 20
-#: Cameras by how their images come about, and rooms that each sees.
+#: For each way to make images, the number of cameras and the rooms that each sees.
 LENSES, MADE, STACKS = (32, 12), (72, 8), (8, 6)
-#: Cameras that only test, and see rooms that no other does.
+#: Cameras that only test, in rooms that no other sees.
 HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
-# Rays a pixel: the law is fitted to what noise they leave.
+# Rays per pixel: the law is fitted to the noise that they leave.
 _RAYS = 32
-# Every so manieth lens focuses far inside, so that two depths have one blur: metres.
+# Every n-th lens focuses far inside the room, so that two depths have the same blur; in metres.
 _FAR_FOCUS, _FOCUS = 5, (1.0, 2.0)
-# The first of the cameras, whose numbers no scene's camera has.
+# The number of the first camera; no scene's camera has these numbers.
 _FIRST_LENS, _FIRST_LAW = 5000, 77
 _PLANES = (5, 9, 3, 7)
 _SCALE = DepthScale(near=NEAR, far=FAR)
@@ -63,12 +63,12 @@ class Example(NamedTuple):
     paths : ndarray of uint8, shape (level, y / 2, x / 2)
         Roots of the costs along paths.
     told : ndarray of uint8, shape (y / 2, x / 2)
-        `TOLD_STEPS` times the logarithm of one more than what can be told.
+        `TOLD_STEPS` times log(1 + the pixel's information).
     guide : ndarray of float16, shape (y, x)
     levels : ndarray of int16, shape (y, x)
-        -1 where the depth is not known.
+        -1 if the depth is unknown.
     prior : ndarray of float32, shape (level,)
-        By the other captures of the same camera.
+        From the other captures of the same camera.
     """
 
     roots: NDArray[np.uint8]
@@ -80,12 +80,12 @@ class Example(NamedTuple):
 
 
 def nats_of(roots: Array) -> NDArray[np.float32]:
-    """Return the costs of which an example keeps the roots."""
+    """Return the costs whose roots an example keeps."""
     return np.asarray(np.square(roots * np.float32(MOST**0.5 / 255)), np.float32)
 
 
 def roots_of(nats: Array) -> NDArray[np.uint8]:
-    """Return the roots that an example keeps of costs."""
+    """Return the roots of costs, as an example keeps them."""
     return np.asarray(np.rint(np.sqrt(nats) * (255 / MOST**0.5)), np.uint8)
 
 
@@ -115,14 +115,14 @@ def examples_of(captures: Sequence[TrainingPair]) -> list[Example]:
 
 
 def room_examples(folder: Path, on_camera: OnDone | None = None) -> dict[str, Sequence[Example]]:
-    """Return examples of rendered rooms by camera; what the folder holds is not made again.
+    """Return examples of rendered rooms by camera; those already in the folder are reused.
 
     Parameters
     ----------
     folder : Path
-        Where each camera's examples are kept.
+        The folder of each camera's examples.
     on_camera : callable, optional
-        Called with (cameras done, cameras in all).
+        Called with (cameras done, total cameras).
     """
     kinds: list[tuple[str, Callable[[int], list[Capture]], int]] = [
         ("lens", _through_lens, LENSES[0]),
@@ -163,7 +163,7 @@ def _stacks(number: int) -> list[Capture]:
 
 
 def rooms_of(kind: str, number: int, count: int) -> list[int]:
-    """Return which rooms a camera sees, by the name of its images' kind and its number.
+    """Return the rooms that a camera sees, by its kind and its number.
 
     Examples
     --------
@@ -175,7 +175,7 @@ def rooms_of(kind: str, number: int, count: int) -> list[int]:
 
 
 def sources_of(law: int) -> list[tuple[int, int]]:
-    """Return what a law blurs: numbers of lenses, and places of their rooms."""
+    """Return what a law blurs: the numbers of lenses, and the indices of their rooms."""
     tests = _only_tests("law", law)
     lenses = [lens for lens in range(LENSES[0]) if _only_tests("lens", lens) == tests]
     places = (law * MADE[1] * 3 + place * 11 + law for place in range(MADE[1]))
@@ -198,7 +198,7 @@ def _by_law(folder: Path, number: int) -> list[Capture]:
         high = random.uniform(max(low + 80, 150), 255)
         share = (levels - levels.min()) / np.ptp(levels)
         depth = np.rint(low + share * (high - low)).astype(np.uint8)
-        if random.random() < 0.5:  # in steps, as disparities are
+        if random.random() < 0.5:  # in steps, as in disparities
             step = random.integers(1, 4)
             depth = np.maximum(depth // step * step, 1).astype(np.uint8)
         name = f"training/{number}/{place}"
@@ -207,7 +207,7 @@ def _by_law(folder: Path, number: int) -> list[Capture]:
 
 
 def _drawn(random: np.random.Generator) -> Formation:
-    """Draw how images come about; half of the time a camera with linear light and noise."""
+    """Draw how images are formed; half of the time a camera with linear light and noise."""
     camera = random.random() < 0.5
     formation = Formation(
         sigma_min=float(random.uniform(0.8, 1.3)),
@@ -250,23 +250,23 @@ def _examples(arrays: Mapping[str, Array]) -> list[Example]:
     return [Example(*row) for row in zip(*columns, strict=True)]
 
 
-#: How many crops a step has, and their rows and columns.
+#: Crops per step, and their rows and columns.
 CROPS, CROP = 3, 320
-#: What the network's levels stand for.
+#: The depths of the network's levels.
 DEPTHS = torch.from_numpy(levels_of(COUNT) - 0.5).float()
-# Noise is not always what a law says: costs are made as much larger or smaller, as a logarithm.
+# Real noise differs from the law's, so costs are scaled at random, up to this on a log scale.
 _STRETCH = 0.5
-# A share of crops comes without a prior.
+# This share of crops has no prior.
 _WITHOUT = 0.15
 
 
 def draw(examples: Sequence[Example], seed: int, step: int) -> list[Tensor]:
-    """Return the crops of a step: they follow from the seed and the step alone.
+    """Return the crops of a step, which depend only on the seed and the step.
 
     Returns
     -------
     list of Tensor
-        What the network is given, and levels of float32, shape (n, y, x), -1 unknown.
+        The network's inputs, and levels of float32, shape (n, y, x), -1 if unknown.
     """
     random = np.random.default_rng((seed, step))
     side = side_of((example.levels.shape for example in examples), CROP)
@@ -303,7 +303,7 @@ def _loss(
 
 
 def error_of(network: VolumeNet, example: Example) -> float:
-    """Return the root mean square error over the known pixels, as a part of the scale."""
+    """Return the root mean square error over the known pixels, as a fraction of the scale."""
     rows, columns = (size // MULTIPLE * MULTIPLE for size in example.levels.shape)
     half = np.s_[..., : rows // 2, : columns // 2]
     costs = nats_of(example.roots[half]), nats_of(example.paths[half])

@@ -1,4 +1,4 @@
-"""Where images and depth maps come from: a module a data set, and what all of them give."""
+"""Sources of images and depth maps: one module per data set, and what they have in common."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,10 +16,11 @@ from dfdbench.errors import Problem, SourceError
 from dfdbench.system.packages import offered_as
 from dfdbench.tables.table import listed
 
-#: Where packages offer readers of their own, called with the manifest and the folder or None.
+#: Packages register their own readers here; a reader is called with the manifest and the folder or
+#: None.
 ENTRY_POINT_GROUP = "dfdbench.sources"
-#: Where each reader is defined, and what the folder of its files looks like; made sets have none.
-#: One is imported to be used: all together need a second for that.
+#: Where each reader is defined, and the layout of its folder; generated sets have none. Only the
+#: one in use is imported: all together take a second.
 _OURS: Mapping[str, tuple[str, str]] = {
     "demo": ("demo:DemoScenes", ""),
     "realworld-sim": ("simulated_rig:SimulatedRig", ""),
@@ -36,7 +37,7 @@ _OURS: Mapping[str, tuple[str, str]] = {
 
 @contextmanager
 def gathered(problems: list[Problem]) -> Iterator[None]:
-    """Add what a SourceError in the block carries to a list, and go on."""
+    """Append the problems of a SourceError in the block to a list, and continue."""
     try:
         yield
     except SourceError as error:
@@ -44,28 +45,28 @@ def gathered(problems: list[Problem]) -> Iterator[None]:
 
 
 class SceneError(SourceError):
-    """A scene that cannot be made of its files, reported once the others are built."""
+    """A scene that cannot be built from its files; reported once the others are built."""
 
 
 @dataclass(frozen=True)
 class SceneImages:
-    """What a source gives for one scene.
+    """What a source returns for one scene.
 
     Parameters
     ----------
     images : ndarray of uint8 or uint16, shape (*pair axes, image, y, x, channel)
-        RGB; zero where a capture is not available. In-focus images alone where the build makes the
-        others by a recipe.
+        RGB; zero if a capture is not available. In-focus images only if the build makes the others
+        by a recipe.
     depth : ndarray of float32, shape (*depth axes, y, x)
-        In the manifest's unit, NaN where it is not known.
+        In the manifest's unit, NaN if unknown.
     available : ndarray of bool, shape (*pair axes,)
-        True where the capture is there.
+        True if the capture is there.
     facts : ImageFacts, optional
         What is known of each image, shapes (image,) or (*pair axes, image).
     found : mapping, optional
-        What the source found out about the scene, fit for JSON: the store keeps it.
+        What the source found out about the scene, as JSON data: the store keeps it.
     warnings : tuple of str, optional
-        What looks odd and was built all the same.
+        What looks odd but was built anyway.
     """
 
     images: NDArray[Any]
@@ -77,7 +78,7 @@ class SceneImages:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """True where the depth is known, shape as `depth`."""
+        """True where the depth is known, same shape as `depth`."""
         return np.isfinite(self.depth)
 
     @property
@@ -99,7 +100,7 @@ class SceneImages:
         available: NDArray[np.bool_],
         defocus: NDArray[np.uint8] | None = None,
     ) -> Self:
-        """Return what pairs consist of, shapes (*pair axes, y, x, channel), in depth levels.
+        """Return a scene of pairs from images (*pair axes, y, x, channel) and depth levels.
 
         Without `defocus` the build makes it.
         """
@@ -111,14 +112,14 @@ class SceneImages:
 def laid_out(
     manifest: Manifest, found: Mapping[Pair, NDArray[Any]]
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return what is there of each pair in one array, zero elsewhere, and where something is.
+    """Return the available arrays in one array, zero elsewhere, and a mask of which are there.
 
     Parameters
     ----------
     manifest : Manifest
-        Its axes are the first ones of what is returned, shapes (*pair axes, ...) and (*pair axes,).
+        Its axes come first in the results, shapes (*pair axes, ...) and (*pair axes,).
     found : mapping of Pair to ndarray
-        Arrays of one shape, of pairs of one scene.
+        Arrays of one shape, for pairs of one scene.
     """
     extent = tuple(map(len, manifest.axes.values()))
     first = next(iter(found.values()))
@@ -130,7 +131,7 @@ def laid_out(
 
 
 class Whole:
-    """What sources that have every pair, or say scene by scene what is lacking, have in common."""
+    """Base of sources that have every pair, or report scene by scene what is missing."""
 
     options: Mapping[str, Any] = {}
 
@@ -142,7 +143,7 @@ class Whole:
         return self._manifest.pairs()
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return an empty text: of what is made nothing can be missing."""
+        """Return an empty text: generated data cannot be missing."""
         return ""
 
 
@@ -151,17 +152,17 @@ class Source(Protocol):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """What was asked for and changes the arrays; the store records it."""
+        """Requested options that change the arrays; the store records them."""
 
     @property
     def captures_defocus(self) -> bool:
-        """Whether `read` gives defocus images; where not, the build makes them by a recipe."""
+        """Whether `read` returns defocus images; if not, the build makes them by a recipe."""
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there, in the manifest's order."""
 
     def signature(self, scene: str) -> str:
-        """Return a SHA-256 that changes when what the scene is made from changes.
+        """Return a SHA-256 that changes whenever the scene's inputs change.
 
         Raises
         ------
@@ -175,10 +176,10 @@ class Source(Protocol):
         Raises
         ------
         SceneError
-            With everything that is wrong with the scene's files, where the other scenes may be
-            built without it.
+            With everything that is wrong with the scene's files, if the other scenes may be built
+            without it.
         SourceError
-            The same, where nothing may be built.
+            The same, if nothing may be built.
         """
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
@@ -186,7 +187,7 @@ class Source(Protocol):
 
 
 def is_made(manifest: Manifest) -> bool:
-    """Return whether a data set is made by the package itself, of no files."""
+    """Return whether the package generates a data set itself, without files."""
     return manifest.reader in _OURS and not _OURS[manifest.reader][1]
 
 
@@ -198,15 +199,15 @@ def open_source(
 ) -> Source:
     """Return the source that a manifest names as its `reader`.
 
-    A package offers a reader in the entry-point group ``dfdbench.sources``: a callable that is
-    given the manifest and the folder, or None, and returns a `Source`.
+    A package offers a reader in the entry-point group ``dfdbench.sources``. A reader is a callable
+    that takes the manifest and the folder, or None, and returns a `Source`.
 
     Parameters
     ----------
     manifest : Manifest
         The data set.
     folder : Path, optional
-        Where its files lie, for a data set that is read from disk.
+        Where its files are, for a data set that is read from disk.
     checksums : mapping of str to str, optional
         See `MiddleburyScenes`.
     pair : tuple of int, optional
@@ -215,7 +216,7 @@ def open_source(
     Raises
     ------
     SourceError
-        Where the data set needs a folder, takes none, or cannot be built by this version.
+        If the data set needs a folder, takes none, or cannot be built by this version.
     """
     if pair and manifest.reader != "realworld":
         raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")

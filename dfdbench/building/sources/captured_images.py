@@ -1,4 +1,4 @@
-"""One captured pair or stack, from its files' bytes: checked, aligned, matched, cropped."""
+"""Check, align, match and crop one captured pair or stack from its files' bytes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,8 +21,8 @@ from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.optics.sharpness import laplacian_energy
 
-#: Units that depth files are written in, in metres: metres, centimetres, millimetres, tenths of
-#: them, the 1/5000 of TUM RGB-D and the 1/256 of KITTI.
+#: Units of depth files, in metres: metres, centimetres, millimetres, tenths of them, the 1/5000 of
+#: TUM RGB-D and the 1/256 of KITTI.
 _UNITS = {
     "metres": 1.0,
     "centimetres": 0.01,
@@ -31,7 +31,8 @@ _UNITS = {
     "1/5000 of a metre": 0.0002,
     "1/256 of a metre": 1 / 256,
 }
-# A median that misses the bounds by no more than this factor is of a scene, not of a unit.
+# A median that misses the bounds by no more than this factor is a matter of the scene, not of the
+# unit.
 _NEARBY = 1.5
 # A stack has so many images or more; sharpness is averaged over a square of so many pixels.
 _FEWEST, _NEAR = 3, 31
@@ -40,15 +41,15 @@ _FEWEST, _NEAR = 3, 31
 def depth_of(
     values: NDArray[Any], files: CapturedFiles, depth: Depth, where: str
 ) -> NDArray[np.float32]:
-    """Return a depth file's values in the unit of the set, NaN where they are not known.
+    """Return a depth file's values in the unit of the set, NaN if unknown.
 
-    What lies before near or beyond far counts as not known. Of whole numbers levels are whole; a
+    Depths before `near` or beyond `far` count as unknown. Whole numbers give whole levels; a
     file with fractions keeps them.
 
     Parameters
     ----------
     values : ndarray, shape (y, x)
-        As they stand in the file.
+        As in the file.
     files, depth : CapturedFiles, Depth
         The manifest's sections.
     where : str
@@ -57,8 +58,8 @@ def depth_of(
     Raises
     ------
     SourceError
-        Where no pixel's depth is known, half the pixels or more lie outside the stated bounds, as
-        in another unit, or values are no levels.
+        If no pixel's depth is known, at least half the pixels are outside the stated bounds, as if
+        in another unit, or values are not levels.
     """
     numbers = values.astype(np.float64)
     known = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
@@ -87,7 +88,7 @@ def depth_of(
 def in_unit_of(
     values: NDArray[np.float64], files: CapturedFiles, depth: Depth
 ) -> NDArray[np.float64]:
-    """Return values of a depth file in the unit of the set.
+    """Convert a depth file's values to the unit of the set.
 
     Parameters
     ----------
@@ -149,16 +150,16 @@ File = tuple[bytes, str]
 
 @dataclass(frozen=True)
 class CapturedImages:
-    """Photographs on each other and the depth of their pixels.
+    """Aligned photographs and the depth of their pixels.
 
     Parameters
     ----------
     images : ndarray of uint8 or uint16, shape (image, y, x, 3)
         RGB; those of a pair have 8 bits, the in-focus one first.
     depth : ndarray of float32, shape (y, x)
-        In the unit of the set; NaN where it is not known or a photograph does not reach.
+        In the unit of the set; NaN if unknown or beyond a photograph's edge.
     found : tuple of dict
-        How each image but the first was aligned and its brightness matched, where it was.
+        How each image but the first was aligned and its brightness matched, if it was.
     warnings : tuple of str
         What looks odd.
     """
@@ -172,22 +173,22 @@ class CapturedImages:
 def captured_images(
     photographs: Sequence[File], depth: File | None, files: CapturedFiles, about: Depth
 ) -> CapturedImages:
-    """Make a capture of its files.
+    """Build a capture from its files.
 
     Parameters
     ----------
     photographs : sequence of (bytes, str)
-        Of a pair the in-focus image first.
+        Of a pair, the in-focus image comes first.
     depth : (bytes, str) or None
-        The depth file; without one no depth is known.
+        The depth file; without one, no depth is known.
     files, about : CapturedFiles, Depth
         The manifest's sections.
 
     Raises
     ------
     SourceError
-        With everything that is wrong: damaged files, sizes that differ, depth in another unit, an
-        alignment that is not found, a crop beyond the image.
+        With everything that is wrong: damaged files, sizes that differ, depth in another unit, no
+        alignment found, a crop beyond the image.
     """
     problems: list[Problem] = []
     is_pair = files.images is None
@@ -244,7 +245,7 @@ def _laid_on_the_first(
 def matched(
     infocus: Image, defocus: Image, files: CapturedFiles
 ) -> tuple[Image, Image, Mask, dict[str, float]]:
-    """Lay two photographs, shape (y, x, 3), on each other and match their brightness.
+    """Align two photographs, shape (y, x, 3), with each other and match their brightness.
 
     Parameters
     ----------
@@ -259,7 +260,7 @@ def matched(
     covered : ndarray of bool, shape (y, x)
         Which pixels both cover.
     found : dict of str to float
-        How the moved image was placed, and the gain.
+        The moved image's placement, and the gain.
 
     Raises
     ------
@@ -299,7 +300,7 @@ def _rounded(image: Image, dtype: np.dtype[Any]) -> Image:
 
 
 def _in_one(images: list[Image]) -> Image:
-    # Of mixed depths the deeper: 255 becomes 65535.
+    # If bit depths differ, convert to the deeper one: 255 becomes 65535.
     deeper = np.result_type(*images)
     return np.stack([i if i.dtype == deeper else i * np.uint16(257) for i in images])
 

@@ -16,7 +16,7 @@ from dfdbench.simulation.raycast import Surface, View, dot, look, read_scenes
 from dfdbench.tables.table import listed
 
 _TEXT = resources.files("dfdbench.building.sources").joinpath("demo.toml").read_text("utf-8")
-#: Each scene's surfaces; the last three scenes test.
+#: Each scene's surfaces; the last three scenes are the test.
 SCENES: Mapping[str, tuple[Surface, ...]] = read_scenes(_TEXT)
 
 Floats = NDArray[np.float64]
@@ -29,13 +29,13 @@ _VIEWS = {1: -_BASELINE / 2, 5: _BASELINE / 2}  # left and right, in metres
 _LEVEL_AT_ONE_METRE = 3 * _FOCAL_LENGTH * _BASELINE  # level = 3 x disparity, as Middlebury's
 _OCCLUSION = 0.02  # relative difference in distance above which a point is hidden
 
-# Light of each illumination: direction it comes from, red-green-blue colour, ambient share.
+# The light of each illumination: its direction, its red-green-blue colour, its ambient share.
 _LIGHTS = {
     1: ((-0.6, -0.5, -0.6), (1.0, 0.92, 0.80), 0.30),
     2: ((0.0, -0.6, -0.8), (1.0, 1.0, 1.0), 0.50),
     3: ((0.7, -0.3, -0.6), (0.82, 0.92, 1.0), 0.25),
 }
-# Exposure: a white surface that faces the light fills the sensor at 1.
+# Exposure: at 1, a white surface that faces the light fills the sensor.
 _GAINS = {0: 1.6 / 36, 1: 1.6 / 6, 2: 1.6}
 _FULL_WELL = 60_000.0  # electrons; four frames of 15,000 averaged
 _READ_NOISE = 12.0  # electrons
@@ -53,7 +53,7 @@ class DemoScenes(Whole):
     Raises
     ------
     SourceError
-        For another scene, axis, or value of one.
+        If it has another scene, axis or axis value.
     """
 
     captures_defocus = False
@@ -110,14 +110,14 @@ def _require_made_here(manifest: Manifest) -> None:
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return what a camera makes of light: shot and read noise, saturation, 10 bit, gamma, 8 bit.
+    """Simulate a camera: shot and read noise, saturation, 10 bit, gamma, 8 bit.
 
     Parameters
     ----------
     light : ndarray of float, shape (y, x, 3)
-        1 just fills the sensor.
+        The value 1 just fills the sensor.
     seed : tuple of int
-        Of the noise.
+        Seed of the noise.
 
     Examples
     --------

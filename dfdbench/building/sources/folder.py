@@ -1,4 +1,4 @@
-"""Read a captured set that its manifest describes: pairs or stacks, and a depth map each."""
+"""Read a captured set described by its manifest: pairs or stacks with a depth map each."""
 
 import hashlib
 import json
@@ -24,11 +24,12 @@ from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
 from dfdbench.tables.table import listed
 
-# Entries of a folder that a message names, and files that a scene lacks.
+# How many entries of a folder, and how many missing files of a scene, a message names.
 _NAMED, _LACKED = 8, 3
 _IMAGES_NAMED = 4
 _MISSING = "a file is missing"
-# So many times as far as the farthest depth, or as near as the nearest, no stack is focused.
+# A stack's focus is implausible if it is off by this factor: beyond the farthest depth, or nearer
+# than the nearest.
 _FAR_OFF = 10
 
 Row = Mapping[str, str]
@@ -44,21 +45,21 @@ class _Taken:
 
 
 class FolderScenes(Whole):
-    """Scenes below a folder, found by the patterns of the manifest's section `files`.
+    """Scenes below a folder, found by the patterns in the manifest's section `files`.
 
     Parameters
     ----------
     manifest : Manifest
-        With the section `files`.
+        With a section `files`.
     folder : Path
-        What the patterns lead on from.
+        The folder that the patterns are relative to.
     checksums : mapping of str to str, optional
-        The SHA-256 of files by ``SCENE/`` and their path below the folder.
+        The SHA-256 of files, by ``SCENE/`` and their path below the folder.
 
     Raises
     ------
     SourceError
-        Where there is no such folder, or a pattern matches none of its files.
+        If there is no such folder, or a pattern matches none of its files.
     """
 
     captures_defocus = True
@@ -119,7 +120,7 @@ class FolderScenes(Whole):
         return self._gathered(captured, taken)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return what to do about scenes that were left out."""
+        """Say what to do about scenes that were left out."""
         return "mend what is named above, or accept the rest: --allow-missing"
 
     def _gathered(
@@ -157,13 +158,13 @@ class FolderScenes(Whole):
         )
 
     def _taken(self, pair: Pair) -> list[_Taken]:
-        """Return the images of a capture: in focus first, then the farthest focus first.
+        """Return a capture's images: in focus first, then from the farthest to the nearest focus.
 
         Raises
         ------
         SourceError
-            With all that is wrong: numbers that are none, images that the table or the folder
-            lacks, a focus twice or nearer than the focal length, one image only.
+            With everything that is wrong: invalid numbers, images missing from the table or the
+            folder, a focus that occurs twice or is nearer than the focal length, a single image.
         """
         files, values, table = self._files, self._values(pair), self._table(pair)
         taken: list[_Taken] = []
@@ -240,11 +241,11 @@ class FolderScenes(Whole):
         return found[0] if found else named
 
     def _fitting(self, named: str) -> list[str]:
-        """Return the files that a filled pattern may mean."""
+        """Return the files that a filled pattern may match."""
         if not named.endswith(ANY_ENDING):
             return [named] if (self._folder / named).is_file() else []
         parent, _, stem = named.removesuffix(ANY_ENDING).rpartition("/")
-        # Listed once: a folder may hold every scene.
+        # List each folder only once: it may hold every scene.
         if parent not in self._endings:
             self._endings[parent] = _endings_in(self._folder / parent)
         return [f"{parent}/{stem}{end}".lstrip("/") for end in self._endings[parent].get(stem, ())]
@@ -268,7 +269,7 @@ class FolderScenes(Whole):
             return
         for what, pattern in self._files.patterns.items():
             if what == "images":
-                # They are checked with the table, scene by scene.
+                # These are checked with the table, scene by scene.
                 continue
             paths = [self._named(what, pair) or "" for pair in self._manifest.pairs()]
             if paths and not any(self._fitting(path) for path in paths):
@@ -278,7 +279,7 @@ class FolderScenes(Whole):
 
 
 def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:
-    """Yield what is wrong with a scene; many files that it lacks are one problem."""
+    """Yield a scene's problems; if it lacks many files, that is one problem."""
     found = list(problems)
     lacking = [problem for problem in found if problem.what == _MISSING]
     if len(lacking) > _LACKED:
@@ -291,7 +292,7 @@ def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:
 
 
 def _endings_in(folder: Path) -> dict[str, list[str]]:
-    """Return the endings of the files that can be read, by the rest of their names."""
+    """Return the endings of the readable files, by the rest of their names."""
     found: dict[str, list[str]] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if path.suffix.lower() in SUFFIXES and path.is_file():
@@ -300,7 +301,7 @@ def _endings_in(folder: Path) -> dict[str, list[str]]:
 
 
 def what_is_in(folder: Path) -> str:
-    """Return some of what lies in a folder, one file of each kind of place first."""
+    """Name some of a folder's files, first one from each kind of place."""
     kinds: dict[tuple[int, str], str] = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
@@ -310,22 +311,22 @@ def what_is_in(folder: Path) -> str:
 
 
 def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    r"""Return the rows of a table in a file: JSON, or text with tabs, commas or blanks between.
+    r"""Read a table from a file: JSON, or text separated by tabs, commas or blanks.
 
     Parameters
     ----------
     content : bytes
-        JSON holds a list of records, or lists of one length by name; text has a heading unless
-        `columns` are given. Empty lines, and those that begin with ``#``, do not count.
+        JSON holds a list of records, or lists of one length by name. Text has a heading unless
+        `columns` are given. Empty lines, and lines that begin with ``#``, are ignored.
     where : str
         The file's name, for messages.
     columns : sequence of str
-        What the columns are called, for a text without a heading.
+        The names of the columns, for a text without a heading.
 
     Raises
     ------
     SourceError
-        If it is no such table, or a row is too short or too long.
+        If it is not such a table, or a row is too short or too long.
 
     Examples
     --------
@@ -369,7 +370,7 @@ def _json_rows(content: Any) -> list[dict[str, str]]:
         ]
     if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
         raise ValueError("neither a list of records nor lists by name")
-    # As an empty cell of a text: not known.
+    # Like an empty cell of a text: unknown.
     return [{n: "" if value is None else str(value) for n, value in row.items()} for row in content]
 
 
@@ -396,7 +397,7 @@ def _rows(
     there: Mapping[str, int],
     problems: list[Problem],
 ) -> Iterator[tuple[str, Row]]:
-    """Yield the files of a stack with their rows; add what does not go together to `problems`."""
+    """Yield the files of a stack with their rows; add mismatches to `problems`."""
     numbered = IMAGE in places_in(pattern)
     if table is None:
         yield from ((path, {IMAGE: str(number)}) for path, number in there.items())
@@ -407,7 +408,7 @@ def _rows(
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
         return
     in_order, by_number = list(there), {number: path for path, number in there.items()}
-    # An image that is missing is named with as many digits as the others.
+    # A missing image is named with as many digits as the others.
     place = f"{{{IMAGE}}}"
     least = min((len(PurePosixPath(path).stem) for path in there), default=0)
     digits = least - len(PurePosixPath(pattern).stem) + len(place)
@@ -435,7 +436,7 @@ def _rows(
 
 
 def _numbered(folder: Path, pattern: str) -> dict[str, int]:
-    """Return the files that a pattern may mean, whatever stands in its braces, and their number.
+    """Return the files that match a pattern, whatever replaces its braces, with their numbers.
 
     Only the last part of the pattern may differ.
     """
@@ -480,7 +481,7 @@ def _odd_ones(taken: Sequence[_Taken], where: str, pair: Sequence[int]) -> Itera
 def _in_another_unit(
     taken: Sequence[_Taken], where: str, scale: DepthScale | None
 ) -> Iterator[Problem]:
-    """Yield that a stack is focused far from all depths: its table may be in millimetres."""
+    """Yield a problem if a stack is focused far from all depths: its table may be in mm."""
     found = sorted({d for image in taken if math.isfinite(d := image.facts["focus_distance"])})
     if scale is None or len(found) < 2:
         return

@@ -17,24 +17,23 @@ from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
 
-#: Endings of the image files that are read, in any case.
+#: Endings of readable image files, in upper or lower case.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-#: Endings of the arrays that are read as depth.
+#: Endings of array files that are read as depth.
 ARRAYS = (".npy", ".npz", ".pfm")
 
 _ARRAY_HEADS = {b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"Pf": "pfm"}
-# Of an npz with several arrays the one of this name is the depth.
+# In an npz with several arrays, the one of this name is the depth.
 _DEPTH_NAME = "depth"
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
-# Red, green, blue and opacity: an array with more is no picture.
+# Red, green, blue and opacity: an array with more channels is not a picture.
 _MOST_CHANNELS = 4
-# Of a file with less than these bits it is likelier that the camera has no more than that it
-# saw nothing bright.
+# If all values fit into this many bits, the camera likely has no more; dark scenes are rarer.
 _CONVERTERS = (8, 10, 12)
-# By the EXIF tag's value, whether an image is mirrored left to right, and the quarter turns
-# anticlockwise that make it upright then.
+# By EXIF orientation: whether the image is mirrored left to right, and the quarter turns
+# anticlockwise that then make it upright.
 _UPRIGHT = {
     2: (True, 0),
     3: (False, 2),
@@ -53,7 +52,7 @@ def read_photograph(
     rotation: Literal["apply", "ignore"] | None = None,
     deep: bool = False,
 ) -> NDArray[Any]:
-    """Return a photograph from a file's bytes, RGB.
+    """Decode a photograph from a file's bytes, as RGB.
 
     Parameters
     ----------
@@ -66,18 +65,18 @@ def read_photograph(
     rotation : {"apply", "ignore"}, optional
         What to do about EXIF rotation; see `CapturedFiles`.
     deep : bool
-        Keep 16 bits; otherwise they become 8 in proportion.
+        Keep 16 bits; otherwise they are scaled to 8.
 
     Returns
     -------
     ndarray of uint8 or uint16, shape (y, x, 3)
-        A grey image has three equal channels.
+        A grey image gets three equal channels.
 
     Raises
     ------
     SourceError
-        Where it is no such file, is damaged, is to be turned and nobody says whether, or has
-        another number of bits than is said.
+        If it is not such a file, is damaged, has an EXIF rotation and `rotation` is not given, or
+        its number of bits differs from the stated one.
 
     Examples
     --------
@@ -97,14 +96,14 @@ def read_photograph(
 def read_depth_file(
     content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
 ) -> NDArray[Any]:
-    """Return what a depth file holds, unchanged, shape (y, x).
+    """Return the contents of a depth file, unchanged, shape (y, x).
 
     The parameters are those of `read_photograph`.
 
     Raises
     ------
     SourceError
-        Where it is no such file, is damaged, or is in colour.
+        If it is not such a file, is damaged, or is in colour.
     """
     values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
@@ -117,12 +116,12 @@ def read_depth_file(
 
 
 def decode_depth(content: bytes, where: str) -> NDArray[Any]:
-    """Return what an npy, npz or pfm file holds, or what `decode_file` does.
+    """Return the contents of an npy, npz or pfm file; decode others by `decode_file`.
 
     Raises
     ------
     SourceError
-        If the file is damaged, or holds no array of numbers of shape (y, x) or (y, x, channel).
+        If the file is damaged, or has no array of numbers of shape (y, x) or (y, x, channel).
     """
     kind = next((name for head, name in _ARRAY_HEADS.items() if content.startswith(head)), None)
     if kind is None:
@@ -151,12 +150,12 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
 
 
 def decode_file(content: bytes, where: str) -> NDArray[Any]:
-    """Return what a PNG, JPEG or TIFF file holds, unchanged: channels as BGR, EXIF left alone.
+    """Return the contents of a PNG, JPEG or TIFF file, unchanged: channels as BGR, EXIF ignored.
 
     Raises
     ------
     SourceError
-        If it is no such file or is damaged.
+        If it is not such a file or is damaged.
     """
     kind = next((name for head, name in _FORMATS.items() if content.startswith(head)), None)
     if kind is None:
@@ -172,13 +171,13 @@ def decode_file(content: bytes, where: str) -> NDArray[Any]:
 
 
 def _damage(content: bytes) -> str:
-    # OpenCV returns an image even for files that are cut short or have flipped bits. Pillow checks
-    # a PNG's checksums, which is faster than decoding it.
+    # OpenCV returns an image even if a file is cut short or has flipped bits. Pillow checks a PNG's
+    # checksums, which is faster than decoding it.
     try:
         with Pillow.open(io.BytesIO(content)) as file:
             file.verify() if file.format == "PNG" else file.load()
     except UnidentifiedImageError:
-        # A kind of TIFF that Pillow does not know: OpenCV may.
+        # A kind of TIFF that Pillow does not know but OpenCV may.
         return "" if content.startswith((b"II", b"MM")) else f"{len(content)} bytes, no header"
     except UNREADABLE_IMAGE as error:
         return str(error) or type(error).__name__
@@ -186,12 +185,12 @@ def _damage(content: bytes) -> str:
 
 
 def decode_rgb(content: bytes, where: str) -> Image:
-    """Return an 8-bit PNG without transparency as RGB, shape (y, x, 3); a grey one three times.
+    """Decode an opaque 8-bit PNG as RGB, shape (y, x, 3); repeat a grey channel three times.
 
     Raises
     ------
     SourceError
-        As `decode_file` does, for other files and other pixels.
+        As in `decode_file`, and for other kinds of files and pixels.
     """
     if not content.startswith(b"\x89PNG"):
         got = f"bytes {content[:8]!r}" if content else "an empty file"
@@ -205,14 +204,14 @@ def decode_rgb(content: bytes, where: str) -> Image:
 
 
 def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
-    """Return an image of OpenCV's, grey or with blue first, as RGB."""
+    """Convert an image from OpenCV, grey or with blue first, to RGB."""
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
     return np.ascontiguousarray(image[..., 2::-1])
 
 
 def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
-    """Return an image as `decode_rgb` does, provided that it has a size and is not all black.
+    """Decode an image as `decode_rgb` does; refuse a wrong size or an all-black image.
 
     Parameters
     ----------
@@ -226,7 +225,7 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     Raises
     ------
     SourceError
-        As `decode_rgb` does; for another size, or black all over.
+        As in `decode_rgb`; if the size differs, or the image is all black.
 
     Examples
     --------
@@ -243,12 +242,12 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
 
 
 def decode_levels(content: bytes, where: str, unknown: int) -> Image:
-    """Return a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
+    """Decode a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
 
     Raises
     ------
     SourceError
-        As `decode_rgb` does; if the file is in colour or no pixel's depth is known.
+        As in `decode_rgb`; if the file is in colour or no pixel's depth is known.
     """
     image = decode_rgb(content, where)
     if not (image == image[..., :1]).all():
@@ -259,7 +258,7 @@ def decode_levels(content: bytes, where: str, unknown: int) -> Image:
 
 
 def read_rgb(path: Path) -> Image:
-    """Return a file's image as `decode_rgb` does."""
+    """Read an image file as `decode_rgb` does."""
     return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path))
 
 
@@ -279,12 +278,12 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
 def require_size(
     found: tuple[int, ...], size: tuple[int, ...], where: str, like: str = "", fix: str = ""
 ) -> None:
-    """Refuse an image of other rows and columns than `size`, which is that of the file `like`.
+    """Refuse an image whose rows and columns are not `size`, the size of the file `like`.
 
     Raises
     ------
     SourceError
-        Where they differ; `where` is the image's file.
+        If they differ; `where` is the image's file.
     """
     if found[:2] != size[:2]:
         got, expected = (f"{shape[0]} rows, {shape[1]} columns" for shape in (found, size))
@@ -306,7 +305,7 @@ def average_frames(frames: list[Image]) -> Image:
 
 
 def orientation_of(content: bytes) -> int:
-    """Return the EXIF orientation of an image file, 1 where it is upright or says nothing."""
+    """Return the EXIF orientation of an image file; 1 if it is upright or has none."""
     try:
         with Pillow.open(io.BytesIO(content)) as file:
             return int(file.getexif().get(_ORIENTATION, 1))
@@ -327,7 +326,7 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
 
 
 def likely_bits(greatest: int) -> int | None:
-    """Return how many bits a 16-bit image seems to hold by its greatest value; None if all.
+    """Guess the bits used by a 16-bit image from its greatest value; None means all.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Lay one image of a captured pair on the other, match their brightness, measure what is needed."""
+"""Align a captured pair, match its brightness, and measure whether this is needed."""
 
 import cmath
 import math
@@ -23,40 +23,40 @@ _MOTIONS = {
     "euclidean": cv2.MOTION_EUCLIDEAN,
     "similarity": cv2.MOTION_AFFINE,
 }
-# Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
-# blur then weighs less than what differs in place.
+# Both images are smoothed by a Gaussian of this sigma before they are compared, so that a
+# difference in blur weighs less than one in place.
 _SMOOTHING = 2.0
-# What is around a pixel: a Gaussian of this sigma, wider than blur and narrower than fall-off.
+# The surroundings of a pixel: a Gaussian of this sigma, wider than blur and narrower than fall-off.
 _AROUND = 20.0
 _RIM = 6
-# From coarse to fine: each size finds what the next one starts from.
+# From coarse to fine: each size starts from the result of the previous one.
 _SCALES = (8, 4, 2, 1)
 _LEAST_SIDE = 40
 _STEPS, _PRECISION = 200, 1e-6
-# A correlation coefficient below this is of two views that do not match.
+# Two views with a lower correlation coefficient do not match.
 _LEAST_CORRELATION = 0.8
-# The share of the image's longer side that a pair may be moved by.
+# How far a pair may be moved, as a share of the image's longer side.
 _FARTHEST = 0.1
 _PLACES, _ANGLE_PLACES, _SIZE_PLACES = 2, 4, 5
-# Above this level, or below the other, a pixel may have been cut off.
+# Pixels above or below these levels may have been clipped.
 _BRIGHT, _DARK = 245, 5
 _LARGEST_GAIN = 4.0
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How the moved image of a pair has to be moved to lie on the other.
+    """How the moved image of a pair must be moved to align with the other.
 
     Parameters
     ----------
     right, down : float
-        The way of the image's centre, in pixels.
+        The shift of the image's centre, in pixels.
     degrees : float
         How far it is turned about its centre, clockwise as seen.
     correlation : float
-        Of both images, smoothed, once they lie on each other: the coefficient that was maximised.
+        The coefficient of both images, smoothed and aligned, that was maximised.
     magnification : float
-        How many times larger it shows things than the other; divided by it.
+        How many times larger it shows things than the other image; it is scaled down by this.
     """
 
     right: float
@@ -73,7 +73,7 @@ class Placement:
         return replace(self, right=right, down=down, degrees=degrees, magnification=size)
 
     def at_corners(self, shape: tuple[int, ...]) -> float:
-        """Return how far the corner of an image of this shape is off that is off most, in pixels.
+        """Return the largest displacement of a corner of an image of this shape, in pixels.
 
         Examples
         --------
@@ -87,21 +87,21 @@ class Placement:
 
 
 def find_placement(fixed: Image, moved: Image, motion: Motion = "similarity") -> Placement:
-    """Find how an image has to be moved to lie on another (ECC, Evangelidis and Psarakis 2008).
+    """Find how to align an image with another (ECC, Evangelidis and Psarakis 2008).
 
-    Gain and offset of the images do not matter: the coefficient is enhanced by neither.
+    Gain and offset of the images do not matter: neither changes the coefficient.
 
     Parameters
     ----------
     fixed, moved : ndarray of uint8, shape (y, x, 3)
         Two images of one scene, of one size.
     motion : {"translation", "euclidean", "similarity"}
-        Whether the image may be turned as well, and be of another size.
+        Whether the image may also be turned, and also be scaled.
 
     Raises
     ------
     InputError
-        Where no placement is found: the search does not converge, or ends far off.
+        If no placement is found: the search does not converge, or ends far off.
 
     Examples
     --------
@@ -113,9 +113,9 @@ def find_placement(fixed: Image, moved: Image, motion: Motion = "similarity") ->
 
     Notes
     -----
-    For a similarity ECC finds an affine transform; the similarity nearest to it is returned. Its
-    last step compares grey levels divided by those around them: on bare walls, different fall-off
-    of light towards the corners otherwise passes for a movement of up to three pixels.
+    For a similarity, ECC finds an affine transform, and the nearest similarity is returned. The
+    last step compares grey levels divided by those around them. Otherwise, on bare walls, a
+    different fall-off of light towards the corners passes for a movement of up to three pixels.
     """
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)
@@ -132,7 +132,7 @@ def find_placement(fixed: Image, moved: Image, motion: Motion = "similarity") ->
         ratios = [image / (wide + 1) for image, wide in zip(images, around, strict=True)]
         matrix = _refined(ratios, matrix, motion)[0]
     shape = images[0].shape
-    # OpenCV's matrix leads from places in the fixed image to those in the moved one.
+    # OpenCV's matrix maps places in the fixed image to those in the moved one.
     centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
     linear = matrix[:, :2].astype(np.float64)
     way = linear @ centre + matrix[:, 2] - centre
@@ -163,7 +163,7 @@ def _refined(
 def _smooth_grey(image: Image) -> NDArray[np.float32]:
     grey = image.mean(axis=2, dtype=np.float32)
     smooth = cv2.GaussianBlur(grey, (0, 0), _SMOOTHING)
-    # At the border the filter has made up what it saw; both images lose the same rows.
+    # At the border the filter saw made-up pixels; both images lose the same rows.
     rim = min(_RIM, min(grey.shape) // 4)
     return np.asarray(smooth[rim : grey.shape[0] - rim, rim : grey.shape[1] - rim], np.float32)
 
@@ -180,14 +180,14 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
     Parameters
     ----------
     image : ndarray of float64, shape (y, x, channel)
-        Interpolated by cubic splines, which keep more of its detail than straight lines would.
+        Interpolated by cubic splines, which keep more of its detail than linear interpolation.
     at : Placement
         Where it belongs.
 
     Returns
     -------
     ndarray of float64, shape (y, x, channel)
-        Beyond the image's edge its edge pixels.
+        Beyond the image's edge, its edge pixels repeat.
     ndarray of bool, shape (y, x)
         False where the image does not reach.
     """
@@ -195,7 +195,7 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
         return image, np.ones(image.shape[:2], bool)
     angle = math.radians(at.degrees)
     cosine, sine = math.cos(angle), math.sin(angle)
-    # From (y, x) in the result to (y, x) in the image: turned back about the centre, and as large.
+    # Map (y, x) in the result to (y, x) in the image: turn back about the centre, and scale.
     back = at.magnification * np.array([[cosine, -sine], [sine, cosine]])
     centre = (np.array(image.shape[:2]) - 1) / 2
     offset = centre - back @ centre - np.array([at.down, at.right])
@@ -208,10 +208,10 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
 
 
 def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where: Mask) -> float:
-    """Return what the defocus image has to be multiplied by to be as bright as the other.
+    """Return the factor that makes the defocus image as bright as the in-focus one.
 
-    It is the ratio of sums, which blur leaves as they are, over pixels that neither image has
-    black or white.
+    It is the ratio of sums, which blur does not change, over pixels that are black or white in
+    neither image.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
     Raises
     ------
     InputError
-        Where there is no such pixel, or one image is more than four times as bright.
+        If there is no such pixel, or one image is more than four times as bright.
     """
     smooth = [cv2.GaussianBlur(image, (0, 0), _SMOOTHING) for image in (infocus, defocus)]
     seen = where.copy()
@@ -240,9 +240,9 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
     return gain
 
 
-# Movements of a corner (pixels) and gains below these need no correction. Of Middlebury's scenes,
-# blurred and in register, all but the barest are measured with errors below 0.4 pixels, the barest
-# with 0.48, through noise, JPEG and unequal fall-off of light.
+# Corner movements (pixels) and gains below these need no correction. If Middlebury's scenes are
+# blurred but aligned, all but the barest are measured with errors below 0.4 pixels, the barest with
+# 0.48, because of noise, JPEG and unequal fall-off of light.
 _STILL, _UNGAINED = 0.5, 0.01
 
 
@@ -255,7 +255,7 @@ class Matching:
     align, match_gain : str, bool
         The fields to write into a manifest.
     flat_field : tuple of tuple of float
-        Likewise; empty where the light falls off alike.
+        Likewise; empty if the light falls off alike.
     found, open : tuple of str
         In words: what was found, and what a person has to decide.
     measured : int
@@ -271,7 +271,7 @@ class Matching:
 
 
 def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
-    """Measure some pairs.
+    """Measure how some pairs differ.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             f"{far[name]:.1f} pixels?"
         )
     light = replace(find_change(seen), similarity=ViewChange.similarity)
-    # What nothing is to be done about is not said.
+    # Do not report what needs no correction.
     found = moved if align != "none" else []
     if gain > _UNGAINED:
         found.append(f"photographs differ in brightness by up to {100 * gain:.1f} %")
@@ -321,7 +321,7 @@ def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, li
     def most(**without: float) -> float:
         return max(replace(move, **without).at_corners(shape) for move, shape in moves)
 
-    # Strong blur over few pixels passes for a movement: one pair alone does not tell of the set.
+    # In few pixels, strong blur passes for a movement: one pair does not speak for the set.
     if not moves or np.median([move.at_corners(shape) for move, shape in moves]) <= _STILL:
         return "none", []
     shift, turn = most(degrees=0, magnification=1), most(right=0, down=0, magnification=1)

@@ -1,4 +1,4 @@
-"""Read the Middlebury 2005 and 2006 scenes, in the site's layout or its archives; fetch them."""
+"""Read the Middlebury 2005 and 2006 scenes, in the site's layout or its archives; download them."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -21,14 +21,14 @@ from dfdbench.tables.table import counted, listed
 Levels = NDArray[np.uint8]
 
 _FOLDERS = {"illumination": "Illum", "exposure": "Exp"}
-# Where archives lie below the scenes' folder: downloaded, and on the site.
+# Where archives are, below the scenes' folder: once downloaded, and on the site.
 _ZIPPED = ("", "zip-2views")
 
 
 class MiddleburyScenes:
     """Middlebury scenes on disk: ``SCENE/Illum1/Exp0/view1.png``, ``SCENE/disp1.png``.
 
-    Of a set without lightings the images are ``SCENE/view1.png``, the site's default lighting.
+    In a set without lightings the images are ``SCENE/view1.png``, the site's default lighting.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ class MiddleburyScenes:
         The folder that holds the scenes or the archives ``SCENE-2views.zip``, or one above it:
         ``ThirdSize``, ``scenes2005``, or their parent.
     checksums : mapping of str to str
-        The SHA-256 of files by name; one that differs is refused.
+        The SHA-256 of files by name; a file that differs is refused.
 
     Raises
     ------
     SourceError
-        Where the folder holds no scene of the manifest.
+        If the folder holds no scene of the manifest.
     """
 
     options: Mapping[str, Any] = {}
@@ -88,7 +88,7 @@ class MiddleburyScenes:
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
-        """Read one scene; every file that is damaged or does not fit is named at once."""
+        """Read one scene; the error names every file that is damaged or does not fit."""
         problems: list[Problem] = []
         files, unknown = self._scenes[scene], self._manifest.depth.unknown
         read: dict[int, Levels] = {}
@@ -117,7 +117,7 @@ class MiddleburyScenes:
         return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return where the files that are missing can be had, and what they are called."""
+        """Say where to get the missing files, and what they are called."""
         urls = {source.name: source.url for source in self._manifest.sources}
         source_of = {scene.name: scene.source for scene in self._manifest.scenes}
         first = missing[0]
@@ -146,9 +146,9 @@ class MiddleburyScenes:
 
 
 def image_name(at: Mapping[str, int]) -> str:
-    """Return an in-focus image's file name below its scene, as the site has it.
+    """Return an in-focus image's file name below its scene, as on the site.
 
-    Without a lighting it is that of the site's default one.
+    Without an illumination, it is the image in the site's default lighting.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def depth_name(at: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True)
 class SceneFiles:
-    """The files of one scene; a folder's come before an archive's.
+    """The files of one scene; files in a folder take precedence over an archive's.
 
     Parameters
     ----------
@@ -190,14 +190,14 @@ class SceneFiles:
         Raises
         ------
         SourceError
-            If the archive has to be looked into and is none.
+            If the archive is needed and is invalid.
         """
         if self.folder and (self.folder / name).is_file():
             return True
         return name in self._members
 
     def where(self, name: str) -> str:
-        """Return where a file lies, for messages."""
+        """Return a file's location, for messages."""
         if self.folder and ((self.folder / name).exists() or not self.archive):
             return str(self.folder / name)
         return f"{self.archive}, {name}"
@@ -208,7 +208,7 @@ class SceneFiles:
         Raises
         ------
         SourceError
-            Where it cannot be read.
+            If it cannot be read.
         """
         if self.folder and (self.folder / name).is_file():
             return read_as(SourceError, self.folder / name, "the file", LARGEST_ARRAY)
@@ -229,14 +229,14 @@ class SceneFiles:
 
 
 def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
-    """Return a scene's files below a place, or None where it has none.
+    """Return a scene's files below a place, or None if there are none.
 
     Parameters
     ----------
     name : str
         The scene.
     source : str
-        The site's folder that it is served from, such as ``scenes2005``.
+        The site's folder for the scene, such as ``scenes2005``.
     place : Path
         A folder of scenes or of archives, or one above: ``ThirdSize``, ``scenes2005``, or their
         parent.
@@ -250,7 +250,7 @@ def find_scene(name: str, source: str, place: Path) -> SceneFiles | None:
 
 _NAMES_SHOWN = 10
 
-#: Of a file, what it holds and where it came from.
+#: Called with a file, its contents and where it came from.
 _Inspection = Callable[[Path, bytes, str], None]
 
 
@@ -261,13 +261,13 @@ class Download:
     Parameters
     ----------
     folder : Path
-        Where the files lie, in the site's layout.
+        Where the files are, in the site's layout.
     new, kept : int
-        Files fetched now, and found whole from before.
+        Files downloaded now, and complete ones kept from before.
     lock : Path or None
-        The lock file, where this call was the first that was complete.
+        The lock file, if this call was the first to complete the set.
     lacking : tuple of Problem
-        One for each mirror that was asked for files that it does not have.
+        One for each mirror that lacks files it was asked for.
     refused : int
         How many files were damaged and set aside.
     """
@@ -287,10 +287,10 @@ def download_middlebury(
     offline: bool = False,
     on_progress: fetching.Progress | None = None,
 ) -> Download:
-    """Bring a data set's files into a folder; check all that are there.
+    """Download a data set's files into a folder; check all that are there.
 
-    A set in the site's default lighting comes as one archive a scene; scenes whose archive cannot
-    be had, and any other set, come file by file.
+    A set in the site's default lighting comes as one archive per scene. Scenes whose archive is not
+    available, and all other sets, come file by file.
 
     Parameters
     ----------
@@ -301,15 +301,15 @@ def download_middlebury(
     mirrors : sequence of str
         Addresses to ask before the site itself; each stands for ``.../stereo/data``.
     offline : bool
-        Ask nobody; only check what is there.
+        Ask no server; only check what is there.
     on_progress : callable, optional
-        Told of (files done, files in all, bytes received).
+        Called with (files done, total files, bytes received).
 
     Raises
     ------
     SourceError
-        With every file that is damaged or could not be reached; the missing are counted beside
-        them. What came is kept.
+        With every file that is damaged or could not be reached; missing ones are only counted. What
+        was downloaded is kept.
     """
     what = "another download into this folder is running"
     taken = SourceError(what, where=str(folder), fix="wait for it")
@@ -319,7 +319,7 @@ def download_middlebury(
         with hold(folder / f".{fetching.lock_name(manifest)}.lock", taken):
             known = fetching.known_checksums(manifest, folder)
             site = _Site(manifest, folder, tuple(mirrors), known)
-            # The site's archives hold the default lighting and no other.
+            # The site's archives hold only the default lighting.
             if set(manifest.axes) == {"view"}:
                 fates = _bring_default(site, fetcher)
             else:
@@ -346,7 +346,7 @@ def download_middlebury(
 
 @dataclass(frozen=True)
 class _Site:
-    """Which files there are, where they may be had, and how each is checked."""
+    """Which files there are, where to get them, and how to check each."""
 
     manifest: Manifest
     folder: Path
@@ -400,7 +400,7 @@ def _inspect_archive(file: Path, content: bytes, where: str) -> None:
 def _bring_each(
     site: _Site, fetcher: fetching.Fetcher, scenes: Sequence[Scene]
 ) -> list[fetching.Fate]:
-    # Depth maps first: an image is checked against the size of its own.
+    # Depth maps first: an image's size is checked against its depth map's.
     depths = [file for scene in scenes for file in site.depths(scene)]
     images = [file for scene in scenes for file in site.images(scene)]
     fates = fetcher.bring(depths, len(images))
@@ -452,7 +452,7 @@ def _refuse(fates: list[fetching.Fate], folder: Path, lacking: tuple[Problem, ..
 
 
 def _first_few(fates: list[fetching.Fate]) -> list[Problem]:
-    # A server that is down fails every file alike: the first few tell enough.
+    # If a server is down, every file fails alike: naming the first few is enough.
     problems = [problem for fate in fates for problem in fate.problems]
     if len(problems) <= _NAMES_SHOWN:
         return problems

@@ -1,4 +1,4 @@
-"""Read the thesis's captures: two voltage steps a pair, or the sharpest step to be blurred."""
+"""Read the thesis's captures: two voltage steps per pair, or the sharpest step to be blurred."""
 
 import hashlib
 from collections.abc import Mapping
@@ -27,12 +27,12 @@ class CapturedScene:
     Parameters
     ----------
     folder : Path
-        The scene's.
+        The scene's folder.
     capture : Recording
-        Of the manifest.
+        The manifest's section.
     """
 
-    #: Where its images are, a folder an exposure.
+    #: Where its images are, in one folder per exposure.
     inside: str
 
     def __init__(self, folder: Path, capture: Recording) -> None:
@@ -40,13 +40,13 @@ class CapturedScene:
         self._capture = capture
 
     def exposures(self) -> tuple[int, ...]:
-        """Return the exposure times, in ms, of which there are images."""
+        """Return the exposure times, in ms, that have images."""
         places = (self.folder / self.inside).glob("exp_*")
         names = (place.name.removeprefix("exp_") for place in places if place.is_dir())
         return tuple(sorted({int(name) for name in names if name.isdigit()}))
 
     def _place_of(self, exposure_ms: int) -> Path:
-        # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
+        # The thesis's folders are exp_10 to exp_70; we also accept a leading zero.
         inside = self.folder / self.inside
         padded = inside / f"exp_{exposure_ms:02d}"
         return padded if padded.is_dir() else inside / f"exp_{exposure_ms}"
@@ -58,7 +58,7 @@ class PublishedScene(CapturedScene):
     inside = "left"
 
     def images(self, exposure_ms: int, step: int) -> list[Path]:
-        """Return the one file of an image; none where it is missing."""
+        """Return the one file of an image, or none if it is missing."""
         file = self._place_of(exposure_ms) / f"{_image_name(exposure_ms, step)}.png"
         return [file] if file.exists() else []
 
@@ -67,7 +67,7 @@ class PublishedScene(CapturedScene):
         return read_rgb(self.images(exposure_ms, step)[0])
 
     def frame(self, exposure_ms: int, step: int) -> Image:
-        """Return all that is published of an image's frame: what was left of it by the crop."""
+        """Return the published part of an image's frame: what the crop left of it."""
         return self.image(exposure_ms, step)
 
     @property
@@ -82,11 +82,11 @@ class PublishedScene(CapturedScene):
         return sorted(found, key=lambda path: not path.stem.endswith("_x6"))[:1]
 
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
-        """Return what is wrong with an image's file, found without decoding it."""
+        """Return the problems of an image's file, found without decoding it."""
         return image_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
 
     def depth_problems(self) -> list[Problem]:
-        """Return what is wrong with the depth map's file."""
+        """Return the problems of the depth map's file."""
         files = self.depth_files()
         if not files:
             what = "scene has no LIDAR depth map, lidar/lidar_rng_left_00000_8bit_x6.png"
@@ -100,9 +100,10 @@ class RawScene(CapturedScene):
     Parameters
     ----------
     folder : Path
-        The scene's; its ``beams.csv``, or the one beside it, replaces the thesis's calibration.
+        The scene's folder; its ``beams.csv``, or the one beside it, replaces the thesis's
+        calibration.
     capture : Recording
-        Of the manifest.
+        The manifest's section.
     """
 
     inside = "frames"
@@ -117,7 +118,7 @@ class RawScene(CapturedScene):
         return sorted(self._place_of(exposure_ms).glob(f"{_image_name(exposure_ms, step)}_*.png"))
 
     def steps(self, exposure_ms: int) -> tuple[int, ...]:
-        """Return the voltage steps of which there are frames at an exposure."""
+        """Return the voltage steps that have frames at an exposure."""
         files = self._place_of(exposure_ms).glob("image_*_*.png")
         names = [path.name.split("_") for path in files]
         return tuple(sorted({int(parts[1]) for parts in names if parts[1].isdigit()}))
@@ -135,12 +136,12 @@ class RawScene(CapturedScene):
         return lidar.average_scans([lidar.read_ranges(path) for path in self.scans()])
 
     def beams(self) -> lidar.Beams:
-        """Return where the beams point: the scene's calibration, the folder's, or the thesis's."""
+        """Return the beams' directions: the scene's calibration, the folder's, or the thesis's."""
         return lidar.read_beams(self.beams_file())
 
     @cached_property
     def depth(self) -> LevelsAndKnown:
-        """Depth levels in centimetres and where they are known; worked out once."""
+        """Depth levels in centimetres and where they are known; computed only once."""
         levels, valid = lidar.depth_image(self.ranges(), self.beams())
         matrix = registration.read_registration(self.registration)
         return lidar.warp(levels, valid, matrix, (self._capture.crop_size,) * 2)
@@ -151,13 +152,13 @@ class RawScene(CapturedScene):
         return sorted([*folder.glob("lidar_rng_*.bin"), *folder.glob("lidar_rng_*.npy")])
 
     def beams_file(self) -> Path | None:
-        """Return the calibration's file, None for the thesis's."""
+        """Return the calibration's file, or None for the thesis's."""
         places = (self.folder / "beams.csv", self.folder.parent / "beams.csv")
         return next((path for path in places if path.exists()), None)
 
     @property
     def registration(self) -> Path:
-        """Where the transform to the image is kept."""
+        """The file with the transform to the image."""
         return self.folder / registration.NAME
 
     def depth_files(self) -> list[Path]:
@@ -166,7 +167,7 @@ class RawScene(CapturedScene):
         return [*self.scans(), *([beams] if beams else []), self.registration]
 
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
-        """Return what is wrong with an image's frames, found without decoding them."""
+        """Return the problems of an image's frames, found without decoding them."""
         files = self.images(exposure_ms, step)
         problems = image_problems(files, tuple(self._capture.frame_size))
         if len(files) != self._capture.frames:
@@ -176,7 +177,7 @@ class RawScene(CapturedScene):
         return problems
 
     def scan_problems(self) -> list[Problem]:
-        """Return what is wrong with the range files and the calibration."""
+        """Return the problems of the range files and the calibration."""
         if not self.scans():
             return [Problem("scene has no lidar/lidar_rng_00000.bin", where=str(self.folder))]
         problems: list[Problem] = []
@@ -190,11 +191,11 @@ class RawScene(CapturedScene):
                 if beams not in (None, rows):
                     what = f"calibration of {beams} beams for {rows}, as {path.name}"
                     misfits.append(Problem(what, where=str(self.beams_file() or path)))
-        # The scans of a scene are of one LIDAR: one misfit says it all.
+        # A scene's scans are all from one LIDAR, so one misfit is enough to report.
         return problems + misfits[:1]
 
     def depth_problems(self) -> list[Problem]:
-        """Return what is wrong with range files, calibration and registration."""
+        """Return the problems of range files, calibration and registration."""
         problems = self.scan_problems()
         where = str(self.registration)
         fix = f"dfdbench rig register {self.folder.name} --source {self.folder.parent}"
@@ -212,7 +213,7 @@ class RawScene(CapturedScene):
 def find_captured_scene(
     folder: Path, name: str, capture: Recording
 ) -> PublishedScene | RawScene | None:
-    """Return a scene's files in the layout that they are in; None where there is no such folder."""
+    """Return a scene's files in whichever layout they are in; None if there is no such folder."""
     place = folder / name
     if (place / "frames").is_dir():
         return RawScene(place, capture)
@@ -226,22 +227,22 @@ def _image_name(exposure_ms: int, step: int) -> str:
 class RealworldFolder:
     """Scenes k00 to k63 in a folder, as published or as captured; layouts may be mixed.
 
-    A manifest without a blur recipe pairs two voltage steps; one with a recipe takes the sharpest
-    step of each exposure, whose defocus image the build makes.
+    A manifest without a blur recipe pairs two voltage steps. One with a recipe takes the sharpest
+    step of each exposure, and the build makes its defocus image.
 
     Parameters
     ----------
     manifest : Manifest
-        With the section `capture`.
+        With a section `capture`.
     folder : Path
-        Holds the scenes.
+        The folder with the scenes.
     pair : tuple of int, optional
         In-focus and defocus voltage step; by default the manifest's.
 
     Raises
     ------
     SourceError
-        Where the folder holds no scene of the manifest, or the pair cannot be had.
+        If the folder holds no scene of the manifest, or the pair is not available.
     """
 
     def __init__(
@@ -264,23 +265,23 @@ class RealworldFolder:
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Which voltage steps make a pair."""
+        """The voltage steps of a pair."""
         return {"pair": "sharpest" if self._synthetic else list(self._steps)}
 
     @property
     def captures_defocus(self) -> bool:
-        """Whether the defocus image is a voltage step, not made."""
+        """Whether the defocus image is a captured voltage step rather than computed."""
         return not self._synthetic
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """All that keeps pairs from being built, of every scene that is there."""
-        # Scenes may share a calibration: what is wrong with it is one problem.
+        """Everything that keeps pairs from being built, for every scene that is there."""
+        # Scenes may share a calibration, whose problem is reported once.
         found = (problem for _, problems in self._checked.values() for problem in problems)
         return tuple(dict.fromkeys(found))
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs whose images and depth map are there and whole."""
+        """Return the pairs whose images and depth map are there and intact."""
         return tuple(
             pair
             for pair in self._manifest.pairs()
@@ -305,7 +306,7 @@ class RealworldFolder:
         for exposure in self._checked[scene][0]:
             steps = self._steps
             if self._synthetic:
-                # 3.2.5: the sharpest is found first, in whole frames, and cropped then.
+                # 3.2.5: find the sharpest in whole frames first, then crop.
                 steps = (steps[sharpest([files.frame(exposure, step) for step in steps])],)
             images = np.stack([files.image(exposure, step) for step in steps])
             found[Pair(scene, (("exposure_ms", exposure),))] = images
@@ -315,7 +316,7 @@ class RealworldFolder:
         return SceneImages.of_pairs(laid[:, 0], depth, valid, available, defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return what is wrong with the scenes that are there, and how to go on."""
+        """Return what is wrong with the scenes that are there, and how to continue."""
         if not self.problems:
             return "add the scenes that are missing; --allow-missing accepts what is there"
         whole = sum(bool(exposures) for exposures, _ in self._checked.values())
@@ -325,7 +326,7 @@ class RealworldFolder:
 
     @cached_property
     def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:
-        # Every file is looked at before any is used: all that is wrong is reported together.
+        # Check every file before using any, so that all problems are reported together.
         return {name: self._check(files) for name, files in self._scenes.items()}
 
     def _check(self, files: PublishedScene | RawScene) -> tuple[tuple[int, ...], list[Problem]]:
@@ -362,9 +363,9 @@ class RealworldFolder:
 def in_direction_of(
     levels: NDArray[np.uint8], valid: NDArray[np.bool_], depth: Depth, whole: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the rig's levels, which are distances, in the direction that a manifest states.
+    """Convert the rig's levels, which are distances, to the direction that a manifest states.
 
-    By Eq. 7.1 what is near is bright, as in Middlebury's maps.
+    By Eq. 7.1, near is bright, as in Middlebury's maps.
 
     Parameters
     ----------
@@ -373,9 +374,9 @@ def in_direction_of(
     valid : ndarray of bool, shape (y, x)
         True where the distance is known.
     depth : Depth
-        The manifest's.
+        The manifest's section.
     whole : bool
-        Whether pixels without a return are turned as well, as the thesis did of what it blurred.
+        Whether to invert pixels without a return too, as the thesis did for what it blurred.
 
     Examples
     --------

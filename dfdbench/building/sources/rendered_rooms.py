@@ -11,12 +11,12 @@ from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
 
 
 class Rooms(Whole):
-    """The rooms of a seed, photographed by its camera.
+    """The rooms of a seed, photographed by the seed's camera.
 
     Parameters
     ----------
     manifest : Manifest
-        Of a rendered set: its name says the family and the seed.
+        A rendered set's manifest; its name gives the family and the seed.
     """
 
     captures_defocus = True
@@ -24,7 +24,7 @@ class Rooms(Whole):
     def __init__(self, manifest: Manifest) -> None:
         super().__init__(manifest)
         found = seeded(manifest.name)
-        assert found is not None  # by its reader
+        assert found is not None  # its reader implies it
         self._family, self._seed = found
 
     def signature(self, scene: str) -> str:

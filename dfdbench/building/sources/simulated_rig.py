@@ -1,4 +1,4 @@
-"""Simulate the rig and treat what it gives as its captures: a real-world set from no file."""
+"""Simulate the rig and treat the output as its captures: a real-world set without any files."""
 
 import hashlib
 import re
@@ -29,23 +29,23 @@ Floats = NDArray[np.float64]
 
 #: Raised whenever the same manifest would give other images.
 _VERSION = 1
-# What is found is rounded, so that the last bits of a platform's arithmetic change no map: the pose
-# to steps in degrees, a third of a pixel at most, and to decimals of a pixel the corners that a
-# registration is kept as.
+# Results are rounded, so that the last bits of a platform's arithmetic change no map: the pose to
+# steps in degrees, a third of a pixel at most, and the corners of a stored registration to decimals
+# of a pixel.
 _ANGLE_STEP, _CORNER_PLACES = 0.02, 1
 
 
 class SimulatedRig:
-    """Scenes as `dfdbench rig simulate realworld` writes them, registered and read as captures are.
+    """Scenes as from `dfdbench rig simulate realworld`, registered and read like captures.
 
-    Frames are averaged and cropped, scans averaged, and the LIDAR's depth map, laid on the image by
-    `dfdbench.rig.registration.register` from all scenes of the manifest together, is the ground
-    truth. The simulation's own truth is not used.
+    Frames are averaged and cropped, and scans averaged. The ground truth is the LIDAR's depth map,
+    aligned with the image by `dfdbench.rig.registration.register` from all scenes of the manifest
+    together. The simulation's own truth is not used.
 
     Parameters
     ----------
     manifest : Manifest
-        With the section `capture`, the axis `exposure_ms` and scenes k00 to k63.
+        With a section `capture`, the axis `exposure_ms` and scenes k00 to k63.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class SimulatedRig:
 
     def __init__(self, manifest: Manifest) -> None:
         SourceError.raise_if(_problems_of(manifest))
-        assert manifest.capture is not None  # it would be one of the problems
+        assert manifest.capture is not None  # otherwise it would be one of the problems
         self._manifest = manifest
         self._capture = manifest.capture
         height, width = self._capture.frame_size
@@ -65,19 +65,19 @@ class SimulatedRig:
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Which voltage steps make a pair."""
+        """The voltage steps of a pair."""
         return {"pair": [self._capture.infocus_step, self._capture.defocus_step]}
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs of the scenes that could be registered.
 
-        They are registered here, all together: what one scene becomes depends on the others.
+        They are registered here, all together: each scene's result depends on the others.
         """
         matrices, _ = self._registered
         return tuple(pair for pair in self._manifest.pairs() if pair.scene in matrices)
 
     def signature(self, scene: str) -> str:
-        """Return the SHA-256 of photograph, lens, beams, scene, and what is simulated of them."""
+        """Return the SHA-256 of photograph, lens, beams, scene, and the simulation's parameters."""
         simulated, manifest = self._scene(scene), self._manifest
         board, capture = simulated.board, self._capture.model_dump()
         facts = (_VERSION, simulated, board, capture, manifest.axes, manifest.scene_names)
@@ -88,12 +88,12 @@ class SimulatedRig:
         return digest.hexdigest()
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return why scenes could not be registered."""
+        """Say why scenes could not be registered."""
         _, problems = self._registered
         return "; ".join(f"{name}: {found[0]}" for name, found in problems.items())
 
     def read(self, scene: str) -> SceneImages:
-        """Simulate one scene and make of it what the real-world pipeline makes of captures."""
+        """Simulate one scene and process it as the real-world pipeline processes captures."""
         matrices, problems = self._registered
         if scene not in matrices:
             raise SourceError.of(problems[scene])

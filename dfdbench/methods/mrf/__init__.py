@@ -1,4 +1,4 @@
-"""Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
+"""Solvers for labelings of a grid, with a cost per pixel and a cost per pair of neighbours."""
 
 from dfdbench.methods.mrf.energy import (
     MOST_HELD,

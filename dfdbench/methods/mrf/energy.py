@@ -1,4 +1,4 @@
-"""The energy that every solver here minimises: costs of labels at pixels and of label differences.
+"""The energy that every solver here minimises: costs of labels, and of differences between them.
 
     E(l) = offset + sum over pixels p of unary[p, l_p]
                   + sum over 4-neighbours p, q of weight[p, q] * smoothness[|l_p - l_q|]
@@ -16,20 +16,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError
 
-# Solvers work in int32. A pixel's terminal link adds up one difference of its costs and, from each
-# of four edges, at most three differences of smoothness costs: below 13 times this limit.
+# Solvers work in int32. A pixel's terminal link sums one difference of its costs and, from each of
+# four edges, at most three differences of smoothness costs: less than 13 times this limit.
 COST_LIMIT = 2**27
 
 
 def published(labels: int) -> NDArray[np.int32]:
-    """Build the smoothness of the thesis's program, close to |d| up to 228 and |d| - 1 above.
+    """Build the smoothness of the thesis's program: about |d| up to 228 and |d| - 1 above.
 
     V(d) = int(5.28 * 255 * |1 - exp(0.0015 d)| / (1 + exp(0.0015 d))).
 
     Parameters
     ----------
     labels : int
-        Number of labels; the formula was made for 256.
+        Number of labels; the formula is meant for 256.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def truncated_absolute(labels: int, cap: int, scale: int = 1) -> NDArray[np.int3
 
 
 def truncated_quadratic(labels: int, cap: int, scale: int = 1) -> NDArray[np.int32]:
-    """Build V(d) = scale * min(cap, d^2), the first row of Table 4.1; no metric.
+    """Build V(d) = scale * min(cap, d^2), the first row of Table 4.1; it is not a metric.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def truncated_quadratic(labels: int, cap: int, scale: int = 1) -> NDArray[np.int
 
 
 def potts(labels: int, cap: int) -> NDArray[np.int32]:
-    """Build V(d) = cap for every d but 0, the third row of Table 4.1.
+    """Build V(d) = cap for every d except 0, the third row of Table 4.1.
 
     Examples
     --------
@@ -122,25 +122,25 @@ def _table(costs: NDArray[Any], cap: int, scale: int) -> NDArray[np.int32]:
     return table.astype(np.int32)
 
 
-#: Costs that take more memory are worked out in `Parts`, if a method can, in some times the time.
+#: Costs that take more memory are computed in `Parts` if a method can, which takes longer.
 MOST_HELD = 400_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Costs that are worked out anew whenever they are looked at, and never held whole.
+    """Costs that are computed again whenever they are read, and never held as a whole.
 
     Parameters
     ----------
     of : callable
-        ``of(rows=..., columns=...)`` gives the costs of a part of the grid, (y, x, label) uint16,
+        ``of(rows=..., columns=...)`` returns the costs of a part of the grid, (y, x, label) uint16,
         and the sum of what was subtracted from them.
     shape : tuple of int
-        Of all costs, (y, x, label).
+        The shape of all costs, (y, x, label).
     most : int
-        What no label costs more than.
+        The upper limit of all costs.
     most_bytes : int
-        What a band of rows or columns takes at most, if it has more than two of them.
+        The most memory for a band of rows or columns, if it has more than two of them.
 
     Examples
     --------
@@ -157,7 +157,7 @@ class Parts:
     dtype = np.dtype(np.uint16)
 
     def max(self) -> int:
-        """Return what no label costs more than."""
+        """Return the upper limit of all costs."""
         return self.most
 
     def offset(self) -> int:
@@ -165,7 +165,7 @@ class Parts:
         return sum(offset for _, (_, offset) in self._bands(columns=False))
 
     def bands(self, columns: bool = False) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
-        """Yield bands of rows, or of columns, and their costs; an even number but for the last."""
+        """Yield bands of an even number of rows or columns (except the last), and their costs."""
         for band, (costs, _) in self._bands(columns):
             yield band, costs
 
@@ -182,7 +182,7 @@ class Parts:
 def bands_of(
     unary: NDArray[Any] | Parts, columns: bool = False
 ) -> Iterator[tuple[slice, NDArray[Any]]]:
-    """Yield bands of rows or columns and their costs: of an array, all of it at once."""
+    """Yield bands of rows or columns and their costs; an array is one band."""
     if isinstance(unary, Parts):
         yield from unary.bands(columns)
     else:
@@ -190,7 +190,7 @@ def bands_of(
 
 
 def costs_at(unary: NDArray[Any] | Parts, labels: NDArray[Any]) -> NDArray[Any]:
-    """Return what its label costs each pixel, (y, x)."""
+    """Return the cost of each pixel's label, (y, x)."""
     costs = np.empty(labels.shape, unary.dtype)
     for rows, part in bands_of(unary):
         costs[rows] = np.take_along_axis(part, labels[rows, :, np.newaxis], 2)[..., 0]
@@ -199,7 +199,7 @@ def costs_at(unary: NDArray[Any] | Parts, labels: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """An energy over labelings of a grid, which the solvers make small.
+    """An energy over labelings of a grid, which the solvers minimise.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class Energy:
     smoothness : (label,) int32
         ``smoothness[d]`` is the cost of two neighbours whose labels differ by d; 0 for d = 0.
     weights_horizontal : (y, x - 1) int32, optional
-        Non-negative factor of the edge between (y, x) and (y, x + 1); 1 where not given.
+        Non-negative factor of the edge between (y, x) and (y, x + 1); by default 1.
     weights_vertical : (y - 1, x) int32, optional
         The same between (y, x) and (y + 1, x).
     offset : int, optional
@@ -217,7 +217,7 @@ class Energy:
     Raises
     ------
     InputError
-        For a cost so large that int32 could overflow.
+        If costs are so large that int32 could overflow.
 
     Examples
     --------
@@ -236,7 +236,7 @@ class Energy:
     offset: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse costs whose sums int32 could not hold."""
+        """Raise if sums of costs could overflow int32."""
         for name, value in (
             ("unary costs", self.largest_cost),
             ("smoothness times weight", self.heaviest * int(self.smoothness.max())),
@@ -256,7 +256,7 @@ class Energy:
 
     @cached_property
     def largest_cost(self) -> int:
-        """What the dearest label of any pixel costs."""
+        """The largest cost of any label at any pixel."""
         return int(self.unary.max())
 
     @property
@@ -289,9 +289,9 @@ class Energy:
         return replace(self, unary=self.unary.of(rows=slice(None), columns=slice(None))[0])
 
     def edge_weights(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Give the weights of all edges to the right and downward, each (y, x) int32.
+        """Return the weights of all edges to the right and downward, each (y, x) int32.
 
-        Edges that would leave the grid have weight 0; edges without given weight have 1.
+        Edges that would leave the grid have weight 0; edges without a given weight have 1.
         """
         right = np.zeros(self.shape, np.int32)
         down = np.zeros(self.shape, np.int32)
@@ -300,7 +300,7 @@ class Energy:
         return right, down
 
     def evaluate(self, labels: ArrayLike) -> int:
-        """Give the energy of a labeling, exactly.
+        """Return the exact energy of a labeling.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""Best lines: the labels of a whole row or column at once, the lines beside it left as they are.
+"""Best lines: find the labels of a whole row or column at once, with the other lines fixed.
 
-A cut chooses between two labels for every pixel of the image; here every pixel of one line chooses
-among sixteen, exactly, by dynamic programming, which takes no longer. Labels travel along lines:
-where surfaces end, a pixel's right label is mostly some neighbour's.
+A cut chooses between two labels for every pixel of the image. Here every pixel of one line chooses
+among sixteen, exactly, by dynamic programming, in no more time. Labels spread along lines: where
+surfaces end, a pixel's correct label is mostly that of a neighbour.
 """
 
 from typing import Any
@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 
 from dfdbench.system.compiled import compiled
 
-# The labels that a pixel chooses from: so many around its own, those of its four neighbours, and
-# the one that its own costs favour; together as many as fill a processor's widest register.
+# A pixel chooses from this many labels around its own, those of its four neighbours, and the one
+# that its own costs favour; together they fill a processor's widest register.
 AROUND = 11
 CANDIDATES = AROUND + 4 + 1
 
 _FAR = np.int32(2**31 - 1)
 
 Array = NDArray[Any]
-#: What each label costs each pixel; labels, what they cost, and a label that any may choose.
+#: Every label's cost at every pixel; labels, their costs, and a label that each pixel may choose.
 Arrays = tuple[Array, Array, Array, Array]
 #: The slope and the cap of the smoothness.
 Law = tuple[Any, Any]
-#: Where a line's labels lie, and where its costs do.
+#: Where a line's labels are, and where its costs are.
 Grids = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
@@ -40,20 +40,20 @@ def best_lines(
     columns: bool,
     first: int = 0,
 ) -> None:
-    """Give every row, or every column, in turn the best labels among its pixels' candidates.
+    """Give each row or column in turn the best labels among its pixels' candidates.
 
     Parameters
     ----------
     unary : (y, x, label) uint16 or int32
-        What each label costs each pixel, of some of the lines that lie side by side.
+        Every label's cost at every pixel, for some adjacent lines.
     labels, costs : (y, x) int32 and of the type of the costs
-        Labels and what they cost, both changed in place.
+        Labels and their costs, both changed in place.
     favoured : (y, x) int32
         A label that every pixel may choose.
     slope, cap : int
-        Neighbours whose labels differ by d pay ``slope * min(d, cap)`` times their edge's weight.
+        Neighbours whose labels differ by d cost ``slope * min(d, cap)`` times their edge's weight.
     along, across : (y, x) int32
-        Weights of the edges to the next pixel of the line, and to that of the next line.
+        Weights of the edges to the next pixel of the line, and to the pixel in the next line.
     columns : bool
         Whether the lines are columns.
     first : int
@@ -71,7 +71,7 @@ def best_lines(
     height, width = labels.shape
     count, own = unary.shape[2], unary.shape[1]
     grid = (height, 1, width) if columns else (width, width, 1)
-    # Where the costs of a line's pixels lie, as the grid says where its labels do.
+    # Where the costs of a line's pixels are, just as the grid says where its labels are.
     part = (first, 1, own) if columns else (first, own, 1)
     arrays = unary.reshape(-1, count), labels.reshape(-1), costs.reshape(-1), favoured.reshape(-1)
     law = np.int32(slope), np.int32(cap)
@@ -81,7 +81,7 @@ def best_lines(
 @compiled()
 def _sweep(arrays: Arrays, law: Law, along: Array, across: Array, grids: Grids) -> None:
     (length, next_line, step), (first, _, _) = grids
-    # For each pixel of a line its candidates, and what they cost.
+    # The candidates of each pixel of a line, and their costs.
     choices = np.empty((length, CANDIDATES), np.int32)
     sums = np.empty((length, CANDIDATES), np.int32)
     for line in range(first, first + len(arrays[0]) // length):
@@ -94,7 +94,7 @@ def _sweep(arrays: Arrays, law: Law, along: Array, across: Array, grids: Grids) 
 def _offer(
     arrays: Arrays, law: Law, across: Array, grids: Grids, line: int, choices: Array, sums: Array
 ) -> None:
-    # Candidates cost what they cost the pixel, and the edges to the lines beside.
+    # A candidate's cost is its cost at the pixel plus that of the edges to the adjacent lines.
     (unary, labels, _, favoured), (slope, cap) = arrays, law
     (length, next_line, step), (first, own_next, own_step) = grids
     lines, count = labels.size // length, unary.shape[1]
@@ -130,8 +130,8 @@ def _offer(
 
 @compiled()
 def _add_lines(law: Law, along: Array, first: int, step: int, choices: Array, sums: Array) -> None:
-    # From pixel to pixel, add the least that the line costs up to the one before; all relative to
-    # the pixel's least, so that sums stay small.
+    # From pixel to pixel, add the least cost of the line up to the previous one. All costs are
+    # relative to the pixel's least, so that sums stay small.
     slope, cap = law
     before = np.empty(CANDIDATES, np.int32)
     for place in range(len(sums)):
@@ -152,14 +152,14 @@ def _take(
 ) -> None:
     (unary, labels, costs, _), (slope, cap) = arrays, law
     (_, next_line, step), (first, own_next, own_step) = grids
-    # From the line's end, each pixel takes what is best before the label that comes after it.
+    # From the line's end, each pixel takes the best label given the next pixel's label.
     for place in range(len(sums) - 1, -1, -1):
         at = line * next_line + place * step
         chosen, total = choices[place], sums[place]
         if place + 1 < len(sums):
             _add_edge(total, chosen, labels[at + step], np.int32(slope * along[at]), cap)
         least = _least(total)
-        # Of equally good labels a pixel keeps its own, else takes the first.
+        # Of equally good labels, a pixel keeps its own or else takes the first.
         best = labels[at] - chosen[0]
         if total[best] != least:
             best = 0
@@ -169,8 +169,8 @@ def _take(
             costs[at] = unary[(line - first) * own_next + place * own_step, chosen[best]]
 
 
-# Numba makes every sum of 32-bit numbers one of 64 bits, which holds half as many in a processor's
-# register: each is turned back at once.
+# Numba widens every sum of 32-bit numbers to 64 bits, of which only half as many fit in a
+# processor's register, so convert each one back at once.
 @compiled(inline="always")
 def _add_edge(total: Array, chosen: Array, label: Any, weight: Any, cap: Any) -> None:
     other = np.int32(label)
@@ -184,7 +184,7 @@ def _add_edge(total: Array, chosen: Array, label: Any, weight: Any, cap: Any) ->
 def _reach(
     sums: Array, choices: Array, chosen: Array, weight: Any, cap: Any, before: Array
 ) -> None:
-    # The least that the line costs up to the pixel before, and the edge between.
+    # The least cost of the line up to the previous pixel, plus the edge between.
     for candidate in range(CANDIDATES):
         own, least = chosen[candidate], _FAR
         for other in range(CANDIDATES):

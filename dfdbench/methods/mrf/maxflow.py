@@ -1,14 +1,14 @@
 """Minimum cuts on a 4-connected grid, the one primitive that every move-making solver needs.
 
-First rows and columns are solved by themselves, in linear time. For the rest of the flow two search
-trees grow from the terminals and are repaired after each augmenting path, as in Boykov
-and Kolmogorov ("An experimental comparison of min-cut/max-flow algorithms for energy minimization
-in vision", PAMI 2004), but breadth first, every node knowing its distance from the terminal
-(Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011): on these grids
-slightly faster, and polynomial. Neighbours are found by adding a constant to the node's number, so
-that no adjacency lists are stored, and a border of nodes without edges spares every test for the
-image's edge. The parts share ten arrays and are one algorithm, hence one long module; the search is
-one long function because its state would travel through every call of a shorter one.
+First, rows and columns are solved by themselves, in linear time. For the rest of the flow, two
+search trees grow from the terminals and are repaired after each augmenting path, as in Boykov and
+Kolmogorov ("An experimental comparison of min-cut/max-flow algorithms for energy minimization in
+vision", PAMI 2004). They grow breadth first, and every node knows its distance from the terminal
+(Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011), which is slightly
+faster on these grids, and polynomial. A neighbour's number is the node's plus a constant, so there
+are no adjacency lists, and a border of nodes without edges avoids tests for the image's edge. The
+module is long because its parts share ten arrays and are one algorithm; the search is one long
+function because shorter ones would have to pass its state around.
 """
 
 from typing import Any
@@ -21,15 +21,15 @@ from dfdbench.system.compiled import compiled
 # Directions of the four edges that leave a node; `direction ^ 1` is the way back.
 RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
 
-# What `parent` holds besides a direction.
+# Values of `parent` other than a direction.
 TERMINAL, ORPHAN = 4, 5
 
-# Where the sources have this many times what the sinks want, only the sinks' tree is grown: a
+# If the sources have this many times what the sinks need, only the sinks' tree is grown, since a
 # source is near every sink.
 ABUNDANT = 10
 
-# What `tree` holds, FREE for nodes that are not active. Arrays with a first axis for the trees have
-# SOURCE's part at 0, SINK's at 1.
+# Values of `tree`; FREE for nodes that are not active. In arrays whose first axis is the tree,
+# SOURCE's part is at 0 and SINK's at 1.
 FREE, SOURCE, SINK = 0, 1, 2
 
 Array = NDArray[Any]
@@ -40,9 +40,9 @@ Trees = tuple[Array, Array, Array, Array, Array, tuple[Array, Array, Array]]
 class GridGraph:
     """A grid of nodes with terminal and neighbour links, solved in place and reused between cuts.
 
-    Nodes lie in flat arrays with a border of idle nodes: pixel (y, x) is node
+    Nodes are in flat arrays with a border of idle nodes: pixel (y, x) is node
     ``first + y * pitch + x``. Fill ``terminal`` and ``capacity``, call `cut`, read `sink_side`.
-    A solve uses up the capacities, so they are filled anew for every cut.
+    A solve uses up the capacities, so fill them anew for every cut.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ class GridGraph:
     Attributes
     ----------
     terminal : (node,) int32
-        Cost of the sink side less the cost of the source side: positive is a link from the
+        Cost of the sink side minus the cost of the source side: positive is a link from the
         source, negative a link to the sink.
     capacity : (4 * node,) int32
         Non-negative; ``capacity[4 * node + direction]`` is paid when the node is on the source
         side and its neighbour in that direction is on the sink side.
     active : (n,) int32
-        Nodes that take part in a cut, ascending, all at first; the others may have no links.
+        Nodes that take part in a cut, ascending; at first all. The others must have no links.
     nodes : (height * width,) int32
         Memory for a shorter `active`.
 
@@ -75,7 +75,7 @@ class GridGraph:
     def __init__(self, height: int, width: int) -> None:
         self.height = height
         self.width = width
-        # One idle column serves as right border of a row and left border of the next.
+        # One idle column serves as the right border of a row and the left border of the next.
         self.pitch = width + 1
         self.first = self.pitch + 1
         nodes = (height + 2) * self.pitch + 1
@@ -88,18 +88,18 @@ class GridGraph:
         self._given = np.zeros(nodes, np.int32)
         self._carried = np.zeros(nodes, np.int32)
         parent, (distance, orphans) = np.zeros(nodes, np.uint8), np.zeros((2, nodes), np.int32)
-        # Nodes to grow from: for both trees, at an even and an odd distance.
+        # Nodes to grow from, for both trees, at even and odd distances.
         fronts, counts = np.zeros((2, 2, nodes), np.int32), np.zeros((2, 2), np.int64)
         lists = fronts, counts, np.zeros((2, nodes), np.int32)
         self._trees = self.capacity, self.tree, parent, distance, orphans, lists
 
     def clear(self) -> None:
-        """Take away the links of the active nodes, which then belong to no side."""
+        """Remove the links of the active nodes, which then belong to neither side."""
         _clear(self.active, self.terminal, self.capacity, self.tree)
 
     def cut(self) -> int:
-        """Find a minimum cut and give its value (equal to the maximum flow)."""
-        # Most of the flow needs no turn: nine tenths on the energies here.
+        """Find a minimum cut and return its value (equal to the maximum flow)."""
+        # Most of the flow runs straight: nine tenths on the energies here.
         flow = 0
         for direction in (RIGHT, DOWN):
             links = self.terminal, self.capacity
@@ -110,9 +110,9 @@ class GridGraph:
         return int(flow)
 
     def sink_side(self) -> NDArray[np.bool_]:
-        """Tell which pixels the last cut put on the sink side, as a (y, x) bool array.
+        """Return which pixels the last cut put on the sink side, as a (y, x) bool array.
 
-        Where several cuts are minimal, this is the one with the fewest pixels on the sink side.
+        If several cuts are minimal, this is the one with the fewest pixels on the sink side.
         """
         rows = self.tree[self.pitch : (self.height + 1) * self.pitch]
         side: NDArray[np.bool_] = rows.reshape(self.height, self.pitch)[:, 1:] == SINK
@@ -143,7 +143,7 @@ def _push_along(
     for node in active:
         given[node] = terminal[node]
         flow += max(terminal[node], 0)
-    # Each node passes on what its link lets through, wanted or not.
+    # Each node passes on what its link lets through, whether it is needed or not.
     for node in active:
         other = node + step
         forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
@@ -155,7 +155,7 @@ def _push_along(
         terminal[other] += push
         capacity[forth] -= push
         capacity[back] += push
-    # What no node had use for goes back to where it came from.
+    # Return what no node needed to where it came from.
     for at in range(active.size - 1, -1, -1):
         node = active[at]
         before = node - step
@@ -197,14 +197,14 @@ def _grow_and_augment(pitch: int, active: Array, terminal: Array, trees: Trees) 
         listed[which, node] = 1
         fronts[which, 1, ends[which]] = node
         ends[which] += 1
-    # One by one: numba compiles for seconds what an assignment of arrays says of wrong shapes.
+    # One by one: numba takes seconds to compile the error message for an assignment of arrays.
     counts[0, 1], counts[1, 1] = ends[0], ends[1]
     scarce = amounts[0] < ABUNDANT * amounts[1]
     flow = 0
-    # The greatest distance at which each tree is complete, and has yet to grow from.
+    # The greatest distance up to which each tree is complete, and from which it still has to grow.
     depths = np.ones(2, np.int64)
-    # The sink's tree grows to its end, so that it holds all nodes that can reach the sink. The
-    # source's tree grows first up to twice its depth, which was fastest on the energies here.
+    # The sink's tree grows to its end, so that it has all nodes that can reach the sink. The
+    # source's tree first grows to twice its depth, which was fastest on the energies here.
     while counts[1, depths[1] & 1] > 0:
         shallow = scarce and depths[0] <= 2 * depths[1]
         side = SOURCE if shallow and counts[0, depths[0] & 1] > 0 else SINK
@@ -215,7 +215,7 @@ def _grow_and_augment(pitch: int, active: Array, terminal: Array, trees: Trees) 
             node = int(front[at])
             at += 1
             direction = 0
-            # Nodes cut off or moved away since they were listed are listed again elsewhere.
+            # Nodes that were cut off or moved since they were listed are listed again elsewhere.
             while direction < 4 and tree[node] == side and distance[node] == depth:
                 other = node + step[direction]
                 forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
@@ -236,7 +236,7 @@ def _grow_and_augment(pitch: int, active: Array, terminal: Array, trees: Trees) 
                 flow += push
                 capacity[forth] -= push
                 capacity[back] += push
-                # The side is a constant in each call, for which the compiler makes a faster copy.
+                # The side is a constant in each call, so that the compiler makes a faster copy.
                 ends_at = depths[0], depths[0] + (side == SOURCE)
                 _take(SOURCE, push, upper, step, terminal, trees, ends_at)
                 ends_at = depths[1], depths[1] + (side == SINK)
@@ -249,7 +249,7 @@ def _grow_and_augment(pitch: int, active: Array, terminal: Array, trees: Trees) 
 @compiled()
 def _list(side: int, node: int, depth: int, lists: tuple[Array, Array, Array]) -> None:
     fronts, counts, listed = lists
-    # A node may come to the same distance twice, but is to be grown from once.
+    # A node may get the same distance twice, but must be grown from only once.
     if listed[side - 1, node] != depth:
         listed[side - 1, node] = depth
         fronts[side - 1, depth & 1, counts[side - 1, depth & 1]] = node
@@ -292,7 +292,7 @@ def _take(
     depths: tuple[int, int],
 ) -> None:
     capacity, _, parent, _, orphans, _ = trees
-    # Take the flow from the links of one tree's part of the path; nodes cut off are adopted.
+    # Subtract the flow from the links of one tree's part of the path; nodes cut off are adopted.
     waiting = 0
     while parent[at] != TERMINAL:
         direction = parent[at]
@@ -320,8 +320,8 @@ def _adopt(
 ) -> None:
     capacity, tree, parent, distance, orphans, lists = trees
     depth, limit = depths
-    # Every orphan takes the nearest parent that it can, in a queue, so that children come after
-    # parents. `limit` is the greatest distance that the tree may have while it is grown.
+    # Every orphan takes the nearest possible parent. They queue, so that children come after
+    # parents. `limit` is the greatest distance that the tree may have while it grows.
     head, tail = 0, waiting
     while waiting > 0:
         orphan = int(orphans[head])
@@ -340,7 +340,7 @@ def _adopt(
         if best >= 0 and nearest == distance[orphan] - 1:
             parent[orphan] = best
             continue
-        # The orphan moves away from the terminal or leaves the tree: its children are orphans.
+        # The orphan moves away from the terminal or leaves the tree, so its children are orphans.
         for direction in range(4):
             other = orphan + step[direction]
             if tree[other] == side and parent[other] == (direction ^ 1):

@@ -1,13 +1,13 @@
-"""Binary moves: which of two labels each pixel takes is one minimum cut (`maxflow`).
+"""Binary moves: one minimum cut (`maxflow`) chooses which of two labels each pixel takes.
 
-A move offers every pixel another label, the same one to all pixels of one label: expansion offers
-label a to all, a jump offers l + d, a snap the nearest of some labels. Offers that keep the order
-of labels are submodular where the smoothness is linear, since |x - y| never prefers a mixed
-choice then; expansions are for every metric, jumps for every convex table. Where a pair's costs
-are not submodular, a mixed choice is made to cost more than it does (Rother, Kumar, Kolmogorov
-and Blake, "Digital tapestry", CVPR 2005): the cut still never picks what raises the energy.
+A move offers every pixel another label, the same one to all pixels of one label: an expansion
+offers label a to all, a jump offers l + d, a snap the nearest of some labels. Offers that keep the
+order of labels are submodular if the smoothness is linear, since |x - y| then never prefers a mixed
+choice. Expansions are submodular for every metric, jumps for every convex table. If a pair's costs
+are not submodular, we raise the cost of a mixed choice (Rother, Kumar, Kolmogorov and Blake,
+"Digital tapestry", CVPR 2005), so the cut still never raises the energy.
 
-Where the smoothness is a slope up to a cap, lines may move too, with more than two labels to choose
+If the smoothness is a slope up to a cap, lines may move too, with more than two labels to choose
 from (`lines`).
 """
 
@@ -23,7 +23,7 @@ from dfdbench.system.compiled import compiled
 
 #: The table of the smoothness, and the weights of edges to the right and down.
 Edges = tuple[Array, Array, Array]
-#: Labels and their costs, what each label is offered, and what that costs each pixel.
+#: Labels and their costs, the label offered to each, and the cost of that at each pixel.
 State = tuple[Array, Array, Array, Array]
 
 
@@ -39,7 +39,7 @@ def expansion_offer(labels: int, target: int) -> NDArray[np.int32]:
 
 
 def jump_offer(labels: int, step: int) -> NDArray[np.int32]:
-    """Offer each label l the label l + step, or the last one before the end (Veksler's jumps).
+    """Offer each label l the label l + step, at most the last label (Veksler's jumps).
 
     Examples
     --------
@@ -63,16 +63,16 @@ def snap_offer(labels: int, period: int, phase: int) -> NDArray[np.int32]:
 
 
 class Mover:
-    """Applies moves to a labeling of one energy, with the cut's memory reserved once.
+    """Apply moves to a labeling of one energy, allocating the cut's memory only once.
 
     Parameters
     ----------
     energy : Energy
-        What to lower.
+        The energy to lower.
     labels : (y, x) int32
-        Where to begin; every move changes it in place, and nothing else may.
+        The initial labels; every move changes them in place, and nothing else may.
     graph : GridGraph, optional
-        Memory of the same height and width to use again.
+        Memory of the same height and width to reuse.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Mover:
     ) -> None:
         self.graph = GridGraph(*energy.shape) if graph is None else graph
         self._unary = energy.unary
-        # Numba would compile all anew for one that was thinned out.
+        # Numba would compile everything again for an array with strides.
         self._table = np.ascontiguousarray(energy.smoothness)
         self._gains = _largest_gains(self._table)
         self._energy = energy
@@ -96,20 +96,20 @@ class Mover:
         self._offered = np.empty_like(self._costs)
 
     def move(self, offer: NDArray[np.int32], costs: NDArray[Any] | None = None) -> int:
-        """Let the best set of pixels go from their label l to ``offer[l]``.
+        """Move the best set of pixels from their label l to ``offer[l]``.
 
         Parameters
         ----------
         offer : (label,) int32
-            What each label is offered; itself where it is to stay.
+            The label offered to each label; itself if it is to stay.
         costs : (y, x) of the energy's type, optional
-            What its offered label costs each pixel, where the caller has it at hand.
+            The cost of each pixel's offered label, if the caller has it.
 
         Returns
         -------
         int
-            Change of the energy; 0 where nothing moved. Where terms were not submodular, the
-            true change is this or lower.
+            Change of the energy; 0 if nothing moved. If terms were not submodular, the true change
+            is this or lower.
         """
         graph, labels = self.graph, self._labels
         if costs is None:
@@ -119,8 +119,9 @@ class Mover:
         graph.clear()
         state, edges = (labels, self._costs, offer, costs), (self._table, self._right, self._down)
         graph.active = _choose(state, self._gains, self._weights, graph.nodes, graph.tree)
-        # Beside pixels that stay there is less to gain; where nearly all take part, few are. Terms
-        # that are not submodular are cut otherwise beside such a pixel: only where there are none.
+        # A pixel beside some that stay has less to gain, so drop it if it gains nothing; not if
+        # nearly all take part, when it hardly pays, nor if terms are not submodular, which would
+        # then be cut differently.
         few = 2 * graph.active.size < labels.size
         if few and bool((offer == offer[0]).all()) and self._energy.is_metric:
             graph.active = _drop(edges, self._gains, state, graph.active, graph.tree)
@@ -131,10 +132,10 @@ class Mover:
         return change
 
     def move_lines(self, columns: bool) -> int:
-        """Let every row, or every column, take its best labels among a few (`lines`).
+        """Give every row or column its best labels among a few (`lines`).
 
-        Each line is solved as if the smoothness were ``slope * min(d, cap)``; where it is not, and
-        the energy would rise, nothing moves.
+        Each line is solved as if the smoothness were ``slope * min(d, cap)``. If it is not, and the
+        energy would rise, nothing moves.
 
         Returns
         -------
@@ -156,7 +157,7 @@ class Mover:
         return min(change, 0)
 
     def value(self) -> int:
-        """Give the energy of the labels as they are."""
+        """Return the energy of the current labels."""
         return self._energy.offset + self._sum(self._labels, self._costs)
 
     def _sum(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
@@ -179,7 +180,7 @@ def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Ar
 
 @compiled()
 def _largest_gains(table: Array) -> Array:
-    # The most that an edge can save where one of its ends changes its label by 0, 1, ...
+    # The most that an edge can save if one of its ends changes its label by 0, 1, ...
     gains = np.zeros_like(table)
     for change in range(1, table.size):
         for before in range(change - table.size + 1, table.size):
@@ -198,8 +199,8 @@ def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> None:
 
 @compiled()
 def _choose(state: State, gains: Array, weights: Array, nodes: Array, tree: Array) -> Array:
-    # A pixel that loses more by its own cost than all its edges together can save moves in no best
-    # set: it has no part in the cut. Those that have are listed, and marked in `tree`.
+    # A pixel whose own cost rises by more than all its edges together can save is in no best set,
+    # so it takes no part in the cut. Those that do are listed, and marked in `tree`.
     labels, costs, offer, offered = state
     height, width = labels.shape
     count = 0
@@ -217,13 +218,13 @@ def _choose(state: State, gains: Array, weights: Array, nodes: Array, tree: Arra
 
 @compiled(inline="always")
 def _saved(table: Array, label: int, new: int, beside: int) -> Any:
-    # What an edge costs less where one end changes its label and the other keeps its own.
+    # How much an edge saves if one end changes its label and the other keeps its own.
     return table[abs(label - beside)] - table[abs(new - beside)]
 
 
 @compiled()
 def _drop(edges: Edges, gains: Array, state: State, active: Array, tree: Array) -> Array:
-    # As `_choose`, with what is known by now: an edge to a pixel that stays saves what it saves.
+    # As in `_choose`, but the saving of an edge to a pixel that stays is now known exactly.
     (table, right, down), (labels, costs, offer, offered) = edges, state
     height, width = labels.shape
     pitch = width + 1
@@ -267,8 +268,7 @@ def _apply(state: State, active: Array, tree: Array) -> None:
             costs[y, x] = offered[y, x]
 
 
-# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
-# dozen, for every pixel.
+# One long loop nest: shorter functions would need a dozen arrays and counters for every pixel.
 @compiled()
 def _propose(
     edges: Edges, state: State, active: Array, links: tuple[Array, Array], tree: Array
@@ -282,7 +282,7 @@ def _propose(
         label = labels[y, x]
         new = offer[label]
         terminal[node] += np.int32(offered[y, x]) - np.int32(costs[y, x])
-        # Of the edges to the left and up, only those to pixels that stay are left to do.
+        # Of the edges to the left and up, only those to pixels that stay remain.
         if x > 0 and tree[node - 1] == FREE:
             terminal[node] -= right[y, x - 1] * _saved(table, label, new, labels[y, x - 1])
         if y > 0 and tree[node - pitch] == FREE:
@@ -296,7 +296,7 @@ def _propose(
                 if y + 1 == height:
                     continue
                 weight, other, beside = down[y, x], node + pitch, labels[y + 1, x]
-            # Costs of the edge, less its cost if neither pixel moves.
+            # Costs of the edge, minus its cost if neither pixel moves.
             same = table[abs(label - beside)]
             alone = weight * (table[abs(new - beside)] - same)
             if tree[other] == FREE:
@@ -315,7 +315,7 @@ def _propose(
             terminal[other] += lent
             capacity[4 * node + direction] = second - lent
             capacity[4 * other + (direction ^ 1)] = first + lent
-    # The change of a cut is its value less the value of the cut where nothing moves.
+    # The change of a cut is its value minus the value of the cut in which nothing moves.
     stay = 0
     for node in active:
         if terminal[node] < 0:

@@ -1,9 +1,9 @@
 """The default solver: a few dozen minimum cuts where alpha-expansion takes a thousand.
 
-For a convex smoothness a cut may decide a bit of all labels at once. `split` halves each pixel's
-range of labels until one label is left, then repairs the labels with moves of many labels at once.
-Where it can, it does so on blocks of 4 x 4 pixels, and repairs those labels on blocks of 2 x 2 and
-on pixels: cuts of a sixteenth and a quarter of the size do most of the work.
+For a convex smoothness, one cut may decide one bit of all labels. `split` halves each pixel's range
+of labels until one label is left, then repairs the labels with moves of many labels at once. If
+possible, it does so on blocks of 4 x 4 pixels, and repairs those labels on blocks of 2 x 2 and on
+pixels, so that cuts of a sixteenth and a quarter of the size do most of the work.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,29 +18,29 @@ from dfdbench.methods.mrf.maxflow import Array, GridGraph
 from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
 from dfdbench.system.compiled import compiled
 
-# Costs are turned from pixels of labels to labels of pixels for so many labels at a time: in one
-# label's plane, neighbours are neighbours in memory, and this many come in one line of the cache.
+# Costs are transposed from (y, x, label) to (label, y, x) for this many labels at a time. In one
+# label's plane, neighbours are adjacent in memory, and this many costs fill one line of the cache.
 BLOCK = 32
 
 
 def expansion(
     energy: Energy, start: ArrayLike | None = None, max_sweeps: int | None = None
 ) -> Solution:
-    """Minimise an energy by expanding label after label until none lowers it.
+    """Minimise an energy by expanding one label after the other until none lowers it.
 
     Boykov, Veksler and Zabih, "Fast approximate energy minimization via graph cuts", PAMI 2001,
-    section 5; the thesis's section 4.1. For a metric every expansion is the best one. Else, such
+    section 5; the thesis's section 4.1. For a metric, every expansion is the best one. Otherwise,
     as for the truncated quadratic, pairs that are not submodular are truncated: an expansion is
-    then still never accepted unless it lowers the energy, but may not be the best one.
+    still only accepted if it lowers the energy, but it may not be the best one.
 
     Parameters
     ----------
     energy : Energy
         Any smoothness.
     start : (y, x) integer, optional
-        Labels to begin with; all 0 where not given, as published.
+        The initial labels; by default all 0, as published.
     max_sweeps : int, optional
-        Stop after so many sweeps over all labels; by default when no label lowers the energy.
+        Stop after this many sweeps over all labels; by default when no label lowers the energy.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def expansion(
                 planes = _planes(energy.unary[:, :, label : label + BLOCK])
             offer = expansion_offer(energy.labels, label)
             idle = 0 if mover.move(offer, planes[label % BLOCK]) else idle + 1
-            # As many labels in a row as there are: none can lower the energy any more.
+            # All labels have been tried in a row, and none lowers the energy any more.
             if idle == energy.labels:
                 break
         history.append(mover.value())
@@ -104,12 +104,12 @@ def repair(
     energy : Energy
         Any smoothness.
     start : (y, x) integer
-        Labels to begin with.
+        The initial labels.
     rounds : iterable of tuples of int
-        A positive number d stands for jumps by d and -d, a negative one for the snaps of that
-        period in all its phases, 0 for the best labels along rows, then along columns.
+        A positive number d means jumps by d and -d, a negative one means snaps of that period in
+        all its phases, and 0 means the best labels along rows, then along columns.
     graph : GridGraph, optional
-        Memory of the energy's height and width to use again.
+        Memory of the energy's height and width to reuse.
 
     Returns
     -------
@@ -140,10 +140,10 @@ def repair(
 
 def _offers(length: int, labels: int) -> list[NDArray[np.int32]]:
     if length < 0:
-        # Every other phase first: what one leaves is nearest to what the next offers.
+        # Every other phase first: the labels that one leaves are nearest to what the next offers.
         phases = np.arange(min(-length, labels))
         return [snap_offer(labels, -length, int(p)) for p in (*phases[::2], *phases[1::2])]
-    # Nothing is a jump's length away from itself in a range that is shorter.
+    # A jump longer than the range of labels does nothing.
     steps = (length, -length) if 0 < length < labels else ()
     return [jump_offer(labels, step) for step in steps]
 
@@ -151,26 +151,26 @@ def _offers(length: int, labels: int) -> list[NDArray[np.int32]]:
 def coarse_to_fine(
     energy: Energy, begin: Callable[[Energy], NDArray[Any]], rounds: Sequence[tuple[int, ...]]
 ) -> Solution:
-    """Minimise an energy on ever smaller blocks, each beginning with the labels of the larger.
+    """Minimise an energy on smaller and smaller blocks, each starting from the larger one's labels.
 
-    Large blocks have few labels to find, and what no pixel says for certain many say together.
+    There are few large blocks, and many pixels together are sure where a single one is not.
     Felzenszwalb and Huttenlocher, "Efficient belief propagation for early vision", IJCV 2006,
     pass messages on such blocks.
 
     Parameters
     ----------
     energy : Energy
-        Of pixels.
+        The energy of the pixels.
     begin : callable
-        Takes the energy of the largest blocks (`coarser`), gives labels to begin with there.
+        Takes the energy of the largest blocks (`coarser`) and returns initial labels for them.
     rounds : sequence of tuples of int
-        A round of repairs (`repair`) for each size of blocks, the largest first, pixels last: with
-        three, blocks have sides of 4, 2 and 1.
+        A round of repairs (`repair`) for each size of blocks, the largest first and pixels last:
+        with three, blocks have sides of 4, 2 and 1.
 
     Returns
     -------
     Solution
-        `history` begins with the energy of what `begin` gave and has an entry per round.
+        `history` begins with the energy of the labels from `begin` and has an entry per round.
 
     Raises
     ------
@@ -204,19 +204,19 @@ def coarse_to_fine(
 def coarser(energy: Energy) -> Energy:
     """Restrict an energy to labelings that are constant in blocks of 2 x 2 pixels.
 
-    A block pays what its pixels pay, and two blocks what the edges between their pixels cost: the
-    result's energy of any labels is the given one's of the same labels at full size (`finer`). A
-    last odd row or column makes blocks of its own.
+    A block costs what its pixels cost, and a pair of blocks what the edges between their pixels
+    cost. So the result's energy for any labels equals the given energy for the same labels at full
+    size (`finer`). A last odd row or column makes blocks of its own.
 
     Parameters
     ----------
     energy : Energy
-        Any; of (y, x) pixels.
+        Any energy of (y, x) pixels.
 
     Returns
     -------
     Energy
-        Of ((y + 1) // 2, (x + 1) // 2) blocks.
+        The energy of ((y + 1) // 2, (x + 1) // 2) blocks.
 
     Raises
     ------
@@ -238,7 +238,8 @@ def coarser(energy: Energy) -> Energy:
     for band, part in bands_of(energy.unary):
         _add_blocks(part, unary[band.start // 2 : (band.stop + 1) // 2])
     right, down = energy.edge_weights()
-    # Of the edges to the right only those that leave a block, two rows of them; and so downward.
+    # Of the edges to the right, keep only those that leave a block, two rows of them; the same for
+    # the edges downward.
     rows, columns = np.arange(0, height, 2), np.arange(0, width, 2)
     between = np.add.reduceat(right[:, 1 : width - 1 : 2], rows, axis=0)
     below = np.add.reduceat(down[1 : height - 1 : 2], columns, axis=1)
@@ -246,7 +247,7 @@ def coarser(energy: Energy) -> Energy:
 
 
 def finer(labels: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """Give every pixel of a grid of that shape the label of its block of 2 x 2.
+    """Give every pixel of a grid of this shape the label of its 2 x 2 block.
 
     Examples
     --------
@@ -273,10 +274,10 @@ def _add_blocks(costs: Array, blocks: Array) -> None:
 
 Quality = Literal["fast", "default", "high"]
 
-# So few labels take few cuts on pixels alone; two of them take one, which is exact.
+# So few labels need only a few cuts on pixels; two labels need one, which is exact.
 FEW_LABELS = 16
 
-# The repairs of each quality, as `repair` takes them: a round for each grid, the coarsest first.
+# The repairs of each quality, as for `repair`: a round for each grid, the coarsest first.
 COARSE_TO_FINE: dict[str, tuple[tuple[int, ...], ...]] = {
     "fast": ((16, 4), (0, 16, 8, 4), (0, 16, 8)),
     "default": ((16, 4, -8), (0, 16, 8, 4, 2, 1), (0, 24, 8, 1, 0)),
@@ -289,8 +290,8 @@ REPAIRS: dict[str, tuple[tuple[int, ...], ...]] = {
     "high": ((16, 8, 4, 2, 1), (-32,)),
 }
 
-# A table counts as nearly convex if it lies at most this part of its maximum above its convex
-# hull: the published one, rounded down from a concave curve, lies 1 of 254 above.
+# A table counts as nearly convex if it exceeds its convex hull by at most this share of its
+# maximum. The published one, rounded down from a concave curve, exceeds it by 1 of 254.
 CONVEX_TOLERANCE = 0.01
 
 
@@ -298,22 +299,22 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     """Minimise an energy with a convex smoothness by splitting ranges of labels.
 
     The splits follow the decomposition of convex priors into binary problems (Darbon and Sigelle,
-    JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the least cost of a range
-    for its cost. The repairs are jumps, snaps and lines (`repair`). None raises the energy.
+    JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009); the cost of a range is its least
+    cost. The repairs are jumps, snaps and lines (`repair`). None raises the energy.
 
-    If the smoothness is nearly linear and there are more than a few labels, all that is done to
-    blocks of 4 x 4 pixels first (`coarse_to_fine`).
+    If the smoothness is nearly linear and there are more than a few labels, all this is first done
+    on blocks of 4 x 4 pixels (`coarse_to_fine`).
 
-    A smoothness that is not even nearly convex (Potts, truncated at a small difference) gives
-    ranges no meaning; the labels then come from `expansion`, whatever the quality.
+    If the smoothness is not even nearly convex (Potts, truncated at a small difference), ranges
+    have no meaning. The labels then come from `expansion`, whatever the quality.
 
     Parameters
     ----------
     energy : Energy
         Any smoothness.
     quality : {"fast", "default", "high"}, optional
-        How much repair: on photographs `fast` ends about 0.4 % above the energies of `expansion`,
-        `default` 0.05 %, and `high` at them.
+        How much to repair. On photographs `fast` ends about 0.4 % above the energies of
+        `expansion`, `default` 0.05 % above, and `high` equals them.
 
     Returns
     -------
@@ -357,15 +358,15 @@ def _nearly_convex(table: NDArray[np.int32]) -> bool:
 
 
 def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
-    # Where neighbours cost each other nothing, halving is exact, and blocks only mislead.
+    # If edges cost nothing, halving is exact and blocks only mislead.
     if energy.labels <= FEW_LABELS or not energy.smoothness.any():
         return False
-    # Lines, which mend where surfaces end, take the smoothness for linear.
+    # Lines, which repair the ends of surfaces, assume a linear smoothness.
     table = energy.smoothness
     line = int(table[1]) * np.arange(table.size)
     if np.abs(table - line).max() > CONVEX_TOLERANCE * table.max():
         return False
-    # A coarser grid's blocks have four pixels' costs, and two edges between each other.
+    # A coarser grid's block has the costs of four pixels, and two edges to each neighbour.
     edge = energy.heaviest * int(table.max())
     largest = max(4 ** (grids - 1) * energy.largest_cost, 2 ** (grids - 1) * edge)
     return bool(largest < COST_LIMIT)
@@ -374,8 +375,8 @@ def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
 def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
     """Find labels by deciding one bit of all of them per cut, the highest first."""
     graph = GridGraph(*energy.shape) if graph is None else graph
-    # A range is as good as its best label. Its mean would do for blunt costs, but where one label
-    # alone explains a pixel, the labels beside it must not speak against their range.
+    # A range is as good as its best label. Its mean would do for flat costs, but if only one label
+    # explains a pixel, the labels beside it must not count against their range.
     costs = [energy.unary]
     while costs[-1].shape[2] > 2:
         costs.append(_pair_minima(costs[-1]))

@@ -17,8 +17,8 @@ from dfdbench.tables.table import listed
 class SReLU(nn.Module):
     """The S-shaped rectified linear unit, Table C.2: three straight pieces.
 
-    Its thresholds and the slopes beyond them are learnt, four numbers a layer. It starts as the
-    thesis's author has it: between -1 and 1 its input, beyond with a slope of 0.1.
+    It learns its thresholds and the slopes beyond them, four numbers per layer. It starts as in the
+    thesis author's code: the identity between -1 and 1, and a slope of 0.1 beyond.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class SReLU(nn.Module):
         return inside + below * (x - low).clamp(max=0) + above * (x - high).clamp(min=0)
 
 
-#: What may follow a convolution, by name, in the order of Table C.2.
+#: The activations that may follow a convolution, by name, in the order of Table C.2.
 ACTIVATIONS: dict[str, type[nn.Module]] = {
     "relu": nn.ReLU,
     "prelu": nn.PReLU,
@@ -50,9 +50,9 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {
 
 
 class Normalize(nn.Module):
-    """Six channels of pixels, less their means, over 256."""
+    """Six channels of pixels, minus their means, divided by 256."""
 
-    # Kept in the network: weights without their means would be worth nothing.
+    # Kept in the network, since weights are useless without their means.
     means: Tensor
 
     def __init__(self, channel_means: Sequence[float]) -> None:
@@ -66,9 +66,9 @@ class Normalize(nn.Module):
 
 
 class Convolved(nn.Module):
-    """A convolution, batch normalization, which has the bias (Eq. 5.12), an activation.
+    """A convolution, batch normalization, which includes the bias (Eq. 5.12), and an activation.
 
-    Without batch normalization the convolution has the bias.
+    Without batch normalization, the convolution has the bias.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Convolved(nn.Module):
         return convolved
 
     def fold(self) -> None:
-        """Put the batch normalization, where there is any, into the convolution."""
+        """Fold the batch normalization, if there is any, into the convolution."""
         if isinstance(self.normalize, nn.BatchNorm2d):
             assert isinstance(self.convolve, nn.Conv2d)
             self.convolve = nn.utils.fuse_conv_bn_eval(self.convolve, self.normalize)
@@ -98,7 +98,7 @@ class Convolved(nn.Module):
 
 
 class Residual(nn.Module):
-    """A residual block, Fig. 5.4: what it adds to its input."""
+    """A residual block, Fig. 5.4, which adds the output of its layers to its input."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class Residual(nn.Module):
         self.second = same(inner, channels, kernels[1])
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return the input and what the block adds to it."""
+        """Return the sum of the input and the layers' output."""
         added: Tensor = x + self.second(self.first(x))
         return added
 
@@ -125,8 +125,8 @@ def same(before: int, after: int, kernel: choices.Kernel, bias: bool = True) -> 
 
 
 def in_float32(layers: Callable[[Tensor], Tensor], pixels: Tensor) -> Tensor:
-    """Return what layers make of pixels in float32, whatever precision is on."""
-    # Blur shows in differences of a grey level or less: bf16 would round them away.
+    """Apply layers to pixels in float32, whatever precision is on."""
+    # Blur shows in differences of a grey level or less, which bf16 would round away.
     with torch.autocast(pixels.device.type, enabled=False):
         convolved: Tensor = layers(pixels.float())
     return convolved
@@ -134,7 +134,7 @@ def in_float32(layers: Callable[[Tensor], Tensor], pixels: Tensor) -> Tensor:
 
 def halve(before: int, after: int, size: int) -> nn.Module:
     """Return the convolution that halves the resolution."""
-    # An even image is halved exactly by any size: (size - 1) // 2 pixels are added on each side.
+    # Any size halves an even image exactly, with (size - 1) // 2 pixels of padding on each side.
     return nn.Conv2d(before, after, size, stride=2, padding=(size - 1) // 2)
 
 
@@ -148,7 +148,7 @@ def double(before: int, after: int, size: int) -> nn.Module:
 def start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
     """Draw U-Net's first filters as its paper does."""
     # Ronneberger et al., section 3: without batch normalization, the signal keeps its size
-    # through the levels only where filters are drawn with a deviation of sqrt(2 / inputs).
+    # through the levels only if filters are drawn with a deviation of sqrt(2 / inputs).
     inputs = convolution.in_channels
     if isinstance(convolution, nn.Conv2d):
         inputs *= convolution.kernel_size[0] * convolution.kernel_size[1]
@@ -158,7 +158,7 @@ def start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
 
 
 def two_convolutions(before: int, after: int, normalized: bool) -> nn.Sequential:
-    """Return what U-Net has on each level: two convolutions with ReLU."""
+    """Return a level of U-Net: two convolutions with ReLU."""
     layers: list[nn.Module] = []
     for channels in (before, after):
         layers.append(nn.Conv2d(channels, after, 3, padding=1))
@@ -168,12 +168,12 @@ def two_convolutions(before: int, after: int, normalized: bool) -> nn.Sequential
 
 @torch.no_grad()
 def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
-    """Let a network, still random, look for blur rather than for brightness.
+    """Make an untrained network look for blur rather than for brightness.
 
-    One half of the first filters takes the difference of the two images, the other the in-focus
-    image's own detail: they no longer see how bright it is. Both are small where brightness is
-    large; the filters are scaled so that each answers with a deviation of one (Mishkin and
-    Matas 2016), or a network without batch normalization would hardly notice them. Not of the
+    One half of the first filters takes the difference of the two images, the other half the
+    in-focus image's detail, so they do not see brightness. Both signals are small compared with
+    brightness. So each filter is scaled to a deviation of one (Mishkin and Matas 2016), as a
+    network without batch normalization would otherwise hardly notice them. This is not from the
     thesis.
 
     Parameters
@@ -181,7 +181,7 @@ def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
     network : DfDNet or UNet
         Its first convolution is changed in place.
     pixels : Tensor
-        Images such as it will be trained on, shape (n, 6, y, x).
+        Images like those it will be trained on, shape (n, 6, y, x).
     """
     convolution = network.first
     assert isinstance(convolution, nn.Conv2d)
@@ -195,12 +195,12 @@ def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
 
 
 def fold_batch_norm(network: nn.Module) -> nn.Module:
-    """Put batch normalization into the convolutions before it, in place; for inference only.
+    """Fold batch normalization into the convolutions before it, in place; for inference only.
 
     Parameters
     ----------
     network : nn.Module
-        In evaluation mode.
+        A network in evaluation mode.
 
     Examples
     --------
@@ -227,35 +227,35 @@ UNET_FILTERS = (64, 128, 256, 512, 1024)
 class DfDNet(nn.Module):
     """DfD-Net, the thesis's network: 18 convolutions on three levels, Fig. 5.5.
 
-    Called with pixels, float (n, 6, y, x), values 0 to 255, in-focus RGB then defocus RGB; gives
-    logits, float (n, 256, y, x), one for each depth level. `y` and `x` are multiples of 4.
+    It takes pixels, float (n, 6, y, x), values 0 to 255, in-focus RGB then defocus RGB, and returns
+    logits, float (n, 256, y, x), one for each depth level. `y` and `x` must be multiples of 4.
 
     Parameters
     ----------
     filters : sequence of 18 int
-        Filters of the convolutions, input to output; `FILTERS` has those of Table D.2
-        by name, and ``pso``.
+        The number of filters of each convolution, input to output; `FILTERS` has those of
+        Table D.2 by name, and ``pso``.
     sampling_size : int
         Rows and columns of the filters that halve and double the resolution (5.4.5).
     first_activation : str
-        What follows the first convolution: ``"prelu"``, or ``"sigmoid"`` as the particle swarm
-        chose (6.1). The filters it chose are very likely ``FILTERS["pso"]``.
+        The activation after the first convolution: ``"prelu"``, or ``"sigmoid"`` as the particle
+        swarm chose (6.1). The filters it chose are very likely ``FILTERS["pso"]``.
     channel_means : sequence of 6 float
-        Taken from the pixels, before they are divided by 256.
+        Subtracted from the pixels before they are divided by 256.
     kernels : sequence of 14 int or pairs of int, optional
         Rows and columns of the filters that keep the resolution, odd, 1 to 9, input to output:
         `dfdbench.methods.networks.choices.SIZED` has the thesis's layers. By default 3.
     activations : sequence of 9 str, optional
-        What is at the nine sites of `dfdbench.methods.networks.choices.SITES`, input to output, in
-        place of `first_activation` and PReLU elsewhere: ``relu``, ``prelu``, ``sigmoid``,
-        ``tanh``, ``elu`` or ``srelu`` (Table C.2).
+        The activations at the nine sites of `dfdbench.methods.networks.choices.SITES`, input to
+        output: ``relu``, ``prelu``, ``sigmoid``, ``tanh``, ``elu`` or ``srelu`` (Table C.2). By
+        default `first_activation`, and PReLU elsewhere.
     normalized : sequence of 9 bool, optional
-        Whether there is batch normalization at these sites; by default at all.
+        Whether there is batch normalization at each of these sites; by default at all of them.
 
     Raises
     ------
     InputError
-        If filters do not fit each other, naming the thesis's layers.
+        If the numbers of filters do not match; it names the thesis's layers.
 
     Examples
     --------
@@ -285,7 +285,7 @@ class DfDNet(nn.Module):
             ACTIVATIONS[name]() for name in choices.activation_names(activations, first_activation)
         ]
         n = [True] * len(a) if normalized is None else normalized
-        #: Pixels beyond this distance do not change a pixel's answer.
+        #: Pixels beyond this distance do not affect a pixel's answer.
         self.margin = choices.reach_of(k, sampling_size)
         self.pixels = Normalize(channel_means)
         self.entry = Convolved(6, f[0], a[0], k[52], n[0])
@@ -326,20 +326,20 @@ class DfDNet(nn.Module):
 
 
 class UNet(nn.Module):
-    """U-Net with six channels in and 256 classes out: the thesis's comparison (5.3).
+    """U-Net with six input channels and 256 output classes: the thesis's comparison (5.3).
 
-    Five levels of two convolutions with ReLU, max pooling, transposed 2 x 2 convolutions
-    (Ronneberger et al. 2015). Convolutions are padded, so that the answer has the image's size;
-    the original's shrink it. Called as `DfDNet` is; `y` and `x` are multiples of 16.
+    It has five levels of two convolutions with ReLU, max pooling and transposed 2 x 2 convolutions
+    (Ronneberger et al. 2015). Its convolutions are padded so that the answer has the image's size;
+    the original's shrink it. It is called like `DfDNet`; `y` and `x` must be multiples of 16.
 
     Parameters
     ----------
     filters : sequence of 5 int
-        Channels of the levels, all but the first even.
+        Channels of the levels; all but the first must be even.
     channel_means : sequence of 6 float
-        Taken from the pixels, before they are divided by 256.
+        Subtracted from the pixels before they are divided by 256.
     normalized : bool
-        Batch normalization after each convolution of 3 x 3, which the original does not have.
+        Whether batch normalization follows each 3 x 3 convolution; the original has none.
 
     Raises
     ------

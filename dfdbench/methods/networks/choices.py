@@ -1,4 +1,4 @@
-"""What may be chosen of DfD-Net, checked: filters, their sizes, activations, normalization."""
+"""Check the choices for DfD-Net: filters, their sizes, activations, normalization."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from dfdbench.tables.table import listed
 EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
 #: Rows and columns of a filter.
 Kernel = tuple[int, int]
-#: The thesis's numbers of the convolutions, input to output: the columns of filters.toml.
+#: The thesis's numbering of the convolutions, input to output: the columns of filters.toml.
 LAYERS = (52, 48, 45, 42, 40, 37, 34, 32, 29, 27, 24, 20, 17, 15, 12, 8, 5, 1)
 
 #: Filters of the 18 convolutions, input to output, by the name in Table D.2, and ``pso``.
@@ -26,7 +26,7 @@ FILTERS: dict[str, tuple[int, ...]] = {
 
 
 def narrowed(filters: tuple[int, ...], divisor: int) -> tuple[int, ...]:
-    """Return all widths but the last, the number of depth levels, divided; at least 1.
+    """Divide all widths, to at least 1, except the last, which is the number of depth levels.
 
     Examples
     --------
@@ -36,20 +36,20 @@ def narrowed(filters: tuple[int, ...], divisor: int) -> tuple[int, ...]:
     return (*(max(1, number // divisor) for number in filters[:-1]), filters[-1])
 
 
-#: Layers by how wide a pixel of their level is; and those of them on the way up.
+#: Layers by the width of a pixel on their level; and those of them on the way up.
 _LEVELS = {1: (52, 48, 45, 12, 8, 5, 1), 2: (40, 37, 24, 20, 17), 4: (32, 29)}
 _UP = ((12, 8, 5, 1), (24, 20, 17))
 
 
 def reach_of(kernels: Mapping[int, Kernel], sampling_size: int) -> int:
-    """Return the distance beyond which pixels do not change a pixel's answer.
+    """Return the distance beyond which pixels do not affect a pixel's answer.
 
     Parameters
     ----------
     kernels : mapping of int to (int, int)
         Rows and columns of the filters that keep the resolution, by the thesis's layer.
     sampling_size : int
-        Of the filters that halve and double the resolution.
+        Rows and columns of the filters that halve and double the resolution.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def reach_of(kernels: Mapping[int, Kernel], sampling_size: int) -> int:
         sum(kernels[layer][axis] // 2 * width for width, of in _LEVELS.items() for layer in of)
         for axis in (0, 1)
     )
-    # Halving and doubling together see so much farther, once on level 1 and once on level 2.
+    # Halving and doubling together reach this much farther, once on level 1 and once on level 2.
     between = 3 * (sampling_size - 1)
     if sampling_size == 1:
         # Only every second pixel is seen. No wider filter on the way up: then the next one's.
@@ -75,9 +75,9 @@ def reach_of(kernels: Mapping[int, Kernel], sampling_size: int) -> int:
     return widened + between
 
 
-#: The layers whose filters keep the resolution, input to output: their sizes are free.
+#: The layers whose filters keep the resolution and may have any size, input to output.
 SIZED = tuple(layer for layer in LAYERS if layer not in (42, 34, 27, 15))
-#: Where batch normalization and an activation stand, input to output.
+#: The sites of batch normalization and an activation, input to output.
 SITES = (
     *("entry", "encode_1", "encode_2", "bottom"),
     *("merge_2", "decode_2", "merge_1", "decode_1", "classify"),
@@ -90,7 +90,7 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
     Raises
     ------
     InputError
-        If they do not fit each other, naming the thesis's layers.
+        If they do not match; it names the thesis's layers.
     """
     numbers = tuple(int(number) for number in filters)
     if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
@@ -126,7 +126,7 @@ def kernel_sizes(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, Ker
 
 
 def activation_names(activations: Sequence[str] | None, first: str) -> tuple[str, ...]:
-    """Return the names of the nine activations; by default PReLU but for the first.
+    """Return the names of the nine activations; by default all but the first are PReLU.
 
     Examples
     --------
@@ -141,10 +141,10 @@ def plain_choices(
     activations: Sequence[str] | None,
     normalized: Sequence[bool] | None,
 ) -> dict[str, Any]:
-    """Return the constructor arguments that these choices come to, what is usual left out.
+    """Return the constructor arguments for these choices, without those that are usual.
 
-    Two ways to say the same network give the same arguments, and those of a network that has
-    nothing unusual are what they were before there was a choice.
+    Two ways to describe the same network give the same arguments. Those of a usual network are
+    what they were before there was a choice.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A network's answer for images of any size: in tiles, its last layer a few rows at a time."""
+"""Apply a network to images of any size: in tiles, with the last layer a few rows at a time."""
 
 import math
 from collections.abc import Iterator
@@ -17,16 +17,16 @@ PRECISIONS: tuple[Precision, ...] = ("float32", "bf16")
 Readout = Literal["mode", "median"]
 READOUTS: tuple[Readout, ...] = ("mode", "median")
 _SMALLEST_TILE = 64
-#: What a network may hold at a time beside its weights, in bytes.
+#: The most memory that a network may use at a time beside its weights, in bytes.
 _MOST_BYTES = 400_000_000
-# As wide as the first and last layers, so many things of four bytes are held at a time, measured.
+# Measured: how many float32 arrays as wide as the first and last layers are held at a time.
 _HELD = 8
-# A row of a megapixel has a megabyte of logits: so many rows stay within the processor's caches.
+# A row of a megapixel has a megabyte of logits, so this many rows fit in the processor's caches.
 _ROWS_AT_A_TIME = 16
 
 
 def find_device(name: str) -> torch.device:
-    """Return the device of a name; ``auto`` is CUDA, else MPS, else the CPU.
+    """Return the device with this name; ``auto`` is CUDA, else MPS, else the CPU.
 
     Raises
     ------
@@ -49,25 +49,25 @@ def find_device(name: str) -> torch.device:
 class Predictor:
     """Depth levels of image pairs from a network.
 
-    Images are padded by reflection to the network's multiple. They are cut into overlapping tiles;
-    since the overlap covers all that a pixel's answer depends on, tiles do not change the answer.
-    Logits, 256 a pixel, are never held but for a few rows.
+    Images are padded by reflection to the network's multiple and cut into overlapping tiles. The
+    overlap covers everything that a pixel's answer depends on, so tiles do not change the answer.
+    Logits, 256 per pixel, are held for only a few rows at a time.
 
     Parameters
     ----------
     network : DfDNet or UNet
-        In evaluation mode; its batch normalization is folded in place.
+        A network in evaluation mode; its batch normalization is folded in place.
     device : torch.device
-        If it runs.
+        Where it runs.
     precision : {"float32", "bf16"}
-        Of the convolutions.
+        The precision of the convolutions.
     tile : int, optional
-        Rows and columns of a tile, without its overlap; by default so many that the network holds
-        no more than 400 MB beside its weights.
+        Rows and columns of a tile, without its overlap; by default as many as fit in 400 MB beside
+        the network's weights.
     readout : {"mode", "median"}
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
-        the thesis, or the one with half of the probability below it. Where there is no texture
-        the distribution has several peaks, and the likeliest level may lie far off.
+        the thesis, or the median. Where there is no texture, the distribution has several peaks,
+        and the likeliest level may be far off.
 
     Raises
     ------
@@ -125,11 +125,11 @@ class Predictor:
         rows, columns = map(int, padded.shape[:2])
         if rows * columns <= self._most_pixels:
             return max(rows, columns)
-        # Not so small that most of what is computed is overlap.
+        # Not so small that most of the work is overlap.
         return max(math.isqrt(self._most_pixels) - 2 * self._margin, 4 * self._margin)
 
     def _forward(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        # Channels come last in the image already: this is a view, and what convolutions like best.
+        # The image already has channels last, so this is a view, in the fastest layout.
         given = torch.from_numpy(np.ascontiguousarray(pixels)[np.newaxis]).permute(0, 3, 1, 2)
         with (
             torch.inference_mode(),
@@ -158,8 +158,8 @@ def likeliest_levels(logits: Tensor) -> Tensor:
 def median_levels(logits: Tensor) -> Tensor:
     """Return the median of each pixel's distribution, uint8 (y, x), for logits (y, x, level).
 
-    The lowest level up to which at least half of the probability lies; of all levels it has the
-    smallest expected absolute error.
+    It is the lowest level up to which the probability sums to at least half; of all levels it has
+    the smallest expected absolute error.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def median_levels(logits: Tensor) -> Tensor:
 
 
 def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice, slice]]:
-    # What is answered, what is looked at for it, and where in that the answer lies.
+    # The span to answer, the span to look at for it, and where the first is within the second.
     for start in range(0, length, step):
         stop, first = min(start + step, length), max(0, start - margin)
         seen = slice(first, min(length, stop + margin))

@@ -1,4 +1,4 @@
-"""Write one of our networks of images as an ONNX file, with the description that it runs by."""
+"""Write one of our networks of images as an ONNX file, with the description needed to run it."""
 
 import io
 import json
@@ -17,7 +17,7 @@ from dfdbench.system.files import write_whole
 
 EXPORTED = ("u-net", "dfd-net")
 
-# What onnxruntime 1.20 and any later one reads.
+# The operator set that onnxruntime 1.20 and later read.
 _OPERATORS = 17
 _DESCRIPTION = """\
 # {method}, exported by dfdbench
@@ -36,27 +36,27 @@ trained_on = {seen}
 def export_onnx(
     method: str, path: str | Path, weights: str | Path | None = None, readout: Readout | None = None
 ) -> Path:
-    """Write a network and its description, ``path`` and the same with the ending ``.toml``.
+    """Write a network to ``path``, and its description to the same path with the suffix ``.toml``.
 
     Parameters
     ----------
     method : {"u-net", "dfd-net"}
         The network.
     path : str or Path
-        A name that ends in ``.onnx``.
+        A path that ends in ``.onnx``.
     weights, readout
-        As of `dfdbench.methods.learned.DfDNetMethod`.
+        As for `dfdbench.methods.learned.DfDNetMethod`.
 
     Returns
     -------
     Path
-        The description.
+        The path of the description.
 
     Raises
     ------
     InputError
-        If the package onnx is not installed, it is another method, the path has another ending, it
-        or the description's is taken, or there is no such readout.
+        If the package onnx is not installed, the method, the path's suffix or the readout is not
+        one of those above, or one of the two files exists already.
     MethodError
         If there are no such weights.
 
@@ -75,7 +75,7 @@ def export_onnx(
     image, content = torch.zeros(1, 3, 4 * multiple, 6 * multiple), io.BytesIO()
     free = {"infocus": {2: "y", 3: "x"}, "defocus": {2: "y", 3: "x"}, "depth": {1: "y", 2: "x"}}
     with warnings.catch_warnings():
-        # The newer exporter needs two more packages, and writes this machine's paths into the file.
+        # The newer exporter needs two more packages and writes this machine's paths into the file.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             _Levels(network, readout).eval(),

@@ -1,7 +1,7 @@
-"""A small network that reads a focal stack: where in focus each pixel's contrast is greatest.
+"""A small network that reads a focal stack: at which focus each pixel's contrast is greatest.
 
-All images go through the same filters, and what tells depth is how the answers differ along the
-focus. So it takes any number of images, at any distances, of any camera.
+All images go through the same filters, and depth follows from how their outputs differ along the
+focus. So the network takes any number of images, at any distances, from any camera.
 """
 
 import itertools
@@ -14,22 +14,23 @@ from torch.nn import functional
 from dfdbench.methods.networks.architectures import in_float32
 from dfdbench.methods.networks.volume import NEIGHBOURS
 
-#: Rows and columns of the pixels that are one where the network looks; and depths that it
+#: The side of a cell of pixels, which the network sees as one; and the number of depths that it
 #: distinguishes for each image: at its focus, nearer and farther.
 CELL, DEPTHS = 4, 3
-# Side of the first filters, and what contrast is no less than, of the images' mean.
+# The side of the first filters, and the least contrast, relative to the images' mean.
 _SIDE, _LEAST = 5, 2e-3
 
 
 def places_of(focus: Tensor) -> Tensor:
-    """Return the places of the depths that the network distinguishes, rising: (n, 3 images).
+    """Return the positions of the depths that the network distinguishes, ascending: (n, 3 images).
 
-    A third of the way to the next focus on either side; beyond the outermost twice as far.
+    Besides each focus, they are a third of the way to the next one on either side, and twice as far
+    beyond the outermost.
 
     Parameters
     ----------
     focus : Tensor, shape (n, image)
-        Where the focus lies, rising.
+        The focus of each image, ascending.
 
     Examples
     --------
@@ -48,15 +49,15 @@ def _steps(focus: Tensor) -> tuple[Tensor, Tensor]:
 class StackNet(nn.Module):
     """Read depth from a focal stack: contrast by learned filters, compared along the focus.
 
-    The filters' mean contrast in cells of 4 x 4 pixels, as a logarithm less its maximum over the
-    images, goes through a U-Net whose blocks exchange what neighbours along the focus have, and
-    the maximum over all. Each image has a say on three depths; a softmax over all of them is the
-    answer.
+    The log of the filters' mean contrast in cells of 4 x 4 pixels, minus its maximum over the
+    images, goes through a U-Net. Its blocks exchange features between neighbours along the focus,
+    and the maximum over all images. Each image votes on three depths, and a softmax over all of
+    them is the answer.
 
     Parameters
     ----------
     filters : int
-        Of the first layer.
+        The number of filters of the first layer.
     widths : sequence of int
         Channels of each scale, the finest first.
 
@@ -77,10 +78,10 @@ class StackNet(nn.Module):
     def __init__(self, filters: int = 16, widths: Sequence[int] = (24, 40, 64, 64)) -> None:
         super().__init__()
         steps = list(itertools.pairwise(widths))
-        #: Rows and columns of the images have to be multiples of it.
+        #: Rows and columns of the images have to be multiples of this.
         self.multiple = CELL * 2 ** len(steps)
         self.filters = nn.Conv2d(1, filters, _SIDE, bias=False)
-        # Contrast, what it is less the maximum, and the mean of the cell; the focus and its steps.
+        # Contrast, contrast minus its maximum, and the mean of the cell; the focus and its steps.
         self.stem = nn.Conv2d(2 * filters + 4, widths[0], 3, padding=1)
         self.before = nn.ModuleList(_Block(width) for width in widths)
         self.down = nn.ModuleList(
@@ -91,18 +92,18 @@ class StackNet(nn.Module):
         self.logits = nn.Conv2d(widths[0], DEPTHS, 1)
         self.guide = nn.Conv2d(CELL**2, widths[0], 3, padding=1)
         self.mask = nn.Conv2d(widths[0], NEIGHBOURS * CELL**2, 1)
-        #: What the filters' mean contrast itself counts in the answer.
+        #: The weight of the filters' mean contrast itself in the answer.
         self.weight = nn.Parameter(torch.tensor(3.0))
 
     def forward(self, images: Tensor, focus: Tensor) -> tuple[Tensor, Tensor]:
-        """Return logits over the depths of `places_of`, and what pixels take of their neighbours.
+        """Return logits over the depths of `places_of`, and pixels' weights for their neighbours.
 
         Parameters
         ----------
         images : Tensor, shape (n, image, y, x)
-            Grey, in order of the focus, their mean about 1.
+            Grey images in order of the focus, with a mean of about 1.
         focus : Tensor, shape (n, image)
-            Where the focus lies, rising; any scale that blur grows along.
+            The focus of each image, ascending, on any scale along which blur grows.
 
         Returns
         -------
@@ -111,7 +112,7 @@ class StackNet(nn.Module):
             See `mean_and_variance`.
         """
         n, count = images.shape[:2]
-        # One image at a time: the filters' answers are what holds most memory.
+        # One image at a time, because the filters' outputs take the most memory.
         each = [in_float32(self._contrast, image) for image in torch.split(images.flatten(0, 1), 1)]
         contrast = torch.cat(each).view(n, count, -1, *(size // CELL for size in images.shape[2:]))
         contrast = contrast - contrast.mean((1, 3, 4), keepdim=True)
@@ -137,14 +138,14 @@ class StackNet(nn.Module):
         return logits.flatten(1, 2), self._mask(x, logits, images)
 
     def _contrast(self, image: Tensor) -> Tensor:
-        # Filters without a mean: light alone is no contrast.
+        # Remove the filters' mean, since brightness alone is not contrast.
         weight = self.filters.weight - self.filters.weight.mean((2, 3), keepdim=True)
         edge = (_SIDE // 2,) * 4
         found = functional.conv2d(functional.pad(image[None], edge, mode="replicate"), weight)
         return (functional.avg_pool2d(found.abs(), CELL) + _LEAST).log()
 
     def _mask(self, x: Tensor, logits: Tensor, images: Tensor) -> Tensor:
-        """Say whom pixels resemble, by an image made of all where they are in focus."""
+        """Return which neighbours pixels resemble, using an image fused from all in-focus parts."""
         shares = logits.flatten(1, 2).softmax(1).view(logits.shape).sum(2)
         whole = functional.interpolate(shares, scale_factor=CELL)
         sharp = functional.pixel_unshuffle((whole * images).sum(1, keepdim=True), CELL)
@@ -155,7 +156,7 @@ class StackNet(nn.Module):
 
 
 class _Block(nn.Module):
-    """A residual block: an image's neighbourhood, its neighbours in focus, the maximum of all."""
+    """A residual block over an image's pixels, its neighbours along the focus, and the maximum."""
 
     def __init__(self, width: int) -> None:
         super().__init__()

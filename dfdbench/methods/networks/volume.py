@@ -1,7 +1,7 @@
 """A small network that reads a volume of costs: how well the blur of each depth explains a pixel.
 
-The blur is the camera's own, measured on training captures, so the network moves to another camera
-without being trained again.
+The blur is the camera's own, measured on training captures, so the network works for another camera
+without new training.
 """
 
 import itertools
@@ -12,29 +12,29 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-#: What costs are cut off at, in nats above a pixel's least.
+#: The cost at which costs are cut off, in nats above a pixel's least.
 MOST = 25.0
-#: The guide's channels once two by two pixels are one.
+#: The guide's channels after two by two pixels are merged into one.
 _GUIDE = 4
-# So often again the coarsest block looks: where there is no texture, depth comes from afar, and
-# each turn reaches 64 pixels further at no cost in parameters.
+# How often the coarsest block is repeated. Where there is no texture, depth comes from afar, and
+# each repeat reaches 64 pixels further without more parameters.
 _TURNS = 2
-# Rows of the answer that are made shares at once.
+# Rows per softmax.
 _ROWS = 32
-# Three by three neighbours, for each of two by two pixels.
+# Three by three neighbours for each of two by two pixels.
 NEIGHBOURS, _PIXELS = 9, 4
 
 
 class VolumeNet(nn.Module):
     """Read depth from costs: a U-Net of residual blocks at half the images' resolution.
 
-    Each of the coarser scales sees the costs once more, their means over its larger pixels: where
-    there is little texture, many pixels tell what one does not.
+    Each of the coarser scales sees the costs again, averaged over its larger pixels: where there is
+    little texture, many pixels together say what one cannot.
 
     Parameters
     ----------
     levels : int
-        Depth levels of the volume, evenly over the scale.
+        The number of depth levels in the volume, evenly spaced over the scale.
     widths : sequence of int
         Channels of each scale, the finest first.
 
@@ -52,7 +52,7 @@ class VolumeNet(nn.Module):
         super().__init__()
         steps = list(itertools.pairwise(widths))
         self.levels = levels
-        #: Rows and columns of the volume have to be multiples of it.
+        #: Rows and columns of the volume have to be multiples of this.
         self.multiple = 2 ** len(steps)
         self.stem = _convolution(2 * levels + 1 + _GUIDE, widths[0])
         self.prior = nn.Linear(levels, widths[0])
@@ -64,13 +64,13 @@ class VolumeNet(nn.Module):
         self.last = _convolution(widths[0], widths[0])
         self.logits = nn.Conv2d(widths[0], levels, 1)
         self.mask = nn.Conv2d(widths[0], NEIGHBOURS * _PIXELS, 1)
-        #: What the costs themselves, those along paths and the prior count in the answer.
+        #: The weights of the costs themselves, of those along paths and of the prior in the answer.
         self.weights = nn.Parameter(torch.tensor([0.3, 0.3, 0.3]))
 
     def forward(
         self, volume: Tensor, paths: Tensor, told: Tensor, guide: Tensor, prior: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Return logits over levels, and what each pixel takes of its neighbours.
+        """Return logits over levels, and each pixel's weights for its neighbours.
 
         Parameters
         ----------
@@ -79,11 +79,11 @@ class VolumeNet(nn.Module):
         paths : Tensor, of that shape
             The same, summed along paths.
         told : Tensor, shape (n, 1, y, x)
-            Logarithm of one more than how far apart the scale's two ends are, in noise.
+            Log of one plus the distance between the scale's two ends, in units of noise.
         guide : Tensor, shape (n, 1, 2 y, 2 x)
-            The in-focus image, of even contrast.
+            The in-focus image with its contrast evened out.
         prior : Tensor, shape (n, level)
-            Logarithm of how often training shows each level, the most frequent 0.
+            Log frequency of each level in training, 0 for the most frequent.
 
         Returns
         -------
@@ -91,9 +91,9 @@ class VolumeNet(nn.Module):
         mask : Tensor of float32, shape (n, 36, y, x)
             See `mean_and_variance`.
         """
-        # What is large is named only where it is needed again: a name keeps it.
+        # Name a large tensor only if it is needed again, since a name keeps it in memory.
         last = torch.cat((told / 3 - 1, functional.pixel_unshuffle(guide, 2)), 1)
-        # Laid out as the costs are: else they would be laid out anew to join them.
+        # Use the layout of the costs, which would otherwise be copied to join them.
         last = last.contiguous(memory_format=torch.channels_last)
         x = torch.cat((volume, paths, last), 1)
         _see(x[:, : 2 * self.levels])
@@ -120,8 +120,8 @@ class VolumeNet(nn.Module):
 def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Tensor, Tensor]:
     """Return mean and variance of each pixel's distribution of depth, at full resolution.
 
-    A pixel's distribution is a mixture of those of three by three larger pixels about it, with
-    shares of its own, so that edges of depth are as sharp as those of the image.
+    A pixel's distribution is a mixture of those of the three by three larger pixels around it. Each
+    pixel has its own shares, so that depth edges are as sharp as those of the image.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
     mask : Tensor, shape (n, 9 k^2, y, x)
         Logits of the nine shares for each of k by k pixels.
     depths : Tensor, shape (level,) or (n, level)
-        What each level stands for.
+        The depth of each level.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
     around = functional.pad(moments, (1, 1, 1, 1), mode="replicate")
     near = functional.unfold(around, 3).view(n, 2, NEIGHBOURS, rows, columns)
     taken = _shares(mask.view(n, NEIGHBOURS, pixels, rows, columns))
-    # A sum of planes: as a product of matrices it would be one of two by nine for each pixel.
+    # Sum planes: a matrix product would be a tiny one, two by nine, for each pixel.
     each_one = zip(near.unbind(2), taken.unbind(1), strict=True)
     fine = sum((there[:, :, None] * share[:, None] for there, share in each_one), torch.zeros(()))
     fine = functional.pixel_shuffle(fine.flatten(1, 2), math.isqrt(pixels))
@@ -164,7 +164,7 @@ def mean_and_variance(logits: Tensor, mask: Tensor, depths: Tensor) -> tuple[Ten
 
 
 def _shares(logits: Tensor) -> Tensor:
-    # In bands: a softmax over what lies side by side lays it out anew, which a cache has to hold.
+    # In bands, because softmax over this axis copies its input, and the copy should fit in a cache.
     return torch.cat([band.softmax(1) for band in torch.split(logits, _ROWS, -2)], -2)
 
 
@@ -183,5 +183,5 @@ def _convolution(before: int, after: int, step: int = 1) -> nn.Conv2d:
 
 
 def _see(costs: Tensor) -> Tensor:
-    # Of costs that differ by hundredths of a nat the root shows more. Written over them.
+    # The root makes differences of hundredths of a nat easier to see. It overwrites the costs.
     return costs.sqrt_().mul_(2 / MOST**0.5).sub_(1)

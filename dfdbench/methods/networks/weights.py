@@ -1,4 +1,4 @@
-"""A network's weights in one file, with a card that says where they come from."""
+"""A network's weights in one file, with a model card that says where they come from."""
 
 import hashlib
 import re
@@ -28,11 +28,10 @@ NETWORKS: dict[str, type[nn.Module]] = {
 }
 _VARIANCE = "running_var"
 _METADATA = "dfdbench-card"
-# Between the trainings that `Card.started_from` tells of, the last first, and what ends the name
-# of each.
+# `_BEFORE` separates the trainings in `Card.started_from`, the last first; `_STEPS` ends each name.
 _BEFORE = "; that from "
 _STEPS = re.compile(r", [\d,]+ steps")
-#: What a network's arguments come to that are none.
+#: What invalid arguments of a network raise.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 _SUFFIX = ".safetensors"
 _AGAIN = "copy or download it again; dfdbench train writes a new one"
@@ -69,14 +68,14 @@ class Card(Record):
 
     @property
     def saw(self) -> str:
-        """What it was trained on, and the weights that it began with, the last first."""
+        """What it was trained on, and then what its initial weights were, the last first."""
         before = filter(None, self.started_from.split(_BEFORE))
         return TRAININGS.join(
             dict.fromkeys([self.trained_on, *(_STEPS.split(each)[0] for each in before)])
         )
 
     def scores_under(self, protocol: str) -> dict[str, float]:
-        """Return the scores under a protocol, by its label; none where it was not scored so."""
+        """Return the scores under a protocol, by its label; empty if it was not scored under it."""
         return self.scores if protocol == "thesis" else self.further_scores.get(protocol, {})
 
 
@@ -92,19 +91,19 @@ def build_network(method: str, architecture: dict[str, Any]) -> nn.Module:
 
 
 def count_parameters(network: nn.Module) -> int:
-    """Return how many numbers are learnt."""
+    """Return the number of learned parameters."""
     return sum(parameter.numel() for parameter in network.parameters())
 
 
 def described(path: Path, card: Card) -> str:
-    """Return what a training that begins with these weights says of them: `Card.started_from`."""
+    """Return the `Card.started_from` of a training that begins with these weights."""
     earlier = f"{_BEFORE}{card.started_from}" if card.started_from else ""
     steps = f"{card.steps:,} steps in {card.seconds / 60:.1f} minutes"
     return f"{card.trained_on}, {steps}, SHA-256 {weights_sha256(path)[:16]}{earlier}"
 
 
 def save_weights(path: Path, network: nn.Module, card: Card) -> None:
-    """Write weights and card to a safetensors file, and the card beside it for people."""
+    """Write weights and card to a safetensors file, and a readable card beside it."""
     tensors = {name: tensor.cpu().contiguous() for name, tensor in network.state_dict().items()}
     content = safetensors.torch.save(tensors, metadata={_METADATA: card.model_dump_json()})
     write_whole(path, content)
@@ -112,18 +111,18 @@ def save_weights(path: Path, network: nn.Module, card: Card) -> None:
 
 
 def shipped_weights() -> dict[str, Path]:
-    """Return the files of weights that come with the package, by name."""
+    """Return the weight files that come with the package, by name."""
     folder = Path(str(files("dfdbench.methods.networks.pretrained")))
     return {path.stem: path for path in sorted(folder.glob(f"*{_SUFFIX}"))}
 
 
 def find_weights(method: str, weights: str | Path | None) -> Path:
-    """Return the file that a user means: a path, or the name of weights that are shipped.
+    """Return the file of weights given as a path or as the name of shipped weights.
 
     Raises
     ------
     MethodError
-        If there is none; it says how to come by one.
+        If there is none; it says how to get one.
     """
     shipped = {
         name.removesuffix(f"-{method}"): path
@@ -150,24 +149,24 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
 
 
 def open_weights(method: str, weights: str | Path | None) -> tuple[nn.Module, Card, str]:
-    """Return the network that a user means, its card, and the SHA-256 of its file.
+    """Find and load a network; return it with its card and the SHA-256 of its file.
 
     Raises
     ------
     MethodError
-        As `find_weights` and `load_weights`.
+        As for `find_weights` and `load_weights`.
     """
     path = find_weights(method, weights)
     return *load_weights(path, method), weights_sha256(path)
 
 
 def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
-    """Return the network that a file holds, in evaluation mode, and its card.
+    """Load the network in a file, in evaluation mode, and its card.
 
     Raises
     ------
     MethodError
-        If the file is damaged, is no file of ours, or holds another architecture.
+        If the file is damaged, is not one of ours, or holds another architecture.
     """
     tensors, text = _read_tensors(path)
     card = _read_card(text, path)
@@ -175,7 +174,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
         what = f"weights of another architecture, {card.method} instead of {method}"
         raise MethodError(what, where=str(path))
     try:
-        # Without memory: a card may claim any size.
+        # Allocate no memory, since a card may claim any size.
         with torch.device("meta"):
             outline = build_network(method, card.architecture)
     except _UNBUILDABLE as error:

@@ -1,1 +1,1 @@
-"""How many filters of a trained network give outputs of their own (6.2, App. D)."""
+"""Count how many filters of a trained network give distinct outputs (6.2, App. D)."""

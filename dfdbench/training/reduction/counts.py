@@ -1,4 +1,4 @@
-"""Count the different outputs of each layer by self-organising maps."""
+"""Count the distinct outputs of each layer with self-organising maps."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ TAPS: Mapping[int, str] = {
 
 @dataclass(frozen=True)
 class Counts:
-    """How many clusters were found, by layer, one number a sample.
+    """How many clusters were found, by layer, one number per sample.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Counts:
 
 
 def samples_of(store: Dataset, split: str) -> tuple[Pair, ...]:
-    """Return the first pair of each scene of a split: one sample a scene (6.2).
+    """Return the first pair of each scene of a split: one sample per scene (6.2).
 
     Raises
     ------
@@ -105,27 +105,27 @@ def count_clusters(
     tuning: Tuning = "own",
     on_sample: OnDone | None = None,
 ) -> Counts:
-    """Count the different winners of a map for each sample and layer, and for noise beside it.
+    """Count the distinct winners of a map for each sample and layer, and for noise beside it.
 
     Parameters
     ----------
     network : nn.Module
         DfD-Net in evaluation mode.
     store : Dataset
-        If the samples lie.
+        The store of the samples.
     samples : sequence of Pair
-        On which the layers' outputs are taken.
+        The pairs for which layers' outputs are computed.
     seed : int
-        Of the maps and the noise.
+        Seed of the maps and the noise.
     tuning : {"own", "neighbours"}
         See `dfdbench.training.reduction.counts.winners`.
     on_sample : callable, optional
-        Called with (samples done, samples to do).
+        Called with (samples done, total samples).
 
     Raises
     ------
     InputError
-        If a sample cannot be counted on, with its name and the layer.
+        If a sample cannot be used; the error names it and the layer.
     """
     filters: dict[int, int] = {}
     found: dict[int, list[int]] = {layer: [] for layer in TAPS}
@@ -143,7 +143,7 @@ def count_clusters(
 
 
 def counts_table(counts: Counts, title: str) -> Table:
-    """Return the counts in the form of Table D.1, with what noise gives below them."""
+    """Return the counts in the form of Table D.1, with the counts for noise below."""
     lines: list[tuple[str, dict[int, int]]] = [("filters", dict(counts.filters))]
     for name, values in (("", counts.found), ("noise, ", counts.noise)):
         for statistic in STATISTICS:
@@ -163,7 +163,7 @@ def counts_table(counts: Counts, title: str) -> Table:
 
 def _statistic(counts: Sequence[int], statistic: Statistic) -> int:
     if statistic == "mean":
-        # Half a filter is one: Python would round to even.
+        # Round half up: Python would round half to even.
         return int(sum(counts) / len(counts) + 0.5)
     return min(counts) if statistic == "min" else max(counts)
 
@@ -178,9 +178,10 @@ def tap(
     network : nn.Module
         In evaluation mode, its batch normalization not folded; on any device.
     infocus, defocus : ndarray of uint8, shape (y, x, 3)
-        RGB. Cut at the lower and right edge to the network's multiple, so that no padding counts.
+        RGB. Cropped at the lower and right edge to the network's multiple, so that no padding
+        counts.
     place : str, optional
-        What an error's place begins with: whose images they are.
+        A prefix for errors: whose images they are.
 
     Returns
     -------
@@ -209,7 +210,7 @@ def tap(
             module = network.get_submodule(path)
             hooks.enter_context(module.register_forward_hook(partial(keep, layer)))
         network(image)
-    # Modules are called in their own order, which need not be that of the layers.
+    # Modules are called in their own order, which may differ from that of the layers.
     found = {layer: found[layer] for layer in TAPS}
     for layer, (gram, pixels) in found.items():
         if pixels < len(gram):
@@ -232,26 +233,26 @@ def winners(
 
     Kohonen's map as the author of the thesis trained it (App. D.1): K neurons in a row, with the
     distance ``|i - j|`` between them, start along the inputs' first principal component, over 2.5
-    standard deviations to either side. In each of 200 epochs every input is won by the neuron at
-    the smallest Euclidean distance, ties by the first; a random tenth of the wins is left out;
-    every neuron becomes the mean of what was won within a radius of it, its own wins counted
-    twice. The radius falls from 2 to 1 over the first 100 epochs. Neurons without input stay where
-    they are.
+    standard deviations to either side. In each of 200 epochs, the closest neuron (Euclidean
+    distance; the first in a tie) wins each input, and a random tenth of the wins is left out. Then
+    every neuron becomes the mean of the inputs that were won within a radius of it, with its own
+    wins counted twice. The radius falls from 2 to 1 over the first 100 epochs. Neurons without
+    input stay where they are.
 
     Parameters
     ----------
     gram : ndarray of float64, shape (k, k)
         Products of the inputs with each other.
     seed : int or tuple of int
-        Of the wins that are left out.
+        Seed of the omitted wins.
     tuning : {"own", "neighbours"}
-        After 100 epochs only a neuron's own wins count, or those of its neighbours too (a radius of
-        1): sources and documentation of the toolbox that the author used disagree.
+        After 100 epochs, count only a neuron's own wins, or also those of its neighbours (a radius
+        of 1): sources and documentation of the author's toolbox disagree.
 
     Returns
     -------
     ndarray of intp, shape (k,)
-        How many of them differ is the count of Table D.1.
+        The number of distinct winners is the count of Table D.1.
 
     Examples
     --------
@@ -279,9 +280,9 @@ def noise_gram(inputs: int, length: int, random: np.random.Generator) -> Matrix:
     inputs : int
         How many vectors, k.
     length : int
-        Of each; at least k.
+        The length of each; at least k.
     random : Generator
-        What draws it.
+        The generator for the draw.
 
     Returns
     -------
@@ -300,10 +301,10 @@ def noise_gram(inputs: int, length: int, random: np.random.Generator) -> Matrix:
 
 @dataclass
 class _Neurons:
-    """The neurons, represented by products alone.
+    """The neurons, represented only by products.
 
-    `with_inputs` holds each neuron's products with the inputs, shape (neuron, input), `squares`
-    its own square, shape (neuron,).
+    `with_inputs` holds each neuron's products with the inputs, shape (neuron, input); `squares`
+    holds its product with itself, shape (neuron,).
     """
 
     gram: Matrix
@@ -313,7 +314,7 @@ class _Neurons:
     @classmethod
     def along_first_component(cls, gram: Matrix) -> _Neurons:
         values, vectors = np.linalg.eigh(gram)
-        # An eigenvector's sign is arbitrary: the largest entry is made positive.
+        # An eigenvector's sign is arbitrary, so make the largest entry positive.
         first = vectors[:, -1] * np.sign(vectors[np.abs(vectors[:, -1]).argmax(), -1])
         shares = np.linspace(-_SPREAD, _SPREAD, len(gram)) / np.sqrt(len(gram))
         return cls(gram, np.outer(shares, first @ gram), shares**2 * max(values[-1], 0.0))
@@ -323,7 +324,7 @@ class _Neurons:
         return np.asarray((self.squares[:, None] - 2 * self.with_inputs).argmin(0))
 
     def move(self, won: NDArray[np.intp], kept: NDArray[np.intp], radius: int) -> None:
-        """Move neurons to the mean of the inputs that were won within a radius, own ones twice."""
+        """Move neurons to the mean of the inputs won within a radius, counting their own twice."""
         wins = np.zeros_like(self.gram)
         wins[won[kept], kept] = 1
         shares = 2 * wins
@@ -339,12 +340,12 @@ class _Neurons:
 
 def _radius(epoch: int, tuning: Tuning) -> int:
     if epoch < _ORDERING:
-        # Distances are whole numbers: what lies within 1.99 lies within 1.
+        # Distances are whole numbers: within 1.99 means within 1.
         return int(1 + (_FIRST_RADIUS - 1) * (1 - epoch / _ORDERING))
     return 1 if tuning == "neighbours" else 0
 
 
 def _centred(gram: Matrix) -> Matrix:
-    # Distances stay; the products are those of the inputs less their mean.
+    # Distances stay the same; these are the products of the inputs minus their mean.
     means = gram.mean(axis=0)
     return np.asarray(gram - means - means[:, None] + means.mean())

@@ -28,18 +28,19 @@ from dfdbench.training.reduction import counts as counting
 
 Widths = tuple[int, ...]
 Rounding = Literal["H", "L"]
-#: Layers that are added to each other are equally wide.
+#: Layers that are added to each other have the same width.
 TIED = ((52, 45), (42, 37), (34, 29), (24, 17), (12, 5))
-#: The layers of each level; in the last stage 27 is counted again, as Table D.2 has it.
+#: The layers of each level; the last stage counts 27 again, as in Table D.2.
 LEVELS: Mapping[int, tuple[int, ...]] = {
     1: (52, 48, 45, 15, 12, 8, 5),
     2: (42, 40, 37, 27, 24, 20, 17),
     3: (34, 32, 29, 27),
 }
 _MULTIPLE = 8
-# How Table D.2 numbers the iterative rows, as far as its widths tell; the ensemble's are as listed.
+# Table D.2's numbering of the iterative rows, inferred from its widths; the ensemble's is as
+# listed.
 _ITERATIVE: tuple[counting.Statistic, ...] = ("min", "max", "mean")
-#: The row that all others are compared with: the network that was counted, untouched.
+#: The row to which all others are compared: the network that was counted, unchanged.
 BASELINE = "original"
 
 
@@ -52,7 +53,7 @@ class Reduction:
     rows : mapping of str to tuple of int
         Widths by the row's name, input to output, `BASELINE` first.
     tables : tuple of Table
-        The counts, as Table D.1, and the rows, as Table D.2.
+        The counts, as in Table D.1, and the rows, as in Table D.2.
     files : mapping of str to str
         A configuration for each row, by file name.
     """
@@ -62,7 +63,7 @@ class Reduction:
     files: Mapping[str, str]
 
     def write(self, folder: Path) -> None:
-        """Write tables and configurations; those of an earlier call are replaced."""
+        """Write tables and configurations, replacing those of an earlier call."""
         folder.mkdir(parents=True, exist_ok=True)
         for old in folder.glob("*.toml"):
             old.unlink()
@@ -73,7 +74,7 @@ class Reduction:
 
 
 def write_tables(place: Path, tables: Sequence[Table]) -> None:
-    """Write tables as Markdown and as CSV, into files of one name with two endings."""
+    """Write tables as Markdown and as CSV, under one name with two endings."""
     for format, suffix in ((Format.markdown, ".md"), (Format.csv, ".csv")):
         write_whole(place.with_suffix(suffix), render(tables, format))
 
@@ -90,33 +91,33 @@ def reduce_weights(
     device: torch.device | None = None,
     on_sample: OnDone | None = None,
 ) -> Reduction:
-    """Count the different outputs of each layer of a trained DfD-Net, and cut its widths so (6.2).
+    """Count the distinct outputs of a trained DfD-Net's layers, and cut its widths to fit (6.2).
 
     Parameters
     ----------
     weights : Path
-        What ``dfdbench train dfd-net`` wrote.
+        A file from ``dfdbench train dfd-net``.
     store : Dataset
-        If the samples lie, the first pair of each scene.
+        The store of the samples, the first pair of each scene.
     configuration : TrainingConfiguration
-        How the rows are to be trained; widths and layers are those of the weights.
+        How to train the rows; widths and layers come from the weights.
     split : str
-        Whose scenes are sampled; the thesis takes the test's.
+        The split whose scenes are sampled; the thesis uses the test's.
     level : int, optional
-        The iterative rows F of this level; else the ensemble rows B.
+        Return the iterative rows F of this level; else the ensemble rows B.
     rounding : {"H", "L"}, optional
-        Adds each row rounded up or down to multiples of 8.
+        Also add each row rounded up or down to multiples of 8.
     seed, tuning
         Of the maps, see `dfdbench.training.reduction.counts.count_clusters`.
     device : torch.device, optional
-        If the network runs, by default the processor.
+        Where the network runs, by default the processor.
     on_sample : callable, optional
-        Called with (samples done, samples to do).
+        Called with (samples done, total samples).
 
     Raises
     ------
     MethodError
-        If the weights cannot be read or are of another network.
+        If the weights cannot be read or belong to another network.
     InputError
         If a sample is too small, or there is no such level.
     """
@@ -129,7 +130,7 @@ def reduce_weights(
     by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}
     found = iterative_rows(by_statistic, level, base) if level else ensemble_rows(by_statistic)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
-    # What else the network is made of stays: the row trains the same layers, only narrower ones.
+    # Keep everything else of the network: a row has the same layers, only narrower ones.
     kept = {
         name: value
         for name, value in card.architecture.items()
@@ -156,17 +157,17 @@ def _parameters(architecture: Mapping[str, object], widths: Widths) -> int:
 
 
 def ensemble_rows(counts: Mapping[counting.Statistic, Mapping[int, int]]) -> dict[str, Widths]:
-    """Return the widths of B-01-01 to B-03-03, input to output: all layers are cut at once.
+    """Return the widths of B-01-01 to B-03-03, input to output: all layers are reduced at once.
 
-    The thesis does not state the rule; inferred from Tables D.1 and D.2, it derives all nine rows
-    of the latter from the former. The first number is the statistic over the samples: minimum,
+    The thesis does not state the rule. We inferred it from Tables D.1 and D.2; it derives all nine
+    rows of the latter from the former. The first number is the statistic over the samples: minimum,
     mean, maximum. The second is the width of layers that are added to each other: the smaller
     count, the larger, or the larger with layer 2's count for layers 12 and 5.
 
     Parameters
     ----------
     counts : mapping
-        Of each statistic, the counts by layer; layer 1 stays as wide as it is, 256.
+        For each statistic, the counts by layer; layer 1 keeps its width of 256.
 
     Examples
     --------
@@ -185,17 +186,17 @@ def ensemble_rows(counts: Mapping[counting.Statistic, Mapping[int, int]]) -> dic
 def iterative_rows(
     counts: Mapping[counting.Statistic, Mapping[int, int]], level: int, base: Sequence[int]
 ) -> dict[str, Widths]:
-    """Return the widths to try on one level; all other layers stay as they are (6.2).
+    """Return the widths to try on one level; all other layers keep theirs (6.2).
 
-    Levels follow each other: train level 1's best row from scratch, count level 2 on it, and so
-    on. The rows of level 3 are F-01-01 to F-03-02, numbered as in Table D.2: minimum, maximum,
-    mean; the smaller, the larger. The thesis does not name those of earlier levels; here they are
-    F1-... and F2-....
+    Levels follow each other: train level 1's best row from scratch, count level 2 on it, and so on.
+    The rows of level 3 are F-01-01 to F-03-02, numbered as in Table D.2: minimum, maximum, mean;
+    the smaller, the larger. The thesis does not name those of earlier levels; we call them F1-...
+    and F2-....
 
     Parameters
     ----------
     counts : mapping
-        Of each statistic, the counts by layer, on the network of `base`.
+        For each statistic, the counts by layer, on the network of `base`.
     level : int
         1 to 3.
     base : sequence of int
@@ -212,7 +213,7 @@ def iterative_rows(
     prefix = "F" if level == max(LEVELS) else f"F{level}"
     rows = {}
     for number, statistic in enumerate(_ITERATIVE, 1):
-        # Layer 2 gives the width of 12 and 5, which are of level 1.
+        # Layer 2 determines the width of 12 and 5, which are in level 1.
         for choice in (1, 2, 3) if level == 1 else (1, 2):
             full = dict(zip(LAYERS, _row(dict(counts[statistic]), choice), strict=True))
             chosen = before | {layer: full[layer] for layer in LEVELS[level]}
@@ -221,10 +222,10 @@ def iterative_rows(
 
 
 def rounded(rows: Mapping[str, Widths], rounding: Rounding) -> dict[str, Widths]:
-    """Return rows rounded to multiples of 8, up (H) or down (L, to no less than 8); layer 1 stays.
+    """Return rows rounded to multiples of 8, up (H) or down (L, at least 8); layer 1 stays.
 
-    H gives F-02-02H from F-02-02. The thesis calls F-02-02L rounded down but prints a mixture; L
-    rounds down.
+    H turns F-02-02 into F-02-02H. The thesis calls F-02-02L rounded down but prints a mixture; L
+    always rounds down.
 
     Examples
     --------
@@ -253,7 +254,7 @@ def _row(counts: dict[int, int], choice: int) -> Widths:
 
 
 def rows_table(rows: Mapping[str, Widths], parameters: Mapping[str, int], title: str) -> Table:
-    """Return rows in the form of Table D.2, with the parameters that each network has."""
+    """Return rows in the form of Table D.2, with each network's number of parameters."""
     lines = tuple(
         (name, *map(str, widths), f"{parameters[name]:,}") for name, widths in rows.items()
     )
@@ -262,7 +263,7 @@ def rows_table(rows: Mapping[str, Widths], parameters: Mapping[str, int], title:
 
 
 def as_toml(configuration: TrainingConfiguration, widths: Widths, comment: str) -> str:
-    """Return the text of a configuration that trains a network of these widths, and says why.
+    """Return a commented configuration that trains a network of these widths.
 
     Examples
     --------
@@ -278,14 +279,14 @@ _TURNS = 9
 
 
 def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str, str]:
-    """Return the configurations that ``dfdbench thesis reduce`` wrote into a folder, by row.
+    """Return the configurations in a folder from ``dfdbench thesis reduce``, by row.
 
     Parameters
     ----------
     folder : Path
-        If they lie.
+        The folder of the configurations.
     names : sequence, optional
-        Which rows; by default all, the network that was counted first.
+        Which rows; by default all, starting with the network that was counted.
 
     Raises
     ------
@@ -307,17 +308,17 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
 
 
 def seconds_an_image(weights: Mapping[str, Path], store: Dataset, device: str) -> dict[str, float]:
-    """Return how long each network takes for the first pair of a store, warmed up.
+    """Return each network's time for the first pair of a store, warmed up.
 
-    The shortest of nine runs each, taken in turns, so that other load on the machine slows all of
-    them.
+    It is the shortest of nine runs each, taken in turns, so that other load on the machine slows
+    all networks alike.
 
     Parameters
     ----------
     weights : mapping of str to Path
         A file of weights, by row.
     store : Dataset
-        If the pair lies.
+        The store of the pair.
     device : str
         As for the methods.
     """
@@ -344,11 +345,11 @@ def comparison_table(
     Parameters
     ----------
     title : str
-        Of the table.
+        The table's title.
     cards : sequence of (str, Card)
-        The row's name and the card of each training that has ended.
+        The row's name and the card of each finished training.
     seconds : mapping of str to float
-        Seconds an image, by row.
+        Seconds per image, by row.
     protocol : str
         The label of one of `dfdbench.training.task.LOGGED`.
     """

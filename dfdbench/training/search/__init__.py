@@ -1,1 +1,1 @@
-"""Architectures searched by a particle swarm (6.1, App. C)."""
+"""Search architectures with a particle swarm (6.1, App. C)."""

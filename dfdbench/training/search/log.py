@@ -1,4 +1,4 @@
-"""Train and score the networks of a search, and keep the log of it."""
+"""Train and score the networks of a search, and keep a log."""
 
 import csv
 import io
@@ -26,12 +26,12 @@ from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import Task, evenly_spaced, mean_scores
 from dfdbench.training.trainer import DivergedError, train
 
-#: Steps between scores on the way, which nobody looks at in thousands of trainings.
+#: Steps between intermediate scores, which nobody looks at in thousands of trainings.
 _NEVER = 10**9
 _IDENTITY = "search.json"
 POSITIONS = "positions.csv"
 _PARTICLES = "particles"
-#: What the objective is made of.
+#: The parts of the objective.
 PARTS = ("nrmse", "nmae", "ssim")
 _HEAD = ("iteration", "particle", "objective", "failed", "parameters", "steps", "seconds")
 _SCORES = tuple(f"{side}_{part}" for side in ("train", "other") for part in PARTS)
@@ -44,20 +44,20 @@ Place = tuple[int, int]
 
 @dataclass(frozen=True)
 class LogRow:
-    """A position, and what its training came to.
+    """A position, and the result of its training.
 
     Parameters
     ----------
     place : tuple of int
         Iteration and particle.
     position : ndarray of float64, shape (components,)
-        Where it was.
+        The particle's position.
     objective : float
-        What the search makes small; infinite where the training failed.
+        What the search minimises; infinite if the training failed.
     failed : str
-        Why it failed; empty where it did not.
+        Why it failed; empty if it did not.
     parameters, steps : int
-        Of the network, of the training.
+        Parameters of the network, steps of the training.
     seconds : float
         Time spent training.
     scores : dict
@@ -75,7 +75,7 @@ class LogRow:
 
 
 class SearchFolder:
-    """Where a search keeps what it goes on from, and what people read.
+    """A search's folder: what it needs to continue, and what people read.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ class SearchFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        #: What trainings came to, as far as is known.
+        #: The known results of trainings.
         self.rows: dict[Place, LogRow] = {}
 
     def open(self, identity: Mapping[str, Any]) -> None:
-        """Begin, or read what was done before.
+        """Start a search, or read an earlier one.
 
         Raises
         ------
@@ -106,11 +106,11 @@ class SearchFolder:
         require_same(_read_identity(file), identity, what, str(file), _OTHER)
         log = self.path / POSITIONS
         self.rows = _read_rows(log) if log.exists() else {}
-        # Without the line that a kill may have cut short.
+        # Drop a last line that a kill may have cut short.
         write_whole(log, _as_csv(self.rows.values(), header=True))
 
     def note(self, row: LogRow) -> None:
-        """Keep what a training came to: once this returns, a kill does not lose it."""
+        """Save a training's result: once this returns, a kill does not lose it."""
         self.rows[row.place] = row
         with (self.path / POSITIONS).open("a", encoding="utf-8") as file:
             file.write(_as_csv([row], header=False))
@@ -118,17 +118,17 @@ class SearchFolder:
             os.fsync(file.fileno())
 
     def forget(self, places: Iterable[Place]) -> None:
-        """Remove trainings: their weights would fill disks."""
+        """Remove trainings, because their weights would fill the disk."""
         for place in places:
             shutil.rmtree(training_folder(self.path, place), ignore_errors=True)
 
     def rows_of(self, swarm: Swarm) -> list[LogRow]:
-        """Return what is known of a swarm's positions, in their order.
+        """Return the known results for a swarm's positions, in order.
 
         Raises
         ------
         InputError
-            If the log has another position than the search comes to.
+            If a position in the log differs from the search's.
         """
         rows = []
         for number, position in enumerate(swarm.positions):
@@ -148,7 +148,7 @@ class SearchFolder:
 
 
 def training_folder(search: Path, place: Place) -> Path:
-    """Return the folder that a particle is trained in."""
+    """Return the folder in which a particle is trained."""
     return search / _PARTICLES / f"{place[0]:03}-{place[1]:03}"
 
 
@@ -165,7 +165,7 @@ def _read_rows(log: Path) -> dict[Place, LogRow]:
     found: dict[Place, LogRow] = {}
     where = str(log)
     try:
-        # What follows the last line break is empty, or was cut short by a kill.
+        # The rest after the last line break is empty, or was cut short by a kill.
         lines = log.read_text("utf-8").split("\n")[:-1]
         for number, values in enumerate(csv.DictReader(lines), 2):
             where = f"{log}: line {number}"
@@ -210,7 +210,7 @@ def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
     return text.getvalue()
 
 
-#: What the thesis's author scores in his search: the centre of an image, divided by 255.
+#: The thesis's author scores only this centre of an image, divided by 255, in his search.
 CENTRE = (368, 400)
 OF_CENTRE = Protocol(
     "search", 1, "all", "255", "whole", "the search published with the thesis's networks"
@@ -218,12 +218,12 @@ OF_CENTRE = Protocol(
 
 
 def objective(scores: Mapping[str, float], gamma: float) -> float:
-    """Return Eq. 6.1: NMAE + NRMSE + 1 - SSIM, of two sets; infinite where one is not defined.
+    """Return Eq. 6.1: NMAE + NRMSE + 1 - SSIM, over two sets; infinite if one is undefined.
 
     Parameters
     ----------
     scores : mapping
-        As of a `LogRow`.
+        As in a `LogRow`.
     gamma : float
         The weight of the training pairs, 0 to 1.
 
@@ -243,25 +243,25 @@ def objective(scores: Mapping[str, float], gamma: float) -> float:
 
 
 class TimeUpError(Exception):
-    """Time is up before what was asked for is done."""
+    """Time is up before the work is done."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Train particles' networks and score them; travels to other processes.
+    """Train particles' networks and score them; it can be sent to other processes.
 
     Parameters
     ----------
     plan : SearchPlan
         The search.
     folder : Path
-        Of the search.
+        The search's folder.
     device : str
-        As of `dfdbench.training.learner.Learner`.
+        As in `dfdbench.training.learner.Learner`.
     threads : int or None
-        Processor threads of each training; None leaves PyTorch's choice.
+        Processor threads of each training; None keeps PyTorch's choice.
     until : float
-        The time, in seconds since 1970, at which trainings stop where they are.
+        The time, in seconds since 1970, at which trainings stop wherever they are.
     """
 
     plan: SearchPlan
@@ -271,15 +271,15 @@ class Evaluation:
     until: float = math.inf
 
     def __call__(self, particle: tuple[Place, Numbers]) -> LogRow | None:
-        """Train and score a particle by its place and position; None if time was up before.
+        """Train and score a particle, given its place and position; return None if time was up.
 
-        A training that diverges, or that the machine cannot do, is a failed one. What concerns the
-        disk or the data set is raised: it says nothing of the network.
+        A training that diverges, or that the machine cannot do, counts as failed. Errors of the
+        disk or the data set are raised, because they say nothing about the network.
 
         Raises
         ------
         ResultError
-            If another process is at the same training.
+            If another process is running the same training.
         """
         if self.threads is not None:
             torch.set_num_threads(self.threads)
@@ -288,10 +288,11 @@ class Evaluation:
         except TimeUpError:
             return None
         except (DivergedError, MethodError) as error:
-            # The last step may break the weights, after a loss that was still a number.
+            # The last step may break the weights after a loss that was still finite.
             why = f"diverged: {error.problems[0].what}, {error.problems[0].where}"
         except (MemoryError, RuntimeError) as error:
-            # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
+            # PyTorch raises RuntimeError for whatever it cannot do, including too little memory on
+            # a card.
             text = str(error).partition("\n")[0][:200]
             why = f"failed: {text or type(error).__name__}"
         return LogRow(*particle, failed=why)
@@ -301,7 +302,7 @@ class Evaluation:
         self._stop_in_time()
         configuration = plan.configuration_of(particle_at(position))
         configuration = configuration.model_copy(update={"evaluate_every": _NEVER})
-        # A key of its own: the swarm draws from the same numbers.
+        # A separate key, because the swarm draws from the same numbers.
         seeds = np.random.SeedSequence((choices.seed, *place), spawn_key=(1,))
         seed = int(seeds.generate_state(1)[0])
         every = store.pairs("all")

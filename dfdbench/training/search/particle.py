@@ -17,10 +17,10 @@ from dfdbench.methods.networks import choices
 from dfdbench.methods.networks.architectures import ACTIVATIONS
 from dfdbench.system.strict import Record, problems_of
 
-#: The search as the thesis's text has it, or as its author's program.
+#: The search as in the thesis's text, or as in its author's program.
 VARIANTS = ("thesis", "author")
-#: The layers that share a width, and those of them that share the size of their filters, output to
-#: input. Layer 1 is no choice, nor are the sizes of filters that halve and double the resolution.
+#: Layers that share a width, and those of them that share a filter size, output to input. Layer 1
+#: is fixed, and so are the sizes of filters that halve and double the resolution.
 ROWS: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...] = (
     ((5, 12), (5, 12)),
     ((8,), (8,)),
@@ -35,7 +35,7 @@ ROWS: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...] = (
     ((45, 52), (45, 52)),
     ((48,), (48,)),
 )
-#: Patches a step by the rows and columns of a patch, each in eight orientations.
+#: Patches per step by the rows and columns of a patch, each in eight orientations.
 PATCHES = {
     12: 100, 16: 90, 20: 65, 24: 56, 28: 40, 32: 28, 36: 20, 40: 18, 44: 16, 48: 14, 52: 10,
     56: 8, 60: 6, 64: 5,
@@ -53,7 +53,7 @@ def _names() -> tuple[str, ...]:
     return (*names, "crop")
 
 
-#: What each component is, output to input; numbers are the thesis's layers.
+#: The name of each component, output to input; numbers are the thesis's layers.
 COMPONENTS = _names()
 
 
@@ -61,7 +61,7 @@ _Side = Annotated[int, Field(multiple_of=4)]
 
 
 class Bounds(Record):
-    """What a particle may describe; by default what Tables C.1 and C.3 allow.
+    """What a particle may describe; the defaults are those of Tables C.1 and C.3.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ class Bounds(Record):
 
 
 def bounds_of(given: Mapping[str, str]) -> Bounds:
-    """Return bounds from texts such as ``8:256``, by name.
+    """Parse bounds from texts such as ``8:256``, by name.
 
     Raises
     ------
     InputError
-        If they are none.
+        If they are invalid.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def bounds_of(given: Mapping[str, str]) -> Bounds:
 
 
 class Particle(Record):
-    """What a position means: fields are choices of a training's configuration of that name."""
+    """The meaning of a position: each field is the training configuration's choice of that name."""
 
     filters: list[int]
     kernels: list[tuple[int, int]]
@@ -124,9 +124,9 @@ def box_of(bounds: Bounds, author: bool = False) -> Box:
     bounds : Bounds
         What a particle may describe.
     author : bool
-        As in the author's program: a filter's rows and columns change by half as much at most; the
-        size of patches wraps around at its limits, starts at its largest velocity and moves by that
-        of the iteration before; positions are whole numbers.
+        Follow the author's program: a filter's rows and columns change by at most half as much; the
+        patch size wraps around at its limits, starts at its largest velocity and moves by the
+        velocity of the previous iteration; positions are whole numbers.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def box_of(bounds: Bounds, author: bool = False) -> Box:
 
 
 def whole_numbers(positions: Numbers) -> NDArray[np.int64]:
-    """Return what components are read as, shape (..., components): the nearest whole numbers."""
+    """Round components to the nearest whole numbers, shape (..., components)."""
     found = np.floor(positions + 0.5).astype(np.int64)
     kinds = np.array([name.startswith("activation") for name in COMPONENTS])
     return np.where(kinds, found % len(_KINDS), found)
@@ -214,15 +214,15 @@ class Box:
     fastest : ndarray of float64
         Limit of a velocity, in both directions.
     fastest_first : ndarray of float64
-        Velocities begin uniformly between this and its negative.
+        Velocities start uniformly between this and its negative.
     wraps : ndarray of bool
-        Components that go round: after `high` comes `low` again, a step of one further. Others
-        stop at their limits.
+        Components that wrap around: one step beyond `high` is `low` again. Others stop at their
+        limits.
     whole : bool
-        Positions start at whole numbers, each equally likely, and are rounded after every move.
+        Positions start at whole numbers, with equal probability, and are rounded after every move.
     late : tuple of int
-        Components that start at `fastest_first` and then move by the velocity of the iteration
-        before.
+        Components that start at `fastest_first` and then move by the velocity of the previous
+        iteration.
     """
 
     low: Numbers
@@ -235,11 +235,11 @@ class Box:
 
     @property
     def above(self) -> Numbers:
-        """Where positions end: `high`, or where a component that goes round is at `low` again."""
+        """The end of positions: `high`, or where a wrapping component is at `low` again."""
         return np.where(self.wraps, self.high + 1, self.high)
 
     def limited(self, positions: Numbers) -> Numbers:
-        """Return positions that lie in the box, shape (..., components)."""
+        """Return positions limited to the box, shape (..., components)."""
         found = np.floor(positions + 0.5) if self.whole else positions
         round_ = self.low + np.mod(found - self.low, self.high - self.low + 1)
         # A remainder may be rounded up to the divisor itself.
@@ -249,7 +249,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Swarm:
-    """All that the next iteration follows from.
+    """The complete state that determines the next iteration.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ class Swarm:
     own : ndarray of float64, shape (particles, components)
         p, the position that each particle remembers as its own best.
     own_values : ndarray of float64, shape (particles,)
-        What a particle's next value has to be below to replace p; infinite at first.
+        A particle's next value must be below this to replace p; infinite at first.
     best : ndarray of float64, shape (components,)
         g, the best position of all.
     best_value : float
@@ -280,23 +280,23 @@ class Swarm:
 
 
 def random_of(seed: int, iteration: int, particle: int) -> np.random.Generator:
-    """Return the random numbers of one particle in one iteration: they follow from nothing else."""
+    """Return the random numbers of one particle in one iteration; they depend on nothing else."""
     return np.random.default_rng((seed, iteration, particle))
 
 
 def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> Swarm:
-    """Return a swarm at random places of a box, before anything was judged.
+    """Return a swarm at random places of a box, before any evaluation.
 
     Parameters
     ----------
     box : Box
-        Where.
+        The box.
     particles : int
-        How many.
+        How many particles.
     seed : int
-        Whatever is random follows from it.
+        Determines everything that is random.
     known : ndarray, optional
-        If the first particle begins instead.
+        The first particle's start, in place of a random one.
     """
     positions, velocities = [], []
     for particle in range(particles):
@@ -319,19 +319,19 @@ def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> 
 
 
 def judged(swarm: Swarm, values: Numbers, against_previous: bool = False) -> Swarm:
-    """Return a swarm that knows the values of its positions (Algorithm C.1).
+    """Return a swarm updated with the values of its positions (Algorithm C.1).
 
     A best position is replaced only by a strictly better one; NaN is never better.
 
     Parameters
     ----------
     swarm : Swarm
-        As it moved.
+        The swarm after its move.
     values : ndarray of float64, shape (particles,)
-        What is to be made small, at `swarm.positions`.
+        The values to minimise, at `swarm.positions`.
     against_previous : bool
-        Replace a particle's own best if its value is below that of the iteration before, even if
-        the own best has a lower one; the thesis's prose and its author's program do this.
+        Replace a particle's own best if its value is below that of the previous iteration, even if
+        the own best is lower; the thesis's prose and its author's program do this.
     """
     found = np.where(np.isnan(values), np.inf, values)
     better = found < swarm.own_values
@@ -346,7 +346,7 @@ def judged(swarm: Swarm, values: Numbers, against_previous: bool = False) -> Swa
 
 
 def moved(swarm: Swarm, box: Box, seed: int) -> Swarm:
-    """Return the swarm an iteration on, Eq. C.2 and C.3, each particle limited to the box."""
+    """Return the swarm after one more iteration (Eq. C.2 and C.3), limited to the box."""
     number, count = swarm.iteration + 1, len(swarm.positions)
     drawn = np.array([random_of(seed, number, i).random((2, len(box.low))) for i in range(count)])
     to_own, to_best = swarm.own - swarm.positions, swarm.best - swarm.positions
@@ -367,20 +367,20 @@ def search(
     known: Numbers | None = None,
     against_previous: bool = False,
 ) -> Iterator[Swarm]:
-    """Yield the swarm after its start and after each iteration, judged.
+    """Yield the swarm after its start and after each iteration, with its values.
 
-    Called again with a judge that gives the same values, it yields the same swarms.
+    If a second call's judge gives the same values, it yields the same swarms.
 
     Parameters
     ----------
     judge : callable
-        Gives a value for each of a swarm's positions, shape (particles,).
+        Returns a value for each of a swarm's positions, shape (particles,).
     box, particles, seed, known
-        As of `begun`.
+        As in `begun`.
     iterations : int
         Moves after the start.
     against_previous
-        As of `judged`.
+        As in `judged`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What is searched, on what, and how its networks are selected; checked before the first begins."""
+"""Plan a search: what it varies, on what data, and how it selects; all checked before it begins."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.search import particle as pso
 from dfdbench.training.task import Task, require_trainable, task_of
 
-#: Of the search's record.
+#: Version of the search's record.
 VERSION = 1
 #: Choices that a particle makes.
 VARIED = ("filters", "first_activation", "kernels", "activations", "normalized")
@@ -25,16 +25,16 @@ _HELD_OUT = 1 / 5
 
 @dataclass(frozen=True)
 class Choices:
-    """What a search may be asked for, but the data, the base and the budget.
+    """What the user chooses for a search, except data, base and budget.
 
     Parameters
     ----------
     split : str
-        What trains.
+        The split to train on.
     as_thesis : bool
         Select on the test split, as published; else on scenes held out of the training split.
     held_out : int or None
-        How many scenes; None for a fifth, at least one.
+        How many scenes to hold out; None for a fifth, at least one.
     gamma : float
         Weight of the training pairs in Eq. 6.1.
     variant : str
@@ -42,11 +42,11 @@ class Choices:
     bounds : Bounds
         What a particle may describe.
     particles : int
-        How many.
+        How many particles.
     pairs : int or None
-        Pairs of each set that are scored; None for all.
+        How many pairs of each set to score; None for all.
     seed : int
-        Of the swarm, of the scenes held out, and of every training's seed.
+        Seed of the swarm, of the held-out scenes, and of every training's seed.
     """
 
     split: str = "train"
@@ -62,7 +62,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """A search that can be done.
+    """A checked search.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class SearchPlan:
     base : TrainingConfiguration
         Every choice that a particle does not make.
     choices : Choices
-        What was asked for.
+        The user's choices.
     train, other : tuple of str
-        Scenes that train, and those that select.
+        Scenes to train on, and scenes to select on.
     """
 
     store: Dataset
@@ -84,7 +84,7 @@ class SearchPlan:
 
     @property
     def author(self) -> bool:
-        """True where the author's programs are followed, not the thesis's text."""
+        """Whether to follow the author's programs rather than the thesis's text."""
         return self.choices.variant == "author"
 
     @property
@@ -94,12 +94,12 @@ class SearchPlan:
 
     @property
     def known(self) -> pso.Numbers | None:
-        """Where the first particle begins: the author's at DfD-Net itself, others anywhere."""
+        """Where the first particle starts: the author's at DfD-Net itself, others at random."""
         return pso.published_position() if self.author else None
 
     @property
     def selected_on(self) -> str:
-        """What the networks were selected on, in words."""
+        """The data on which networks were selected, in words."""
         names = ", ".join(self.other)
         if self.choices.as_thesis:
             return f"the TEST scenes, as the thesis did: {names}. Scores on them say too much"
@@ -114,7 +114,7 @@ class SearchPlan:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must be the same for a search to be gone on with."""
+        """What must be unchanged to continue a search."""
         choices = self.choices
         return {
             "version": VERSION,
@@ -135,7 +135,7 @@ class SearchPlan:
     def configuration_of(self, particle: pso.Particle) -> TrainingConfiguration:
         """Return the training of a particle's network.
 
-        As many patches a step as keep the work of a step alike: what the author has for eight
+        The number of patches keeps the work of a step constant: the author's number for eight
         orientations, scaled to the base's number at the base's size.
         """
         base = self.base
@@ -151,16 +151,16 @@ def plan_search(
     choices: Choices,
     device: str = "auto",
 ) -> SearchPlan:
-    """Return a search, checked.
+    """Return a checked search.
 
     Parameters
     ----------
     store, base, choices : Dataset, TrainingConfiguration, Choices
-        As of a `SearchPlan`.
+        As in `SearchPlan`.
     changes : mapping
-        What of the base the user set himself.
+        The choices of the base that the user set.
     device : str
-        If it is trained: decides what precision ``auto`` is.
+        The device for training, which decides what precision ``auto`` is.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Run a search: move the swarm, train, log; tables of how it went."""
+"""Run a search: move the swarm, train, log, and tabulate its course."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from dfdbench.training.search import particle as pso
 from dfdbench.training.search.log import PARTS, Evaluation, LogRow, SearchFolder, TimeUpError
 from dfdbench.training.search.search_plan import SearchPlan
 
-#: In a search's folder, when it has an outcome.
+#: Written into a search's folder once it has a result.
 BEST, TABLES = "best.toml", "search.md"
 
 
 @dataclass
 class SearchOutcome:
-    """What a call of `run_search` came to.
+    """The result of a call of `run_search`.
 
     Parameters
     ----------
     swarm : Swarm or None
-        After the last iteration that is whole; None if not even the start is.
+        After the last complete iteration; None if not even the start is complete.
     course : list of Iteration
-        The start, and each iteration that is whole.
+        The start, and each complete iteration.
     best : LogRow or None
         The best position of `swarm`, and its training; None if all failed.
     failures : list of LogRow
         Trainings that failed or diverged.
     trainings : int
-        Done so far.
+        How many are done so far.
     finished : bool
-        False where time was up before.
+        False if time was up before.
     """
 
     swarm: pso.Swarm | None = None
@@ -51,9 +51,9 @@ class SearchOutcome:
     finished: bool = True
 
     def close(self, swarm: pso.Swarm, log: SearchFolder) -> None:
-        """Take note of an iteration that is whole; of its trainings the best one is kept."""
+        """Record a complete iteration; keep only the best of its trainings."""
         rows = log.rows_of(swarm)
-        # What was best before an earlier call ended may be long gone: only what is known now goes.
+        # The best of an earlier call may be long gone, so remove only what is known now.
         known = [row.place for row in rows] + ([self.swarm.best_at] if self.swarm else [])
         log.forget(place for place in known if place != swarm.best_at)
         self.swarm = swarm
@@ -81,24 +81,24 @@ def run_search(
     max_seconds: float | None = None,
     on_done: Callable[[int, int], None] | None = None,
 ) -> SearchOutcome:
-    """Search until the iterations are done or time is up; go on from the folder's log.
+    """Search until the iterations are done or time is up; continue from the folder's log.
 
     Parameters
     ----------
     plan : SearchPlan
         From `plan_search`.
     folder : Path
-        Where log, record and the best training go; workers on other machines have to see it.
+        The folder for log, record and best training; workers on other machines must see it.
     iterations : int
-        Moves after the start; more than an earlier call asked for go on from its end.
+        Moves after the start; if more than in an earlier call, the search continues from its end.
     pool : Pool, optional
-        Where trainings are done several at once; by default one after the other, here.
+        Where trainings run, several at once; by default one after the other, here.
     device, threads
         Of each training.
     max_seconds : float, optional
-        Time of this call at most.
+        The most time for this call.
     on_done : callable, optional
-        Called with (trainings done, trainings in all).
+        Called with (trainings done, total trainings).
 
     Raises
     ------
@@ -109,8 +109,8 @@ def run_search(
 
     Notes
     -----
-    Nothing is kept of the swarm but what its trainings came to: called again, it moves as it did,
-    and takes the values from the log. A training that was stopped goes on from its checkpoint.
+    Of the swarm, only the results of trainings are saved: a later call moves it in the same way and
+    takes the values from the log. A stopped training continues from its checkpoint.
     """
     until = time.time() + max_seconds if max_seconds is not None else float("inf")
     evaluate = Evaluation(plan, folder.absolute(), device, threads, until)
@@ -158,20 +158,20 @@ MARKS = (0.90, 0.95, 0.99)
 
 @dataclass(frozen=True)
 class Iteration:
-    """What a whole iteration came to.
+    """The result of a complete iteration.
 
     Parameters
     ----------
     number : int
         0 at the start.
     best : float
-        The least value so far.
+        The lowest value so far.
     least, mean : float
-        Of this iteration's trainings that did not fail; NaN where all did.
+        Over this iteration's trainings that did not fail; NaN if all did.
     failed : int
-        How many did.
+        How many failed.
     alike : float
-        The share of all particles' components that are equal to the best position's.
+        The share of all particles' components that equal the best position's.
     """
 
     number: int
@@ -183,14 +183,14 @@ class Iteration:
 
 
 def iteration_of(swarm: pso.Swarm, values: pso.Numbers) -> Iteration:
-    """Return what an iteration came to.
+    """Return the result of an iteration.
 
     Parameters
     ----------
     swarm : Swarm
-        Judged.
+        With its values.
     values : ndarray of float64, shape (particles,)
-        Of its positions.
+        The values of its positions.
     """
     there = values[np.isfinite(values)]
     least, mean = (float(there.min()), float(there.mean())) if len(there) else (np.nan, np.nan)
@@ -202,7 +202,7 @@ def iteration_of(swarm: pso.Swarm, values: pso.Numbers) -> Iteration:
 def course_table(
     plan: SearchPlan, course: Sequence[Iteration], failures: Sequence[LogRow]
 ) -> Table:
-    """Return a row an iteration: best and mean objective, failures, convergence."""
+    """Return one row per iteration: best and mean objective, failures, convergence."""
     rows = []
     for item in course:
         name = str(item.number or "start")
@@ -219,7 +219,7 @@ def course_table(
 
 
 def network_table(plan: SearchPlan, best: LogRow) -> Table:
-    """Return the network found, layer by layer, the baseline's widths beside it."""
+    """Return the best network, layer by layer, beside the baseline's widths."""
     particle = pso.particle_at(best.position)
     sizes = dict(zip(SIZED, particle.kernels, strict=True))
     rows = []
@@ -240,7 +240,8 @@ def network_table(plan: SearchPlan, best: LogRow) -> Table:
 
 
 def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
-    # What follows the convolution of this layer; before layer 1 they stand alone, after layer 5.
+    # The site after this layer's convolution; the last one, after layer 5, stands alone before
+    # layer 1.
     sites = dict(zip((52, 48, 40, 32, 24, 20, 12, 8, 5), range(len(SITES)), strict=True))
     if layer not in sites:
         return "", ""
@@ -249,7 +250,7 @@ def _site_of(layer: int, particle: pso.Particle) -> tuple[str, str]:
 
 
 def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
-    """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
+    """Return the best network as a configuration for ``dfdbench train dfd-net``."""
     found = plan.configuration_of(pso.particle_at(best.position))
     content = toml_text(found.model_dump(mode="json", exclude_defaults=True))
     return (
