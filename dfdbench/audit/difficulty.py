@@ -305,7 +305,7 @@ class Bound:
 
     @cached_property
     def nrmse(self) -> dict[int, float]:
-        """The root mean square of the least error over known pixels, by window, over 255 levels."""
+        """By window, the root mean square of the least error over known pixels, divided by 255."""
         if not self.valid.any():
             return dict.fromkeys(WINDOWS, math.nan)
         return {

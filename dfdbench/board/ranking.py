@@ -55,7 +55,7 @@ class Entry:
 
     @property
     def given_blur(self) -> bool:
-        """Whether the method was given a blur on a track, which is not allowed."""
+        """Whether the method was given a blur on a track, so that it has no rank."""
         return any(knew_blur(run.method, run.dataset.degradation) for run in self.runs)
 
     @property

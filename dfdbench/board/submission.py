@@ -170,7 +170,7 @@ class Rerun:
     same_map : bool
         Whether the depth maps are identical to the last bit.
     difference : float
-        The largest difference of a score; infinite if only one of the two has a score.
+        The largest difference of a score; infinite if just one has it, or the rerun has none.
     wrong : str
         What else differs from the row; empty if nothing does.
     """

@@ -90,7 +90,7 @@ class BuildReport:
     path : UPath
         The store.
     fingerprint : str
-        SHA-256 of everything it holds.
+        SHA-256 over the arrays of its scenes; it does not cover the attributes.
     scenes_built, scenes_kept : tuple of str
         Scenes written now, and complete ones kept from before.
     pairs : int

@@ -71,8 +71,8 @@ class Fate:
         The file.
     kind : str
         ``"new"``: fetched now. ``"kept"``: already there. ``"missing"``: no address has it.
-        ``"unreachable"``: an address may have it, but could not be reached. ``"damaged"``: it was
-        fetched twice and failed its check.
+        ``"unreachable"``: an address may have it, but it could not be fetched. ``"damaged"``: it
+        was fetched twice and failed its check.
     problems : tuple of Problem
         What was wrong with it.
     lacking : tuple of str

@@ -21,7 +21,7 @@ from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import counted, listed
 
-# Frames are numbered f01, f02; apertures never start with 0.
+# Frames are numbered f01, f02; an f-number has no 0 before another digit (f0.95 is one).
 _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
 # How many scenes to decode, spread over all: enough to detect the unit and the sharper image; fewer
 # if each has many photographs.

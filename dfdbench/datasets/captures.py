@@ -71,7 +71,7 @@ class Capture:
     pair : Pair
         Which capture it is.
     images : ndarray of uint8 or uint16, shape (image, y, x, channel)
-        In the data set's unit; NaN if unknown.
+        RGB.
     depth : ndarray of float32, shape (y, x)
         In the data set's unit; NaN where it is not known.
     facts : ImageFacts

@@ -34,7 +34,7 @@ ATTRIBUTES_SHA256 = "attributes_sha256"
 def array_digest(name: str, dimensions: tuple[str, ...], values: NDArray[Any]) -> str:
     """Return the SHA-256 of an array's name, dimensions, shape, type and values.
 
-    They do not depend on byte order, memory layout, chunking or compression.
+    The digest does not depend on byte order, memory layout, chunking or compression.
 
     Examples
     --------

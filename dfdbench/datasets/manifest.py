@@ -328,7 +328,7 @@ class Manifest(StrictRecord):
 
     @property
     def on_track(self) -> bool:
-        """Whether a track makes the images; then no method is given the blur."""
+        """Whether a track makes the images; then methods get the blur only by ``--given-blur``."""
         return self.degradation != CLEAN
 
     @property

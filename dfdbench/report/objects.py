@@ -149,7 +149,7 @@ class Run:
         return all_tables(summary.summarise(self.result, self.protocol), self._first.store)
 
     def verdict(self) -> str:
-        """Return a summary: its score, a constant's, the best comparable row's, its worst pairs.
+        """Summarise the run: its score, a constant's, the best comparable row's, its worst pairs.
 
         It has the lines that ``dfdbench run`` ends with; for a run on tracks, those of clean
         images.

@@ -47,9 +47,9 @@ def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
     -------
     dict of str to Line
         ``score``: the means; ``constant``: that of ``constant`` on the same pairs; ``best_row``:
-        the best row of the leaderboard on the same data and pairs whose method was given as much;
-        ``worst``: where the run is worst. Each has a ``text``, and scores by metric. Missing lines
-        are left out, and so is a damaged row of the leaderboard.
+        the best row on the same data whose method was given as much (else the best of all), scored
+        on the same pairs; ``worst``: where the run is worst. Each has a ``text``, and scores by
+        metric. Missing lines are left out, and so is a damaged row of the leaderboard.
     """
     result = run.result
     lines: dict[str, Line] = {"score": _score(result, protocol)}

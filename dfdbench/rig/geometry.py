@@ -23,7 +23,7 @@ class CaptureRig:
     frame_size : tuple of int
         Height and width of a captured frame; the optical axis meets its middle (Table 3.3).
     crop_size : int
-        Side of the square that is kept from its middle.
+        Side of the square that is kept from the frame's middle.
     baseline : float
         The LIDAR's height above the camera, in metres.
     """

@@ -276,7 +276,7 @@ def depth_image(ranges: Floats, beams: Beams) -> tuple[Floats, Mask]:
     levels : ndarray of float, shape (18 * beam, 1800)
         Depth levels.
     valid : ndarray of bool
-        False if nothing came back, or if it is farther than the levels reach.
+        False if nothing came back, or if the return is from farther than the levels reach.
     """
     distance = crop_columns(align_columns(to_cartesian(ranges, beams)[0], beams))
     returned = crop_columns(align_columns(ranges, beams)) > 0

@@ -188,7 +188,7 @@ def _known_to(boards: Sequence[sights.Fitted], rig: CaptureRig) -> float:
 
 
 def _displacements(places: Floats, move: tuple[int, ...], rig: CaptureRig) -> Floats:
-    """Return the displacements of a move that shifts the crop's farthest corner by one pixel."""
+    """Return places' displacements by a move; the crop corner that moves most moves one pixel."""
     height, width = rig.frame_size
     half = rig.crop_size / 2
     across, down, turn = move

@@ -41,8 +41,8 @@ _READ_NOISE = 1.0  # levels of 255
 _NOISE_AT_GREY = 3.1  # levels of 255, standard deviation at half signal
 _CONVERTER_STEPS = 1023  # 10 bit
 _RADIUS_STEP = 0.25  # pixels: blur radii are rounded to this
-# Light and discs are whole multiples of this fraction, so that float64 holds their sums exactly:
-# they are the same in whatever order a processor adds them.
+# Light and discs are whole multiples of 1 / _PARTS, so that float64 holds their sums exactly: they
+# are the same in whatever order a processor adds them.
 _PARTS = 2.0**20
 _RANGE_NOISE = 15.0  # mm, one scan
 _LOST_ABOVE = NormalDist().inv_cdf(1 - 0.02)  # one scan misses a fiftieth of the returns

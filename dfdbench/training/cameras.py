@@ -34,7 +34,7 @@ MULTIPLE = 32
 #: The largest learning rate, and the number of steps to reach it.
 RATE, WARM_UP = 2e-3, 100
 _DECAY, _CLIP = 1e-4, 1.0
-# The weight of the mean's error beside cross-entropy, and the level from which it grows linearly.
+# The weight of the mean's error beside cross-entropy; from this error on, in levels, it is linear.
 _OF_MEAN, _LINEAR = 0.5, 64.0
 # The final weights are a mean over about this many steps.
 _AVERAGED = 500

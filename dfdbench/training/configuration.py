@@ -94,7 +94,7 @@ class TrainingConfiguration(Record):
     patience, shrink, minimum_learning_rate
         For ``dlib``: steps without progress, factor, and the rate at which training ends.
     steps : int, optional
-        The last step of training; ``cosine`` needs it.
+        Training ends at this step at the latest; ``cosine`` needs it.
     warm_up : int
         For ``cosine``: steps over which the learning rate rises.
     precision : {"float32", "bf16", "auto"}

@@ -24,7 +24,7 @@ from dfdbench.training.reduction.reduce import comparison_table, seconds_an_imag
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
 from dfdbench.training.trainer import WEIGHTS, EndedBy, OnStep, train
 
-#: An experiment that varies no choice of the configuration varies this.
+#: An experiment that varies this changes no choice of the configuration, but what is left out.
 FOLD = "fold"
 #: The pair of voltage steps: each value has its own data set.
 PAIR = "pair"

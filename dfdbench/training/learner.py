@@ -176,7 +176,7 @@ class Learner(Trainee):
     Raises
     ------
     InputError
-        If the choices contradict each other, or the initial weights belong to another network.
+        If choices do not fit the network or data, or the initial weights are another network's.
     """
 
     def __init__(self, task: tasks.Task, device: str = "auto") -> None:

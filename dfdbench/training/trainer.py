@@ -173,7 +173,7 @@ def train(
     on_step: OnStep | None = None,
     fresh: bool = False,
 ) -> TrainingOutcome:
-    """Train until the steps end or time is up; continue from a checkpoint if there is one.
+    """Train until there is no further step or time is up; continue from a checkpoint, if any.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ COUNT = 32
 TOLD_STEPS = 20
 #: For each way to make images, the number of cameras and the rooms that each sees.
 LENSES, MADE, STACKS = (32, 12), (72, 8), (8, 6)
-#: Cameras that only test, in rooms that no other sees.
+#: Cameras that only test, in rooms that no training camera sees.
 HELD_OUT = ("lens-03", "lens-08", "lens-14", "lens-19", "stack-02", "law-05", "law-13")
 # Rays per pixel: the law is fitted to the noise that they leave.
 _RAYS = 32

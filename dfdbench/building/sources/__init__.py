@@ -55,8 +55,8 @@ class SceneImages:
     Parameters
     ----------
     images : ndarray of uint8 or uint16, shape (*pair axes, image, y, x, channel)
-        RGB; zero if a capture is not available. In-focus images only if the build makes the others
-        by a recipe.
+        RGB; zero where a capture is not available. Only in-focus images if the build makes the
+        others by a recipe.
     depth : ndarray of float32, shape (*depth axes, y, x)
         In the manifest's unit, NaN if unknown.
     available : ndarray of bool, shape (*pair axes,)

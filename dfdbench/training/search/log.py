@@ -210,7 +210,7 @@ def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
     return text.getvalue()
 
 
-#: The thesis's author scores only this centre of an image, divided by 255, in his search.
+#: The centre of an image, all that the thesis's author scores in his search; errors are over 255.
 CENTRE = (368, 400)
 OF_CENTRE = Protocol(
     "search", 1, "all", "255", "whole", "the search published with the thesis's networks"
