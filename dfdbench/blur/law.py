@@ -50,7 +50,8 @@ class BlurLaw:
         Standard deviation of the defocus image's noise, in grey levels, at grey levels spaced
         evenly from 0 to 255, with linear interpolation. A single value holds for all.
     infocus_noise : float
-        The in-focus image's noise, as a fraction of the defocus image's. It is blurred with it.
+        The in-focus image's noise, as a fraction of the defocus image's. It is blurred together
+        with the in-focus image.
     linear : bool
         True: all of this applies to linear light, which the sRGB curve encodes; `offset` and
         `noise` are then in 255ths of white.

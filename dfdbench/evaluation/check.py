@@ -72,7 +72,7 @@ def made_pair(
 ) -> Capture:
     """Return a synthetic pair as a capture, or, with `planes`, a stack.
 
-    The stack is the in-focus image and this many others, focused at levels that are evenly spaced
+    The stack is the in-focus image and `planes` others, focused at levels that are evenly spaced
     in 1 / distance from 5 m to 0.5 m.
     """
     about = Depth(axes=[], unknown=0, grows_with="nearness", unit=unit, scale=_SCALE)

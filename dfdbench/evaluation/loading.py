@@ -40,7 +40,7 @@ def load_for(
     it: see `dfdbench.evaluation.lens`.
 
     With `given_blur`, a method on a track gets the law of the track's formation as ``recipe``, see
-    `dfdbench.blur.formation.given_law`, which shows what that knowledge is worth. The result then
+    `dfdbench.blur.formation.given_law`. Such a run shows what that knowledge is worth. Its result
     has ``recipe`` among the method's uses, and so no rank.
 
     Raises

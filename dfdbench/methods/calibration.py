@@ -218,10 +218,10 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     constant. As a function of the width, its minimum gives the level's width. The noise of the
     in-focus image, which blur reduces, is subtracted. The widths of all levels are smoothed by a
     curve of least bending (Whittaker), each weighted by the sharpness of its minimum, so levels
-    that training lacks follow their neighbours. Beyond all levels that training shows, no width of
-    another level returns (`held_at_ends`), and an end that turns back continues straight
-    (`grown_from_focus`). The kernel shape, and blur in grey levels or in linear light, are chosen
-    by the least difference.
+    that training lacks follow their neighbours. Beyond all levels that training shows, the curve
+    does not turn back to the widths of other levels (`held_at_ends`), and an end that turns back
+    nonetheless continues straight (`grown_from_focus`). The kernel shape, and blur in grey levels
+    or in linear light, are chosen by the least difference.
     """
     require_alike(pairs)
     (change,) = _changes(pairs, _of_pair)

@@ -52,7 +52,7 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
 
 
 def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any:
-    """Return an attribute of a user's code, catching what that code raises.
+    """Return an attribute of a user's code; if that code raises, raise a MethodError.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 # many evenly among all, which alone might always have the same value.
 _LOOKED_AT = 8
 # An image is not in focus everywhere if the log contrast of others is higher by the first number,
-# in more than the second share of it. That share is at most 2 % in synthetic stacks, whose in-focus
-# image is sharp everywhere, and 44 % or more in rendered ones.
+# in more than the second share of it. Others are that much sharper in at most 2 % of it in
+# synthetic stacks, whose in-focus image is sharp everywhere, and in 44 % or more in rendered ones.
 _CLEARLY, _PART = 0.1, 0.1
 
 
@@ -33,8 +33,8 @@ def sharp_and_blurred(
 ) -> tuple[Image, list[Image]]:
     """Return an image in focus everywhere, and the images to explain by blurring it, as uint8.
 
-    If no image has the role ``infocus``, the first is fused from the others. It is also fused if
-    other images are sharper: even at f/8 a lens that focuses near blurs what is far.
+    If no image has the role ``infocus``, the first one returned is fused from the defocus images.
+    It is also fused if they are sharper: even at f/8 a lens that focuses near blurs what is far.
 
     Parameters
     ----------

@@ -95,8 +95,8 @@ class ViewChange:
         For each channel, its light as a fraction of the in-focus image's, at even steps of r^2 from
         the middle to the corners, with linear interpolation. Empty if the light is equal.
     uneven : float
-        How much the light differs apart from that, which is not undone: the standard deviation over
-        fields of the image, as a share of the light.
+        How much the light differs beyond the fall-off; this part is not undone. It is the standard
+        deviation over fields of the image, as a share of the light.
     """
 
     similarity: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)

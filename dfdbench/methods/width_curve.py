@@ -19,7 +19,8 @@ _FINE = np.geomspace(LADDER[0], LADDER[-1], 16 * (LADDER.size - 1) + 1)
 _STEPS = 6
 _LARGEST_STEP = 0.2
 _NEAR = 6
-# Among curves that leave at most this many times the best residual, the smoothest is taken.
+# Among curves whose cross-validation score is at most this many times the best, the smoothest is
+# taken.
 _AS_GOOD = 1.5
 # A curve that falls below its largest width by this factor has turned back; how many levels before
 # that give its slope.
@@ -75,7 +76,7 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return a curve of widths whose ends, which no pixel shows, repeat no other level's width.
+    """Return a curve of widths whose ends, which no pixel shows, do not turn back to other widths.
 
     Beyond the levels that training shows, a smooth curve continues as it ended. If that leads back
     to the widths of other levels, two depths would look alike, so the last width shown is kept.
@@ -171,8 +172,8 @@ def best_widths(
     Returns
     -------
     widths, sharpness, least : ndarray of float64, shape (level,)
-        The widths in pixels; the second derivative there, 0 if there is no minimum inside the
-        ladder; the squared difference at the minimum.
+        The widths in pixels; the second derivative of the difference by the width, 0 if there is no
+        minimum inside the ladder; the squared difference at the minimum.
     """
     values = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(_FINE))
     best = values.argmin(axis=1)

@@ -307,8 +307,8 @@ def score(
     prediction : ndarray of float32, shape (y, x)
         Estimated depth, in `unit`; NaN where there is no answer.
     network_crop : int
-        Side of the centre square, in pixels, for protocols that crop. An image that is smaller
-        along an axis is not cropped there.
+        Side of the centre square, in pixels, for protocols that crop. Along an axis on which the
+        image, cropped to a multiple of 16, is smaller, all of it is taken.
     scale : Scale, optional
         How levels become metres; for protocols in metres, and for depth in metres.
     unit : {"levels", "metres"}

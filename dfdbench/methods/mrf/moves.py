@@ -39,7 +39,7 @@ def expansion_offer(labels: int, target: int) -> NDArray[np.int32]:
 
 
 def jump_offer(labels: int, step: int) -> NDArray[np.int32]:
-    """Offer each label l the label l + step, at most the last label (Veksler's jumps).
+    """Offer each label l the label l + step, limited to 0 and the last label (Veksler's jumps).
 
     Examples
     --------
@@ -119,9 +119,9 @@ class Mover:
         graph.clear()
         state, edges = (labels, self._costs, offer, costs), (self._table, self._right, self._down)
         graph.active = _choose(state, self._gains, self._weights, graph.nodes, graph.tree)
-        # A pixel beside some that stay has less to gain, so drop it if it gains nothing; not if
-        # nearly all take part, when it hardly pays, nor if terms are not submodular, which would
-        # then be cut differently.
+        # A pixel beside some that stay has less to gain, so drop it if it gains nothing. This pays
+        # only if fewer than half take part, and needs submodular terms: others would then be cut
+        # differently.
         few = 2 * graph.active.size < labels.size
         if few and bool((offer == offer[0]).all()) and self._energy.is_metric:
             graph.active = _drop(edges, self._gains, state, graph.active, graph.tree)

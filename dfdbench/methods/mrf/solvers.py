@@ -314,7 +314,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
         Any smoothness.
     quality : {"fast", "default", "high"}, optional
         How much to repair. On photographs `fast` ends about 0.4 % above the energies of
-        `expansion`, `default` 0.05 % above, and `high` equals them.
+        `expansion`, `default` about 0.05 % above, and `high` about at them.
 
     Returns
     -------

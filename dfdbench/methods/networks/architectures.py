@@ -248,7 +248,7 @@ class DfDNet(nn.Module):
     activations : sequence of 9 str, optional
         The activations at the nine sites of `dfdbench.methods.networks.choices.SITES`, input to
         output: ``relu``, ``prelu``, ``sigmoid``, ``tanh``, ``elu`` or ``srelu`` (Table C.2). By
-        default `first_activation`, and PReLU elsewhere.
+        default `first_activation` at the first site, and PReLU at the others.
     normalized : sequence of 9 bool, optional
         Whether there is batch normalization at each of these sites; by default at all of them.
 
