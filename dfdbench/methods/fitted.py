@@ -306,8 +306,8 @@ Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 # The arguments of `Posterior` that best predicted the training errors of the demo set and of a
 # rendered one, among windows of 7, 13 and 25 pixels, sharpnesses of 1/4 to 16 per nat and limits of
-# 2 to 10 nats. With more nats, pixels that no level explains dominate a window. But a recipe knows no
-# noise, so its nats mean less.
+# 2 to 10 nats. With more nats, pixels that no level explains dominate a window. But a recipe knows
+# no noise, so its nats mean less.
 _WINDOW, _SHARPNESS, _MOST_OF_LAW, _MOST_OF_RECIPE = 13, 4.0, 3.0, 10.0
 
 # The name under which a fit keeps whether levels grow with distance.
