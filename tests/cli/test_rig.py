@@ -118,4 +118,5 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     for verb in (["rig", "register", "all"], ["build", "realworld", "--allow-missing"]):
         done = dfdbench(*verb, "--source", "raw")
         assert done.status == 2
-        assert done.err.count("[0].altitude_deg") == 1, done.err
+        assert done.err.count("altitude_deg is not degrees") == 1, done.err
+        assert "line 2, and 63 more lines" in done.err
