@@ -317,7 +317,7 @@ def warned(
             f"{manifest.depth.direction}{metres}"
         )
     if evaluated and _how_many(evaluated, FEW_LEVELS) == len(evaluated):
-        warnings.append(f"{FEW_LEVELS}: is the depth in metres, or has it to be multiplied by 255?")
+        warnings.append(f"{FEW_LEVELS}: is it in metres, or to be multiplied by 255?")
     if far := _how_many(evaluated, MILLIMETRES):
         warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
     if beyond := _how_many(evaluated, _BEYOND):

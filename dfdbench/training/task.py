@@ -147,6 +147,9 @@ def require_trainable(task: Task) -> dict[str, Any]:
         fix = "give --weights FILE, trained with normalization batch"
         raise InputError(what, where="normalization", fix=fix)
     margin = 0
+    if choices.tracks and not choices.redraw_depth:
+        what = "tracks form only patches whose depth is redrawn"
+        raise InputError(what, where="tracks", fix="add --set redraw_depth=true")
     if choices.redraw_depth:
         if recipe is None:
             manifest = task.store.manifest

@@ -64,6 +64,7 @@ def test_what_cannot_be_trained_is_told(tiny_store: Dataset) -> None:
         ({"crop": 18}, "a multiple of 4"),
         # A patch and what its blur reaches: 13 pixels at each side.
         ({"crop": 16, "redraw_depth": True}, "crop"),
+        ({"tracks": ["noise"]}, "--set redraw_depth=true"),
     ]
     for changes, said in choices:
         with pytest.raises(InputError, match=said):
