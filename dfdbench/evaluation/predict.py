@@ -23,7 +23,7 @@ from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
 from dfdbench.evaluation.fitting import fit_again, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
@@ -117,6 +117,7 @@ class DepthPredictor:
         given = dict(parameters or {})
         fitted: Path | None = None
         self._scale: DepthScale | None = None
+        self._files: CapturedFiles | None = None
         if isinstance(camera, os.PathLike):
             camera = Path(camera)  # a run is one, too
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
@@ -126,7 +127,8 @@ class DepthPredictor:
                 require_run_of(method, find_entry(method), result.method, fitted)
             method = method or result.method.name
             given = {**result.method.parameters, **given}
-            self._scale = _scale_of(result, fitted)
+            if manifest := _manifest_of(result, fitted):
+                self._scale, self._files = manifest.depth.scale, manifest.files
             if "recipe" in result.method.uses:
                 given["recipe"] = result.dataset.recipe["parameters"]
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
@@ -248,25 +250,45 @@ class DepthPredictor:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
-        laws = self.method.attribute("blurs") or ()
-        changes = [ViewChange.of(law) for law in laws if isinstance(law, BlurLaw)]
-        words = ", ".join(change.words() for change in changes if change.changes)
-        if self._align and words:
-            # The method removes that itself; removing it twice would be worse than not at all.
-            found = f"the law says of the defocus image: {words}; that is taken out"
-        elif self._align:
-            needed = matching.matching_of([("the photographs", infocus, defocus)])
-            if not needed.measured:
-                fix = "align them yourself and say --no-align"
-                raise InputError("the photographs cannot be aligned", fix=fix)
-            asked = CapturedFiles(align=needed.align, match_gain=needed.match_gain)
-            infocus, defocus, _, _ = captured_images.matched(infocus, defocus, asked)
-            if needed.align != "none" or needed.match_gain:
-                found = "; ".join((*needed.found, *needed.open))
+        if self._align:
+            infocus, defocus, found = self._matched(infocus, defocus)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)
         return replace(estimate, odd=_oddities(estimate.depth, self.unit, swapped))
+
+    def _matched(self, infocus: Image, defocus: Image) -> tuple[Image, Image, str]:
+        """Return photographs matched as those that the method learned from, and what it took."""
+        laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
+        changes = [change for law in laws if (change := ViewChange.of(law)).changes]
+        files, found = self._files or CapturedFiles(), list[str]()
+        flat = files.flat_field
+        # What the data set's build removed is not in the law; exported images no longer have it.
+        if flat and matching.is_even(infocus, defocus, flat):
+            flat = None
+        evened = captured_images.matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
+        if flat:
+            found.append("the defocus image's fall-off of light is taken out, as in the data set")
+        needed = matching.matching_of([("the photographs", infocus, evened)])
+        if not needed.measured and not changes:
+            fix = "align them yourself and say --no-align"
+            raise InputError("the photographs cannot be aligned", fix=fix)
+        # The method removes what the law says; removing it twice would be worse than not at all.
+        moves = any(any(change.similarity) for change in changes)
+        align = "none" if moves else needed.align
+        if align != "none" and files.align != "none":
+            align = files.align
+        match_gain = files.match_gain or (needed.match_gain and not changes)
+        # The movement comes first; a difference in brightness that is left is the law's.
+        found += needed.found if match_gain else needed.found[: align != "none"]
+        asked = CapturedFiles(
+            align=align, moved=files.moved, match_gain=match_gain, flat_field=flat
+        )
+        infocus, defocus, _, _ = captured_images.matched(infocus, defocus, asked)
+        if changes:
+            words = ", ".join(change.words() for change in changes)
+            found.append(f"the law says of the defocus image: {words}; that is taken out")
+        return infocus, defocus, "; ".join(found)
 
 
 def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:
@@ -462,13 +484,13 @@ def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
     return fields, None
 
 
-def _scale_of(result: Result, folder: Path) -> DepthScale | None:
+def _manifest_of(result: Result, folder: Path) -> Manifest | None:
     # The store may be on another machine, and a user's own set has no manifest here.
     name = result.dataset.name
     with contextlib.suppress(DfdbenchError):
-        return find_manifest(name).depth.scale
+        return find_manifest(name)
     with contextlib.suppress(DfdbenchError):
-        return open_dataset(read_store_place(folder) or name).manifest.depth.scale
+        return open_dataset(read_store_place(folder) or name).manifest
     return None
 
 

@@ -9,14 +9,20 @@ from numpy.typing import NDArray
 import dfdbench
 from dfdbench.blur.formation import magnify
 from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images, predict
 from dfdbench.methods.registry import load
-from tests.conftest import write_png
+from dfdbench.methods.view_change import ViewChange
+from tests.conftest import read_rgb, write_png
+from tests.made_folder import FOLDER_TOML, make_folder
 
 Image = NDArray[np.uint8]
 LENS = """
@@ -104,6 +110,29 @@ def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_p
     assert found.found == "the law says of the defocus image: 2.00 % larger; that is taken out"
     alone = DepthPredictor("local", file, align=False)(sharp, larger)
     assert np.array_equal(found.depth, alone.depth)
+
+
+def light(infocus: Image, defocus: Image) -> NDArray[np.float32]:
+    return np.asarray(defocus.mean(axis=2), np.float32)
+
+
+def test_photographs_are_matched_as_those_of_the_run_s_data_set(tmp_path: Path) -> None:
+    folder, falloff = make_folder(tmp_path / "set"), [[1.0, 0.5]] * 3
+    for file in folder.glob("*/blurred.png"):
+        image = read_rgb(file)
+        dark = decode(image.astype(float)) * ViewChange(
+            falloff=tuple(map(tuple, falloff))
+        ).light_at(image.shape)
+        write_png(file, np.rint(encode(dark)).astype(np.uint8)[..., ::-1])
+    files = f'align = "translation"\nmatch_gain = true\nflat_field = {falloff}\n\n[table]'
+    manifest = parse_manifest(FOLDER_TOML.replace("[table]", files).encode(), "mine-1.toml")
+    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    store = Dataset(tmp_path / "mine.zarr")
+    run = dfdbench.run(light, store, out=tmp_path / "run")
+    kept = store.captures("lamp")[0]
+    raw = folder / "lamp/sharp.png", folder / "lamp/blurred.png"
+    for images in (raw, (kept.infocus, kept.defocus)):
+        assert np.array_equal(predict(light, images, run), light(kept.infocus, kept.defocus))
 
 
 def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
