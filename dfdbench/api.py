@@ -302,6 +302,7 @@ def run_tracks(
     given_blur: bool = False,
     protocol: str = "valid",
     source: Path | None = None,
+    fresh: bool = False,
     seed: int = 0,
     out: Path | str | None = None,
     for_board: bool = False,
@@ -313,7 +314,7 @@ def run_tracks(
 
     Parameters
     ----------
-    method, split, parameters, seed, out, for_board, cache
+    method, split, parameters, fresh, seed, out, for_board, cache
         As for `run`. Depth maps are not kept.
     dataset : str
         The name of a data set with synthetic blur, without a track.
@@ -343,14 +344,14 @@ def run_tracks(
     >>> found.table()  # doctest: +SKIP
     """
     check = _check_for_board(split) if for_board else None
-    plain = evaluate.without_track(dataset)
+    plain = evaluate.without_track(dataset, cache)
     plain.scenes_of(split)
     protocol = plan.protocol_on(plain, protocol)
     labels = evaluate.labels_of(tracks)
     # Fail before anything is built or run for long.
     if isinstance(method, str):
         registry.find_entry(method)
-    options = plan.RunOptions(keep_predictions=False, seed=seed)
+    options = plan.RunOptions(keep_predictions=False, fresh=fresh, seed=seed)
     with _folder(out, source, replaces=False) as folder:
         stores = {CLEAN: evaluate.built_track(dataset, CLEAN, source, cache, shown)}
         loading.load_for(stores[CLEAN], method, parameters, seed, given_blur)

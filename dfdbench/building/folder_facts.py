@@ -272,9 +272,13 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
     order = _smallest_aperture_first(order)
     sharp, blurred = order[0], order[-1]
-    facts.roles = {"infocus": sharp, "defocus": blurred, **facts.roles}
     both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
     sharper = sum(energies[sharp.pattern][key] > energies[blurred.pattern][key] for key in both)
+    first, last = (_IN_FOCUS.search(group.pattern.lower()) for group in (sharp, blurred))
+    # In doubt, the names tell.
+    if last and not first and sharper < len(both):
+        sharp, blurred, sharper = blurred, sharp, len(both) - sharper
+    facts.roles = {"infocus": sharp, "defocus": blurred, **facts.roles}
     facts.found.append(
         f"in focus {sharp.pattern}, defocus {blurred.pattern}: the first is sharper in {sharper} "
         f"of {len(both)} scenes looked at"

@@ -98,6 +98,7 @@ def predict(
         parameters["weights"] = weights
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
+        predictor.settle_unit(captures.values())
         _predict_folder(predictor, captures, lone, out, format)
     else:
         _predict_pair(predictor, images, out, figure, format)

@@ -56,6 +56,9 @@ DataSet = Annotated[
 DataSetArgument = Annotated[
     str, Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
 ]
+Fresh = Annotated[
+    bool, Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
+]
 Method = Annotated[
     str,
     Option(help="A name, file.py:function, module:function or model.onnx.", autocompletion=methods),
@@ -169,7 +172,7 @@ def several(values: Any, where: str) -> list[Any]:
     ([7, 31, 91], [0.5])
     """
     if isinstance(values, str):
-        return [value_of(text.strip(), where) for text in values.split(",")]
+        return [value_of(text.strip(), where) for text in dict.fromkeys(values.split(","))]
     return values if isinstance(values, list) else [values]
 
 

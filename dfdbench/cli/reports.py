@@ -58,6 +58,8 @@ def report(
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
         output_place(figure, *results, option="--figure")
+    # Shells put a folder's tables beside its runs.
+    results = [path for path in results if path.suffix == ".json" or not path.is_file()] or results
     once = {os.path.realpath(path / RESULT if path.is_dir() else path): path for path in results}
     paths = [path for path in once.values() if PREVIOUS not in path.name]
     if paths and len(paths) < len(once):

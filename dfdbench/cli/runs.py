@@ -14,7 +14,6 @@ import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
 from dfdbench.cli.screen import progress, say, show
-from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
@@ -45,9 +44,7 @@ def run(
     no_figures: Annotated[
         bool, Option("--no-figures", help="Draw no figures; `report` can later.")
     ] = False,
-    fresh: Annotated[
-        bool, Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
-    ] = False,
+    fresh: options.Fresh = False,
     seed: options.Seed = 0,
     workers: Annotated[
         int | None,
@@ -99,7 +96,9 @@ def run(
 def tracks(
     method: options.Method,
     param: options.Params = None,
-    dataset: options.DataSet = "demo",
+    dataset: Annotated[
+        str, Option(help="The name of a set with synthetic blur.", autocompletion=options.data_sets)
+    ] = "demo",
     split: options.Split = "test",
     track: Annotated[
         list[str] | None, Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
@@ -113,13 +112,17 @@ def tracks(
     given_blur: Annotated[
         bool, Option("--given-blur", help="Give it each track's blur; then it has no rank.")
     ] = False,
+    fresh: options.Fresh = False,
     seed: options.Seed = 0,
     cache: options.Cache = None,
     figure_format: options.FigureFormats = None,
     submit: options.Submit = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
-    stem = find_manifest(dataset).file_stem
+    # Imported here because it loads pandas, which other verbs of this module may not need.
+    from dfdbench.evaluation.evaluate import without_track
+
+    stem = without_track(dataset, cache).file_stem
     name = folder_name(method, param) + "-given-blur" * given_blur
     done = dfdbench.run_tracks(
         method,
@@ -130,6 +133,7 @@ def tracks(
         given_blur=given_blur,
         protocol=protocol,
         source=source,
+        fresh=fresh,
         seed=seed,
         out=out or Path("results", f"{stem}-tracks-{split}", name),
         for_board=submit,
@@ -192,6 +196,9 @@ def tune(
     from dfdbench.evaluation.evaluate import best_words, tried_table  # imports zarr
 
     given = options.values_of(range, "--range")
+    if len(given) < len(range or ()):
+        fix = "name all values together: --range NAME=A,B,C"
+        raise InputError("a parameter is named twice", where="--range", fix=fix)
     ranges = {name: options.several(values, f"--range {name}") for name, values in given.items()}
     with progress(f"tuning {method}") as step:
         found = dfdbench.tune(

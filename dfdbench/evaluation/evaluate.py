@@ -16,7 +16,7 @@ from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Captures, Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.errors import InputError, MethodError, StoreError, unknown_name
+from dfdbench.errors import InputError, MethodError, StoreError, UnknownNameError, unknown_name
 from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
@@ -84,15 +84,18 @@ def evaluate(
     return done, found[0] if len(found) == 1 else None
 
 
-def without_track(dataset: str) -> Manifest:
+def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
     """Return the manifest of a data set that has tracks.
 
     Raises
     ------
     InputError
-        If the name already includes a track, or the defocus images were captured.
+        If the name already includes a track or is a store's, or the defocus images were captured.
     """
-    manifest = find_manifest(dataset)
+    try:
+        manifest, is_name = find_manifest(dataset), True
+    except UnknownNameError:
+        manifest, is_name = open_dataset(dataset, cache=cache).manifest, False
     if manifest.on_track:
         fix = f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks"
         raise InputError("this runs over all tracks of a data set", where=dataset, fix=fix)
@@ -100,6 +103,9 @@ def without_track(dataset: str) -> Manifest:
         what = "there are no tracks: the defocus images are captured, and a track makes them"
         fix = "name a data set with synthetic blur: `dfdbench list`"
         raise InputError(what, where=dataset, fix=fix)
+    if not is_name:
+        what = "a store: tracks are built by the data set's name, each into its own store"
+        raise InputError(what, where=dataset, fix=f"name {manifest.short}")
     return manifest
 
 

@@ -1,6 +1,7 @@
 """Evaluate one pair: call the method and score its answer, in this process or another."""
 
 import json
+import os
 import platform
 import threading
 from collections.abc import Iterable
@@ -158,7 +159,10 @@ class RemoteEvaluator:
         given = store.manifest.on_track and "recipe" in method.uses
         parameters = json.dumps(method.parameters)
         expected = json.dumps({"software": software(), "used": method.used})
-        return cls(str(place), method.entry, parameters, seed, learned, given, expected)
+        # A worker may have been started in another folder.
+        file, colon, name = method.entry.rpartition(":")
+        entry = f"{os.path.abspath(file)}{colon}{name}" if os.path.isfile(file) else method.entry
+        return cls(str(place), entry, parameters, seed, learned, given, expected)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable.

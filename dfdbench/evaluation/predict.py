@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.export import STACK_FILE
-from dfdbench.building.sources import captured_images, image_files, matching
+from dfdbench.building.sources import image_files
+from dfdbench.building.sources.captured_images import matched_as_learned
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
@@ -116,10 +117,8 @@ class DepthPredictor:
         self._align, self._seed = align, seed
         given = dict(parameters or {})
         fitted: Path | None = None
-        self._scale: DepthScale | None = None
-        self._files: CapturedFiles | None = None
-        if isinstance(camera, os.PathLike):
-            camera = Path(camera)  # a run is one, too
+        self._scale, self._files = None, CapturedFiles()
+        camera = Path(camera) if isinstance(camera, os.PathLike) else camera  # a run is one, too
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
             fitted = Path(camera)
             result = load_result(fitted / RESULT)
@@ -128,7 +127,8 @@ class DepthPredictor:
             method = method or result.method.name
             given = {**result.method.parameters, **given}
             if manifest := _manifest_of(result, fitted):
-                self._scale, self._files = manifest.depth.scale, manifest.files
+                self._scale = manifest.depth.scale
+                self._files = manifest.files or self._files
             if "recipe" in result.method.uses:
                 given["recipe"] = result.dataset.recipe["parameters"]
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
@@ -205,6 +205,26 @@ class DepthPredictor:
             return self.of_stack(read_stack(*paths))
         return self(*read_images(paths))
 
+    def settle_unit(self, captures: Iterable[Sequence[Path]]) -> None:
+        """Find out which unit the depth of these files has, as `captures_in` returns them.
+
+        Raises
+        ------
+        InputError
+            If some depth maps would be in metres and others in levels.
+        """
+        kinds = set[Unit]()
+        for paths in captures:
+            # What cannot be read gets no depth map.
+            with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+                text = "{}" if len(paths) == 2 else (paths[0] / STACK_FILE).read_text("utf-8")
+                in_metres = json.loads(text).get("attributes", {}).get("unit") == "metres"
+                kinds.add("metres" if in_metres else "levels")
+        units = {self.method.answers_in(kind) for kind in kinds}
+        if len(units) > 1:
+            raise InputError("some depth maps would be in metres, others not", fix="part them")
+        self.unit = units.pop() if units else self.unit
+
     def of_stack(self, stack: xarray.DataArray) -> Estimate:
         """Estimate depth from a registered focal stack in the form of `dfdbench.Capture.stack`.
 
@@ -224,7 +244,8 @@ class DepthPredictor:
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
             fix = f"mend the method; dfdbench check-method {self.method.name} tries more images"
-            raise MethodError(f"no depth map: {answer.error}", fix=fix)
+            ours = self.method.entry.startswith("dfdbench.")
+            raise MethodError(f"no depth map: {answer.error}", fix="" if ours else fix)
         return Estimate(answer.depth, answer.seconds, found, answer.sigma)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
@@ -237,7 +258,6 @@ class DepthPredictor:
         MethodError
             If the method raises, returns no depth map, or needs a stack.
         """
-        found = ""
         if self.method.attribute("needs_stack"):
             what = f"{self.method.name} needs a focal stack, and this is a pair"
             raise MethodError(what, fix="name a folder of stacks: STACK/stack.json and its images")
@@ -250,45 +270,16 @@ class DepthPredictor:
             sizes = f"{_size(infocus)} and {_size(defocus)}"
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
+        found = ""
         if self._align:
-            infocus, defocus, found = self._matched(infocus, defocus)
+            laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
+            infocus, defocus, found = matched_as_learned(
+                infocus, defocus, self._files, [*map(ViewChange.of, laws)]
+            )
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)
         return replace(estimate, odd=_oddities(estimate.depth, self.unit, swapped))
-
-    def _matched(self, infocus: Image, defocus: Image) -> tuple[Image, Image, str]:
-        """Return photographs matched as those that the method learned from, and what it took."""
-        laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
-        changes = [change for law in laws if (change := ViewChange.of(law)).changes]
-        files, found = self._files or CapturedFiles(), list[str]()
-        flat = files.flat_field
-        # What the data set's build removed is not in the law; exported images no longer have it.
-        if flat and matching.is_even(infocus, defocus, flat):
-            flat = None
-        evened = captured_images.matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
-        if flat:
-            found.append("the defocus image's fall-off of light is taken out, as in the data set")
-        needed = matching.matching_of([("the photographs", infocus, evened)])
-        if not needed.measured and not changes:
-            fix = "align them yourself and say --no-align"
-            raise InputError("the photographs cannot be aligned", fix=fix)
-        # The method removes what the law says; removing it twice would be worse than not at all.
-        moves = any(any(change.similarity) for change in changes)
-        align = "none" if moves else needed.align
-        if align != "none" and files.align != "none":
-            align = files.align
-        match_gain = files.match_gain or (needed.match_gain and not changes)
-        # The movement comes first; a difference in brightness that is left is the law's.
-        found += needed.found if match_gain else needed.found[: align != "none"]
-        asked = CapturedFiles(
-            align=align, moved=files.moved, match_gain=match_gain, flat_field=flat
-        )
-        infocus, defocus, _, _ = captured_images.matched(infocus, defocus, asked)
-        if changes:
-            words = ", ".join(change.words() for change in changes)
-            found.append(f"the law says of the defocus image: {words}; that is taken out")
-        return infocus, defocus, "; ".join(found)
 
 
 def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:

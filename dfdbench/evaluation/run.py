@@ -1,5 +1,6 @@
 """Run a method over a split: predict each pair once, score it under every protocol, keep it all."""
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,10 @@ from dfdbench.tables.table import counted, listed
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 _ENVIRONMENTS = "environments"
 _Environments = TypeAdapter(list[record.Environment])
+
+
+# Seeds and what a method prints are the whole process's, so runs in threads wait for one another.
+_ONE_AT_A_TIME = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -122,7 +127,7 @@ def run_method(
         If the folder cannot be written.
     """
     plan = plan_run(store, method, split, options or RunOptions())
-    with writing_folder(folder, "run"):
+    with _ONE_AT_A_TIME, writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)
         because = differences_from(before, plan.identity, method) if before is not None else []
         if because:

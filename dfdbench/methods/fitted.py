@@ -247,7 +247,8 @@ class Solver(Calibrated):
         known = len(self.blurs)
         if count != known:
             what = f"{count} defocus images, but the blur is known of {known}"
-            fix = "leave recipe out, and fit the method to stacks like those that it gets"
+            fix = "leave recipe out, and " * (self._told is not None)
+            fix += "fit the method to captures with as many images as those that it gets"
             raise MethodError(what, where=type(self).__name__, fix=fix)
         if self._sure.asked:
             self._sure.require_factor()

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.method import Image
@@ -46,7 +46,8 @@ class Description(StrictRecord):
     `infocus` and `defocus`, or `stack`, name its inputs; `focus_distance` names the one for a
     stack's focus distances in metres. A stack holds the defocus images by focus distance or, if
     `roles` is ``all``, every image in the capture's order. `layout` has one letter per axis: N of
-    size 1, S the images of a stack, C, H, W; axes in brackets are merged, as in N(SC)HW. Pixels,
+    size 1, S the images of a stack, C, H, W; axes in brackets are merged, as in N(SC)HW; by default
+    it is NCHW, of a stack SCHW. Pixels,
     with channels in the order of `colour`, are scaled to 0 to `largest`, then `mean` is subtracted
     and the rest divided by `std`. Images are padded by reflection, at the bottom and on the right,
     to multiples of `multiple`.
@@ -76,6 +77,12 @@ class Description(StrictRecord):
     clip: bool = False
     trained_on: str = ""
     paper: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_layout(cls, given: Any) -> Any:
+        of_stack = isinstance(given, dict) and given.get("stack")
+        return {"layout": "SCHW"} | given if of_stack else given
 
     @property
     def channels(self) -> int:

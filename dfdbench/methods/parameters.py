@@ -54,16 +54,18 @@ def read_parameters(
     >>> taken["recipe"].levels, recorded
     (256, {'recipe': {'sigma_min': 0.2, 'sigma_step': 0.006}})
     """
+    given = {n: v.item() if isinstance(v, np.generic) else v for n, v in given.items()}
     # Recipes are left out because they report their own problems.
     _require_kept({name: value for name, value in given.items() if name != "recipe"})
     taken = dict(given)
     recorded = {name: _plain(value) for name, value in given.items()}
     withheld = fits and given.get("recipe") is None
     if "recipe" in given and not withheld:
-        recipe, where = given["recipe"], "parameter recipe"
-        if isinstance(recipe, str | Path) and recipe not in RECIPES:
-            where = str(recipe)
-            recipe = read_fields(recipe)
+        recipe: Any = given["recipe"]
+        where = "parameter recipe"
+        recipe = str(recipe) if isinstance(recipe, Path) else recipe
+        if isinstance(recipe, str) and recipe not in RECIPES:
+            recipe, where = read_fields(recipe), recipe
         taken["recipe"] = _recipe_of(recipe, where)
         recorded["recipe"] = _plain(recipe)
     return taken, recorded

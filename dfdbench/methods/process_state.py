@@ -9,6 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from dfdbench.errors import InputError
+
 # How to get and set the number of threads in each library.
 _THREADS = {
     "cv2": ("getNumThreads", "setNumThreads"),
@@ -65,6 +67,11 @@ def process_kept() -> Iterator[None]:
 def seeded(seed: int) -> Iterator[None]:
     """Seed `random` and `numpy.random` for the block, and restore their states at its end.
 
+    Raises
+    ------
+    InputError
+        If it is no seed.
+
     Examples
     --------
     >>> with seeded(3):
@@ -73,6 +80,9 @@ def seeded(seed: int) -> Iterator[None]:
     ...     first == (random.random(), np.random.random())
     True
     """
+    if not isinstance(seed, int) or not 0 <= seed < 2**32:
+        expected = "a whole number from 0 to 4294967295"
+        raise InputError("not a seed", where="seed", expected=expected, got=repr(seed))
     states = random.getstate(), np.random.get_state()
     random.seed(seed)
     np.random.seed(seed)

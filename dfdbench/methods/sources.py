@@ -12,13 +12,16 @@ import functools
 import hashlib
 import importlib.util
 import os
+import pickle
 import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
+
+import numpy as np
 
 from dfdbench.errors import MethodError
 from dfdbench.system.cache import cache_folder
@@ -34,6 +37,8 @@ _PACKAGE = Path(os.path.realpath(__file__)).parents[1]
 _ROOMS = ("dfdbench.methods.", "dfdbench.blur.")
 # Methods only take types from this module, which calls them.
 _CALLER = "dfdbench.methods.method"
+# Values of these types are the same in each process; of others, the pickle may differ.
+_PLAIN = (bool, int, float, complex, str, bytes, tuple, list, dict, np.ndarray)
 _NOT_OWN = {"site-packages", "dist-packages", "__pycache__"}
 
 
@@ -52,6 +57,7 @@ class Sources:
         # Files that were noted: their path if they count, else None.
         self._counted: dict[str, Path | None] = {}
         self._hashes: dict[Path, str] = {}
+        self._values: dict[str, str] = {}
 
     def begin_at(self, module: ModuleType, own: Path | None = None) -> None:
         """Start at the module that defines the method; its folder or package is the method's own.
@@ -75,6 +81,20 @@ class Sources:
             self._base = self._own = _real(own)
         # Hash it now, while it is still as it was imported.
         self._hash(path)
+
+    def note_values(self, function: FunctionType) -> None:
+        """Note the values that a function reads from its module: a script may set them anew."""
+        for name in _names_in(function.__code__):
+            value, label = function.__globals__.get(name), f"value of {name}"
+            if label in self._values:
+                continue
+            if isinstance(value, FunctionType) and value.__globals__ is function.__globals__:
+                self._values[label] = name
+                self.note_values(value)
+            elif isinstance(value, _PLAIN):
+                # A list may hold what cannot be pickled.
+                with contextlib.suppress(Exception):
+                    self._values[label] = hashlib.sha256(pickle.dumps(value)).hexdigest()
 
     @property
     def module_sha256(self) -> str | None:
@@ -102,7 +122,7 @@ class Sources:
         MethodError
             If a module was edited after this process imported it.
         """
-        found: Hashes = {**self._modules}
+        found: Hashes = {**self._modules, **self._values}
         for heard in self.read | self.written:
             if heard not in self._counted:
                 path = _source_of(heard)
@@ -114,7 +134,7 @@ class Sources:
 
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
         """Return the present SHA-256 of the files that an earlier call used."""
-        return {label: sha256_of(self._path(label)) for label in labels}
+        return {label: self._values.get(label) or sha256_of(self._path(label)) for label in labels}
 
     @functools.cached_property
     def _modules(self) -> dict[str, str]:
@@ -319,6 +339,13 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
         yield node
         for field in ("body", "orelse", "finalbody", "handlers", "cases"):
             left += getattr(node, field, ())
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _names_in(inner)
 
 
 def _with_parents(name: str) -> Iterator[str]:

@@ -240,7 +240,7 @@ class Run:
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
 
-    def submit(self, leaderboard: Path = LEADERBOARD) -> Path:
+    def submit(self, leaderboard: Path | str = LEADERBOARD) -> Path:
         """Write the run into a leaderboard's folder, for a pull request; return the row's file.
 
         Parameters
@@ -255,7 +255,7 @@ class Run:
         """
         from dfdbench.board.submission import submit
 
-        return submit(list(self.results.values()), leaderboard)
+        return submit(list(self.results.values()), Path(leaderboard))
 
 
 class Comparison:

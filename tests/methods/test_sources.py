@@ -1,6 +1,8 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -61,6 +63,17 @@ def call(method: Method) -> None:
         method.predict(IMAGE, IMAGE)
 
 
+GAIN = 0.3
+
+
+def gained(values: Any) -> Any:
+    return values * GAIN
+
+
+def by_gain(infocus: Any, defocus: Any) -> Any:
+    return gained(defocus.mean(axis=2))
+
+
 def test_modules_are_those_that_it_imports_at_once_or_late(own: Path) -> None:
     used = load_method(f"{own / 'mine.py'}:predict", {}, {}).used
     assert {name for name in used if name.startswith("mine")} == {
@@ -94,6 +107,15 @@ def test_files_are_those_that_it_opens_and_what_changed_is_named(own: Path) -> N
     (own / "mine_later.py").unlink()
     told = changes(before, load_method(name, {}, {}).used_again(before))
     assert told == ["absent.txt is new", "coef.json has changed", "mine_later.py is gone"]
+
+
+def test_a_value_that_a_script_sets_anew_is_noticed() -> None:
+    before = load_method(by_gain, {}, {}).used
+    assert changes(before, load_method(by_gain, {}, {}).used) == []
+    with mock.patch(f"{__name__}.GAIN", 0.6):
+        now = load_method(by_gain, {}, {})
+    for used in (now.used, now.used_again(before)):
+        assert changes(before, used) == ["value of GAIN has changed"]
 
 
 def test_labels_do_not_depend_on_where_the_folder_lies(own: Path) -> None:

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources import gathered
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
-from dfdbench.building.sources.matching import find_gain, find_placement, place
+from dfdbench.building.sources.matching import (
+    find_gain,
+    find_placement,
+    is_even,
+    matching_of,
+    place,
+)
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.depth_scale import DepthScale
@@ -291,6 +297,52 @@ def matched(
         for image, each in zip(images.values(), (infocus, defocus), strict=True)
     )
     return sharp, blurred, covered, found
+
+
+def matched_as_learned(
+    infocus: Image, defocus: Image, files: CapturedFiles, changes: Sequence[ViewChange]
+) -> tuple[Image, Image, str]:
+    """Match two photographs as those that a method learned from, and say in words how.
+
+    Parameters
+    ----------
+    infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
+        The photographs.
+    files : CapturedFiles
+        How the build of the method's data set matched its pairs.
+    changes : sequence of ViewChange
+        What the method itself takes out.
+
+    Raises
+    ------
+    InputError
+        If they cannot be aligned, or the brightness differs too much.
+    """
+    changes, found = [change for change in changes if change.changes], list[str]()
+    flat = files.flat_field
+    # What the build removed is not in the law; exported images no longer have it.
+    if flat and is_even(infocus, defocus, flat):
+        flat = None
+    evened = matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
+    if flat:
+        found.append("the defocus image's fall-off of light is taken out, as in the data set")
+    needed = matching_of([("the photographs", infocus, evened)])
+    if not needed.measured and not changes:
+        fix = "align them yourself and say --no-align"
+        raise InputError("the photographs cannot be aligned", fix=fix)
+    # The method removes what the law says; removing it twice would be worse than not at all.
+    align = "none" if any(any(change.similarity) for change in changes) else needed.align
+    if align != "none" and files.align != "none":
+        align = files.align
+    match_gain = files.match_gain or (needed.match_gain and not changes)
+    # The movement comes first; a difference in brightness that is left is the law's.
+    found += needed.found if match_gain else needed.found[: align != "none"]
+    asked = CapturedFiles(align=align, moved=files.moved, match_gain=match_gain, flat_field=flat)
+    infocus, defocus, _, _ = matched(infocus, defocus, asked)
+    if changes:
+        words = ", ".join(change.words() for change in changes)
+        found.append(f"the law says of the defocus image: {words}; that is taken out")
+    return infocus, defocus, "; ".join(found)
 
 
 def _rounded(image: Image, dtype: np.dtype[Any]) -> Image:

@@ -213,7 +213,7 @@ def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64
 def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where: Mask) -> float:
     """Return the factor that makes the defocus image as bright as the in-focus one.
 
-    It is the ratio of sums, which blur does not change, over pixels that are black or white in
+    It is the ratio of sums, which blur hardly changes, over pixels that are black or white in
     neither image.
 
     Parameters
