@@ -120,6 +120,15 @@ def test_photographs_of_the_depth_s_size_are_taken(folder: Path) -> None:
     assert any("also there: {scene}/raw_" in text for text in facts.open)
 
 
+def test_in_doubt_the_names_tell_which_is_in_focus(folder: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (*SHAPE, 3))
+    for scene in SCENES[:2]:
+        cv2.imwrite(str(folder / scene / "blurred.png"), noise)
+    facts = facts_of(folder)
+    assert facts.roles["infocus"].pattern == "{scene}/sharp.png"
+    assert any("sharpness does not tell" in text for text in facts.open)
+
+
 def test_of_several_apertures_the_smallest_is_in_focus(folder: Path) -> None:
     for scene in SCENES:
         image = np.asarray(cv2.imread(str(folder / scene / "sharp.png")))

@@ -65,7 +65,9 @@ def test_a_protocol_not_scored_there_is_told_before(dfdbench: Command, tiny_stor
     assert not Path("run").exists()
 
 
-def test_what_has_no_tracks_is_told_before_anything_is_built(dfdbench: Command) -> None:
+def test_what_has_no_tracks_is_told_before_anything_is_built(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
     for words, said in (
         ("--dataset demo@noise-1", "--track NAME chooses"),
         ("--dataset realworld", "captured"),
@@ -75,6 +77,8 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(dfdbench: Command) 
     ):
         dfdbench.refused(said, f"tracks --method constant {words}")
         assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
+    store = f"tracks --method constant --dataset {tiny_store.path}"
+    dfdbench.refused("built by the data set's name", store)
 
 
 def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(

@@ -2,9 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.cli.training import seconds_of
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError
 from tests.cli.command import QUICK, Command
 
 shipped = pytest.importorskip("dfdbench.methods.networks.weights", reason="needs the extra nets")
@@ -66,14 +64,6 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
     ):
         dfdbench.refused(message, "train dfd-net", *store, *arguments)
     assert not Path("training").exists()
-
-
-def test_a_duration_is_told_in_hours_minutes_and_seconds() -> None:
-    for text, seconds in (("90s", 90), ("1h30m", 5400), ("2h1m5.5s", 7265.5), ("0.5h", 1800)):
-        assert seconds_of(text) == seconds
-    for text in ("", "30", "0s", "0h0m", "-5m", "5m1h", "1.5", "1e3s", "soon"):
-        with pytest.raises(InputError, match=r"not a duration.*\(--max-time\)"):
-            seconds_of(text)
 
 
 @pytest.mark.slow

@@ -20,7 +20,9 @@ def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -
     assert result.pairs[0].numbers["energy"] > 0
 
 
-def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: Path) -> None:
+def test_another_process_gives_the_same_but_time(
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})
@@ -30,6 +32,9 @@ def test_another_process_gives_the_same_but_time(tiny_store: Dataset, tmp_path: 
     there, other, used, _ = remote(pair)
     assert used == loaded.used
     assert Path(remote.place).is_absolute()
+    monkeypatch.chdir(tmp_path)
+    near = load_for(tiny_store, "mine.py:half", {})
+    assert RemoteEvaluator.of(tiny_store, near, 0).entry == f"{file}:half"
     assert other.depth is not None
     assert answer.depth is not None
     assert np.array_equal(other.depth, answer.depth)

@@ -1,6 +1,8 @@
 import os
 import shutil
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -120,6 +122,21 @@ def test_a_run_takes_nothing_over_from_another_method(
         fresh = run(fresh=True)
         assert (fresh.reused, fresh.set_aside) == (0, Path(f"{out}.previous-2"))
         assert (Path(f"{out}.previous") / RESULT).read_text() == old
+
+
+def test_runs_in_threads_wait_for_one_another(tiny_store: Dataset, tmp_path: Path) -> None:
+    def drawn(infocus: Any, defocus: Any) -> Any:
+        time.sleep(0.01)
+        return np.random.uniform(0, 255, infocus.shape[:2])
+
+    def run(name: str) -> list[Any]:
+        done = run_method(tiny_store, method(drawn), "test", tmp_path / name)
+        return [pair.scores for pair in done.result.pairs]
+
+    out = sys.stdout
+    with ThreadPoolExecutor(2) as threads:
+        assert [*threads.map(run, "ab")] == [run("c")] * 2
+    assert sys.stdout is out
 
 
 def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path) -> None:

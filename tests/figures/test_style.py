@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dfdbench.figures import style
 
@@ -58,11 +56,3 @@ def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_
     assert box.x0 >= 0
     assert box.x1 <= figure.get_figwidth() * figure.dpi + 1
     assert len(legend.get_texts()) == 7
-
-
-@given(arrays(np.uint8, (3, 4), elements=st.integers(0, 255)))
-def test_brightening_leaves_the_brightest_below_white(image: NDArray[np.uint8]) -> None:
-    times = style.brightening(image)
-    assert times >= 1
-    if times > 1:
-        assert np.percentile(image, 99) * times <= 235 or np.percentile(image, 99) < 1

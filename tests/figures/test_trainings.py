@@ -3,11 +3,9 @@ import math
 import numpy as np
 import pytest
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.figures import trainings
-from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.crops import Selections
 from dfdbench.training.search.swarm_search import Iteration
 from dfdbench.training.trainer import Log
@@ -87,10 +85,3 @@ def test_a_swarm_s_best_and_mean_and_how_near_it_is_are_drawn() -> None:
     assert heights(axis.lines[0]) == pytest.approx([20, 50, 93])
     # The author's marks.
     assert [heights(line)[0] for line in axis.lines[1:]] == pytest.approx([90, 95, 99])
-
-
-def test_widths_stand_beside_the_baseline_s() -> None:
-    axis = trainings.widths_figure(FILTERS["pso"], "swarm").axes[0]
-    heights = [patch.get_bbox().height for patch in axis.patches if isinstance(patch, Rectangle)]
-    assert heights[: len(LAYERS)] == list(FILTERS["original"])
-    assert heights[len(LAYERS) :] == list(FILTERS["pso"])

@@ -40,12 +40,6 @@ def test_the_cosine_measure_counts_coefficients(image: np.ndarray) -> None:
     assert 0 <= share <= 1
 
 
-def test_colour_is_measured_by_its_luma() -> None:
-    grey = blurred(1.0)
-    colour = np.repeat(grey[..., None], 3, axis=2)
-    assert sharpness.dct_sharpness(colour) == sharpness.dct_sharpness(grey)
-
-
 def test_a_lens_test_shows_warming_and_hysteresis(tmp_path: Path) -> None:
     assert write_lens_test(tmp_path) == 12 + 2 * 17
     found = sharpness.read_lens_captures(tmp_path)

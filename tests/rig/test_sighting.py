@@ -136,8 +136,3 @@ def test_where_a_line_of_the_texture_is_clearer_the_side_is_among_the_candidates
     found = sights.find_sides(pictured(texture), expected(0.0), MIDDLE)
     assert distance_to(found[3][0], 3) > 20
     assert min(distance_to(line, 3) for line in found[3]) < 2
-
-
-def test_a_plain_image_has_no_sides() -> None:
-    plain = np.full((360, 400, 3), 80, np.uint8)
-    assert sights.find_sides(plain, expected(0.0), MIDDLE) == [[]] * 4

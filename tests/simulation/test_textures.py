@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.light import encode
-from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, Draws, pattern
+from dfdbench.simulation.textures import PATTERNS, Draws, pattern
 
 
 @pytest.mark.parametrize("kind", list(PATTERNS))
@@ -16,10 +15,6 @@ def test_a_pattern_is_reflectance_in_whole_grey_levels_and_follows_its_key(kind:
     assert np.abs(grey - np.rint(grey)).max() < 1e-6
     texture = grey.std(axis=(0, 1)).max()
     assert texture < 2 if kind == "plain" else texture > 4
-
-
-def test_every_photograph_is_shipped() -> None:
-    assert all(photograph(name).ndim == 3 for name in PHOTOGRAPHS)
 
 
 def test_the_same_key_gives_the_same_numbers_past_a_block() -> None:
