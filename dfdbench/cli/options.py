@@ -172,7 +172,7 @@ def several(values: Any, where: str) -> list[Any]:
     ([7, 31, 91], [0.5])
     """
     if isinstance(values, str):
-        return [value_of(text.strip(), where) for text in dict.fromkeys(values.split(","))]
+        return [value_of(text, where) for text in dict.fromkeys(map(str.strip, values.split(",")))]
     return values if isinstance(values, list) else [values]
 
 

@@ -474,7 +474,7 @@ def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
     except Exception as error:
-        if not __debug__:
+        if not __debug__ and isinstance(error, TypeError):
             what, fix = "zarr cannot read a store without assertions", "start Python without -O"
             raise errors.StoreError(what, where=str(location), fix=fix) from error
         # An object store may be unreachable or forbidden, or its bucket may not exist.

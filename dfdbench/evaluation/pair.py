@@ -20,6 +20,7 @@ from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import FEW_LEVELS, MILLIMETRES, call, difference, in_few_levels
+from dfdbench.methods.importing import ONNX
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
@@ -161,7 +162,8 @@ class RemoteEvaluator:
         expected = json.dumps({"software": software(), "used": method.used})
         # A worker may have been started in another folder.
         file, colon, name = method.entry.rpartition(":")
-        entry = f"{os.path.abspath(file)}{colon}{name}" if os.path.isfile(file) else method.entry
+        is_file = file.endswith((".py", ONNX))
+        entry = f"{os.path.abspath(file)}{colon}{name}" if is_file else method.entry
         return cls(str(place), entry, parameters, seed, learned, given, expected)
 
     def __call__(self, pair: Pair) -> Evaluated:

@@ -12,7 +12,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import Fit, fit_sha256
 from dfdbench.methods.method import Method
-from dfdbench.methods.sources import ABSENT, changes
+from dfdbench.methods.sources import ABSENT, VALUE, changes
 from dfdbench.metrics.protocol import SURE, Protocol, find_protocol, protocols_of, require_scored
 from dfdbench.results.environment import software
 from dfdbench.results.record import first_protocol
@@ -138,7 +138,7 @@ def differences_from(
     said += [
         f"{label} was not used before"
         for label, found in used_now.items()
-        if label not in used and found not in (None, ABSENT)
+        if label not in used and found not in (None, ABSENT) and not label.startswith(VALUE)
     ]
     return said
 

@@ -36,7 +36,6 @@ from dfdbench.methods.method import DepthMap, Method, Predict
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import Facts, find_entry, load_method
-from dfdbench.methods.view_change import ViewChange
 from dfdbench.metrics.protocol import Unit
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.results.record import RESULT, Result, load_result
@@ -117,7 +116,8 @@ class DepthPredictor:
         self._align, self._seed = align, seed
         given = dict(parameters or {})
         fitted: Path | None = None
-        self._scale, self._files = None, CapturedFiles()
+        self._scale: DepthScale | None = None
+        self._files: CapturedFiles | None = None
         camera = Path(camera) if isinstance(camera, os.PathLike) else camera  # a run is one, too
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
             fitted = Path(camera)
@@ -127,8 +127,7 @@ class DepthPredictor:
             method = method or result.method.name
             given = {**result.method.parameters, **given}
             if manifest := _manifest_of(result, fitted):
-                self._scale = manifest.depth.scale
-                self._files = manifest.files or self._files
+                self._scale, self._files = manifest.depth.scale, manifest.files
             if "recipe" in result.method.uses:
                 given["recipe"] = result.dataset.recipe["parameters"]
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
@@ -273,9 +272,7 @@ class DepthPredictor:
         found = ""
         if self._align:
             laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
-            infocus, defocus, found = matched_as_learned(
-                infocus, defocus, self._files, [*map(ViewChange.of, laws)]
-            )
+            infocus, defocus, found = matched_as_learned(infocus, defocus, self._files, laws)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)

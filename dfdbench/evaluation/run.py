@@ -1,5 +1,7 @@
 """Run a method over a split: predict each pair once, score it under every protocol, keep it all."""
 
+import functools
+import os
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,8 +33,10 @@ _ENVIRONMENTS = "environments"
 _Environments = TypeAdapter(list[record.Environment])
 
 
-# Seeds and what a method prints are the whole process's, so runs in threads wait for one another.
-_ONE_AT_A_TIME = threading.RLock()
+@functools.cache
+def _one_at_a_time(process: int) -> threading.RLock:
+    # Seeds and what a method prints are a whole process's, so runs in threads wait for one another.
+    return threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,7 @@ def run_method(
         If the folder cannot be written.
     """
     plan = plan_run(store, method, split, options or RunOptions())
-    with _ONE_AT_A_TIME, writing_folder(folder, "run"):
+    with _one_at_a_time(os.getpid()), writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)
         because = differences_from(before, plan.identity, method) if before is not None else []
         if because:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -216,7 +215,6 @@ def load_method(
     with sources.watch():
         if target is None:
             shown, target = _imported(shown, entry, sources)
-        if not isinstance(name, str) and inspect.isfunction(target):
             sources.note_values(target)
         fits = hasattr(target, "fit")
         given, recorded = read_parameters(parameters, fits)

@@ -8,17 +8,18 @@ files that a C library opens by itself, or that another process opens.
 
 import ast
 import contextlib
+import dis
 import functools
 import hashlib
 import importlib.util
+import inspect
 import os
-import pickle
 import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -37,8 +38,9 @@ _PACKAGE = Path(os.path.realpath(__file__)).parents[1]
 _ROOMS = ("dfdbench.methods.", "dfdbench.blur.")
 # Methods only take types from this module, which calls them.
 _CALLER = "dfdbench.methods.method"
-# Values of these types are the same in each process; of others, the pickle may differ.
-_PLAIN = (bool, int, float, complex, str, bytes, tuple, list, dict, np.ndarray)
+_PLAIN = (bool, int, float, complex, str, bytes, np.generic)
+#: Labels of values begin so.
+VALUE = "value of "
 _NOT_OWN = {"site-packages", "dist-packages", "__pycache__"}
 
 
@@ -82,19 +84,26 @@ class Sources:
         # Hash it now, while it is still as it was imported.
         self._hash(path)
 
-    def note_values(self, function: FunctionType) -> None:
-        """Note the values that a function reads from its module: a script may set them anew."""
-        for name in _names_in(function.__code__):
-            value, label = function.__globals__.get(name), f"value of {name}"
-            if label in self._values:
+    def note_values(self, target: Any) -> None:
+        """Note the values that a function or a class reads from its module: they may be set anew.
+
+        Those that it sets itself do not count, nor do lists and mappings, which it may fill.
+        """
+        parts = vars(target).values() if isinstance(target, type) else [inspect.unwrap(target)]
+        for function in filter(inspect.isfunction, parts):
+            if function.__module__.startswith(_ROOMS):
                 continue
-            if isinstance(value, FunctionType) and value.__globals__ is function.__globals__:
-                self._values[label] = name
-                self.note_values(value)
-            elif isinstance(value, _PLAIN):
-                # A list may hold what cannot be pickled.
-                with contextlib.suppress(Exception):
-                    self._values[label] = hashlib.sha256(pickle.dumps(value)).hexdigest()
+            read, written = _globals_in(function.__code__)
+            for name in read - written:
+                value, label = function.__globals__.get(name), f"{VALUE}{name}"
+                if label in self._values:
+                    continue
+                if digest := _value_sha256(value):
+                    self._values[label] = digest
+                elif inspect.isfunction(value):
+                    self._values[label] = value.__qualname__
+                    if value.__globals__ is function.__globals__:
+                        self.note_values(value)
 
     @property
     def module_sha256(self) -> str | None:
@@ -341,11 +350,32 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
             left += getattr(node, field, ())
 
 
-def _names_in(code: CodeType) -> Iterator[str]:
-    yield from code.co_names
+def _globals_in(code: CodeType) -> tuple[set[str], set[str]]:
+    """Return the names of the module that a function's code reads, and those that it sets."""
+    read, written = set[str](), set[str]()
+    for step in dis.get_instructions(code):
+        if step.opname == "LOAD_GLOBAL":
+            read.add(step.argval)
+        elif step.opname == "STORE_GLOBAL":
+            written.add(step.argval)
     for inner in code.co_consts:
         if isinstance(inner, CodeType):
-            yield from _names_in(inner)
+            more = _globals_in(inner)
+            read, written = read | more[0], written | more[1]
+    return read, written
+
+
+def _value_sha256(value: Any) -> str:
+    """Return the SHA-256 of numbers, short texts, arrays, tuples of them; else an empty text."""
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        head = f"{value.dtype.str} {value.shape}".encode()
+        return hashlib.sha256(head + np.ascontiguousarray(value).tobytes()).hexdigest()
+    if isinstance(value, tuple):
+        inner = list(map(_value_sha256, value))
+        return hashlib.sha256(repr(inner).encode()).hexdigest() if all(inner) else ""
+    # A path may be of one process only.
+    plain = isinstance(value, _PLAIN) and not (isinstance(value, str) and os.sep in value)
+    return hashlib.sha256(repr(value).encode()).hexdigest() if plain else ""
 
 
 def _with_parents(name: str) -> Iterator[str]:

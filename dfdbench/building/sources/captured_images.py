@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources import gathered
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
@@ -40,6 +41,9 @@ _UNITS = {
 # A median that misses the bounds by no more than this factor is a matter of the scene, not of the
 # unit.
 _NEARBY = 1.5
+# A law's gain may differ from 1 by so much by chance.
+_UNGAINED = 0.01
+_BY_HAND = "align and match them yourself, and say --no-align"
 # A stack has so many images or more; sharpness is averaged over a square of so many pixels.
 _FEWEST, _NEAR = 3, 31
 
@@ -300,45 +304,50 @@ def matched(
 
 
 def matched_as_learned(
-    infocus: Image, defocus: Image, files: CapturedFiles, changes: Sequence[ViewChange]
+    infocus: Image, defocus: Image, files: CapturedFiles | None, laws: Sequence[BlurLaw]
 ) -> tuple[Image, Image, str]:
     """Match two photographs as those that a method learned from, and say in words how.
 
     Parameters
     ----------
     infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
-        The photographs.
-    files : CapturedFiles
-        How the build of the method's data set matched its pairs.
-    changes : sequence of ViewChange
-        What the method itself takes out.
+        The photographs; the defocus image is moved.
+    files : CapturedFiles or None
+        How the build of the method's data set matched its pairs; None if nothing is known of it.
+    laws : sequence of BlurLaw
+        What the method itself expects, and takes out.
 
     Raises
     ------
     InputError
         If they cannot be aligned, or the brightness differs too much.
     """
-    changes, found = [change for change in changes if change.changes], list[str]()
-    flat = files.flat_field
+    changes = [change for law in laws if (change := ViewChange.of(law)).changes]
+    found, flat = list[str](), files.flat_field if files else None
     # What the build removed is not in the law; exported images no longer have it.
     if flat and is_even(infocus, defocus, flat):
+        found.append("the fall-off of light that the data set had is not in these photographs")
         flat = None
-    evened = matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
-    if flat:
+    elif flat:
         found.append("the defocus image's fall-off of light is taken out, as in the data set")
-    needed = matching_of([("the photographs", infocus, evened)])
+    evened = matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
+    needed = matching_of([("the photographs", eight_bits(infocus), eight_bits(evened))])
     if not needed.measured and not changes:
-        fix = "align them yourself and say --no-align"
-        raise InputError("the photographs cannot be aligned", fix=fix)
+        raise InputError("the photographs cannot be aligned", fix=_BY_HAND)
     # The method removes what the law says; removing it twice would be worse than not at all.
     align = "none" if any(any(change.similarity) for change in changes) else needed.align
-    if align != "none" and files.align != "none":
+    if files and "none" not in (align, files.align):
         align = files.align
-    match_gain = files.match_gain or (needed.match_gain and not changes)
-    # The movement comes first; a difference in brightness that is left is the law's.
-    found += needed.found if match_gain else needed.found[: align != "none"]
-    asked = CapturedFiles(align=align, moved=files.moved, match_gain=match_gain, flat_field=flat)
-    infocus, defocus, _, _ = matched(infocus, defocus, asked)
+    gained = changes or any(abs(law.gain - 1) > _UNGAINED for law in laws)
+    match_gain = files.match_gain if files else needed.match_gain and not gained
+    moves = needed.align != "none"
+    found += needed.found[: moves and align != "none"]
+    found += needed.found[moves:] if match_gain else ()
+    asked = CapturedFiles(align=align, match_gain=match_gain, flat_field=flat)
+    try:
+        infocus, defocus, _, _ = matched(infocus, defocus, asked)
+    except InputError as error:
+        raise InputError.of(replace(each, fix=_BY_HAND) for each in error.problems) from None
     if changes:
         words = ", ".join(change.words() for change in changes)
         found.append(f"the law says of the defocus image: {words}; that is taken out")
