@@ -68,7 +68,8 @@ def predict(
     format: Facts = "table",
 ) -> None:
     """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
-    from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images
+    from dfdbench.evaluation.photographs import captures_in, lone_images
+    from dfdbench.evaluation.predict import DepthPredictor
 
     if fitted and lens:
         raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
@@ -129,9 +130,8 @@ def _predict_pair(
     import numpy as np
 
     from dfdbench.evaluation.map_files import write_depth
-    from dfdbench.evaluation.predict import read_images
 
-    sharp, blurred = read_images(images)
+    sharp, blurred = predictor.read(images)
     with progress("estimating depth", "nothing was written"):
         estimate = predictor(sharp, blurred)
     write_depth(out, estimate.depth, predictor.unit, estimate.sigma)

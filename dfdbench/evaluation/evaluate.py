@@ -72,7 +72,7 @@ def evaluate(
             raise MethodError(what, where=where, got=got, fix=fix) from error
     if loaded.source_sha256 is None:
         options = replace(options, fresh=True)
-    warnings = depth_warnings(loaded, store, split)
+    warnings = depth_warnings(loaded, store, split, options.fitted)
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
     # Someone else's method may have something else of that name.
     measured = loaded.attribute("calibrations")

@@ -1,5 +1,6 @@
 """Load a method with the facts of the data set that it asks for."""
 
+import contextlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -13,8 +14,8 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import MethodError, StoreError
-from dfdbench.evaluation.fitting import training_scenes
+from dfdbench.errors import DfdbenchError, MethodError, StoreError
+from dfdbench.evaluation.fitting import read_fit, training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import Method
@@ -128,10 +129,13 @@ def _recipe_of(store: Dataset) -> BlurRecipe:
     raise MethodError(what, where=store.manifest.short, fix=fix)
 
 
-def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:
+def depth_warnings(
+    method: Method, store: Dataset, split: str, fitted: Path | None = None
+) -> list[str]:
     """Return the result's warnings if training does not cover all depths of the test.
 
-    Training is what the method says it was trained on, and what it is fitted on before the run.
+    Training is what the method says it was trained on, and what it is fitted on before the run or
+    in the run `fitted`.
 
     Raises
     ------
@@ -139,7 +143,11 @@ def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:
         As for `training_scenes`, if the method is fitted.
     """
     saw = [method.trained_on]
-    if method.learner is not None:
+    if fitted is not None:
+        # Whether it is a run of a fit at all is told when the fit is taken over.
+        with contextlib.suppress(DfdbenchError):
+            saw.append(read_fit(fitted).fitted_on)
+    elif method.learner is not None:
         saw.append(training_scenes(store.manifest, split)[0])
     return [text for name in dict.fromkeys(saw) for text in coverage_warnings(name, store, split)]
 

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.export import STACK_FILE
-from dfdbench.building.sources import image_files
 from dfdbench.building.sources.captured_images import matched_as_learned
 from dfdbench.datasets.captured_files import CapturedFiles
-from dfdbench.datasets.captures import ROLES, Capture, capture_of
+from dfdbench.datasets.captures import Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.dataset import open_dataset
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
-from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, SourceError, reason_of
+from dfdbench.datasets.manifest import Pair
+from dfdbench.errors import DfdbenchError, InputError, MethodError
 from dfdbench.evaluation.fitting import fit_again, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.photographs import Image, read_images, read_stack, size_of
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.calling import call
 from dfdbench.methods.fitted import Blur
@@ -45,7 +46,6 @@ from dfdbench.tables.table import counted
 if TYPE_CHECKING:
     import xarray
 
-Image = NDArray[np.uint8]
 # A larger share of pixels at one end of the levels is odd.
 _MANY = 0.3
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or as a TOML file.
@@ -118,6 +118,8 @@ class DepthPredictor:
         fitted: Path | None = None
         self._scale: DepthScale | None = None
         self._files: CapturedFiles | None = None
+        self._store: Dataset | None = None
+        self._unknown = ""
         camera = Path(camera) if isinstance(camera, os.PathLike) else camera  # a run is one, too
         if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
             fitted = Path(camera)
@@ -126,8 +128,7 @@ class DepthPredictor:
                 require_run_of(method, find_entry(method), result.method, fitted)
             method = method or result.method.name
             given = {**result.method.parameters, **given}
-            if manifest := _manifest_of(result, fitted):
-                self._scale, self._files = manifest.depth.scale, manifest.files
+            self._of_run(result, fitted)
             if "recipe" in result.method.uses:
                 given["recipe"] = result.dataset.recipe["parameters"]
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
@@ -143,6 +144,30 @@ class DepthPredictor:
         self.unit: Unit = self.method.answers_in("levels")
         self._fitted = fitted
         self._restore(fitted)
+
+    def _of_run(self, result: Result, folder: Path) -> None:
+        """Take over what is known of a run's data set: what levels are, how pairs were matched."""
+        name, manifest = result.dataset.name, None
+        # The store may be on another machine, and a user's own set has no manifest here.
+        with contextlib.suppress(DfdbenchError):
+            self._store = open_dataset(read_store_place(folder) or name)
+            manifest = self._store.manifest
+        if manifest is None:
+            with contextlib.suppress(DfdbenchError):
+                manifest = find_manifest(name)
+        if manifest is not None and manifest.sha256 == result.dataset.manifest_sha256:
+            self._scale = manifest.depth.scale
+            self._files = manifest.files if manifest.files and not manifest.files.images else None
+        elif not result.dataset.recipe["name"]:
+            self._unknown = name
+
+    @functools.cached_property
+    def _matched_already(self) -> frozenset[bytes]:
+        """The digests of the data set's own defocus images: its build has matched them."""
+        if self._store is None or (self._store.manifest.files and not self._files):
+            return frozenset()
+        images = (capture.defocus.tobytes() for capture in self._store.captures())
+        return frozenset(sha256(image).digest() for image in images)
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -202,7 +227,17 @@ class DepthPredictor:
         """
         if len(paths) == 1:
             return self.of_stack(read_stack(*paths))
-        return self(*read_images(paths))
+        return self(*self.read(paths))
+
+    def read(self, images: Iterable[Image | Path | str]) -> list[Image]:
+        """Read images that are files, as the run's data set does; return arrays as they are.
+
+        Raises
+        ------
+        SourceError
+            If images cannot be read; it lists the problems of each.
+        """
+        return read_images(images, self._files)
 
     def settle_unit(self, captures: Iterable[Sequence[Path]]) -> None:
         """Find out which unit the depth of these files has, as `captures_in` returns them.
@@ -266,13 +301,19 @@ class DepthPredictor:
             got = f"{infocus.dtype} and {defocus.dtype}"
             raise InputError("the photographs have different types of pixels", got=got)
         if infocus.shape != defocus.shape:
-            sizes = f"{_size(infocus)} and {_size(defocus)}"
+            sizes = f"{size_of(infocus)} and {size_of(defocus)}"
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
         found = ""
+        if self._align and self._unknown:
+            what = "how the photographs of the run's data set were matched is not known here"
+            fix = "build it again, or match these yourself and say --no-align"
+            raise InputError(what, where=self._unknown, fix=fix)
         if self._align:
+            digest = sha256(defocus.tobytes()).digest()
+            files = CapturedFiles() if digest in self._matched_already else self._files
             laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
-            infocus, defocus, found = matched_as_learned(infocus, defocus, self._files, laws)
+            infocus, defocus, found = matched_as_learned(infocus, defocus, files, laws)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)
@@ -341,110 +382,10 @@ def predict(
         got = counted(len(images), "image") if several else type(images).__name__
         expected = "(capture.infocus, capture.defocus), two files, or capture.stack"
         raise InputError("neither two photographs nor a stack", expected=expected, got=got)
-    estimate = predictor(*read_images(images))
+    estimate = predictor(*predictor.read(images))
     for text in estimate.odd:
         warnings.warn(text, stacklevel=2)
     return estimate.depth
-
-
-def read_images(images: Iterable[Image | Path | str]) -> list[Image]:
-    """Read images that are files, as `read_image` does; return arrays as they are.
-
-    Raises
-    ------
-    SourceError
-        If images cannot be read; it lists the problems of each.
-    """
-    found, problems = list[Image](), list[Problem]()
-    for image in images:
-        try:
-            found.append(read_image(Path(image)) if isinstance(image, str | Path) else image)
-        except DfdbenchError as error:
-            problems += error.problems
-    SourceError.raise_if(problems)
-    return found
-
-
-def read_image(path: Path) -> Image:
-    """Read a photograph, upright according to its EXIF data: RGB, uint8 of shape (y, x, 3).
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
-    SourceError
-        If it is damaged or not a photograph.
-    """
-    try:
-        return image_files.read_photograph(path.read_bytes(), str(path), rotation="apply")
-    except OSError as error:
-        raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
-
-
-def read_stack(place: Path) -> xarray.DataArray:
-    """Read a stack as `dfdbench.building.export.export` writes it: images and ``stack.json``.
-
-    Raises
-    ------
-    InputError
-        If an image is missing, damaged or of a different size.
-    """
-    import xarray
-
-    try:
-        said = json.loads((place / STACK_FILE).read_text("utf-8"))
-        images = read_images(place / name for name in said["images"])
-        if len({image.shape for image in images}) > 1:
-            sizes = ", ".join(dict.fromkeys(_size(image) for image in images))
-            raise InputError("images of a stack differ in size", where=str(place), got=sizes)
-        coordinates = {
-            name: ("image", np.array(values, None if name == "role" else np.float64))
-            for name, values in said["coordinates"].items()
-        }
-        dimensions = ("image", "y", "x", "channel")
-        attributes = {
-            name: np.nan if value is None else value for name, value in said["attributes"].items()
-        }
-        return xarray.DataArray(np.stack(images), coordinates, dimensions, attrs=attributes)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        what = f"the stack cannot be read: {reason_of(error)}"
-        raise InputError(what, where=str(place / STACK_FILE)) from error
-
-
-def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
-    """Return the pairs and stacks in a folder, by the names of their own folders.
-
-    Returns
-    -------
-    dict of str to tuple of Path
-        For a pair, the in-focus and the defocus image, ``PAIR/infocus.png`` and
-        ``PAIR/defocus.png``; for a stack, its folder, which has a ``stack.json``.
-    """
-    return {
-        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
-        for name, found in _images_in(folder).items()
-        if STACK_FILE in found or found.keys() >= set(ROLES)
-    }
-
-
-def lone_images(folder: Path) -> list[Problem]:
-    """Return a problem for each folder that holds only one image of a pair."""
-    return [
-        Problem(f"there is no {other} image beside it", where=str(found[role]))
-        for found in _images_in(folder).values()
-        for role, other in (ROLES, ROLES[::-1])
-        if [*found] == [role]
-    ]
-
-
-def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
-    there: dict[str, dict[str, Path]] = {}
-    for path in sorted(folder.rglob("*")):
-        images = path.suffix.lower() in image_files.SUFFIXES and path.stem in ROLES
-        if images or path.name == STACK_FILE:
-            name = path.parent.relative_to(folder).as_posix()
-            there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
-    return there
 
 
 def _load(
@@ -472,16 +413,6 @@ def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
     return fields, None
 
 
-def _manifest_of(result: Result, folder: Path) -> Manifest | None:
-    # The store may be on another machine, and a user's own set has no manifest here.
-    name = result.dataset.name
-    with contextlib.suppress(DfdbenchError):
-        return find_manifest(name)
-    with contextlib.suppress(DfdbenchError):
-        return open_dataset(read_store_place(folder) or name).manifest
-    return None
-
-
 def _as_photograph(image: Any) -> Image:
     """Return an array as it is, or grey as RGB; raise if it is not a photograph."""
     array = np.asarray(image)
@@ -491,7 +422,3 @@ def _as_photograph(image: Any) -> Image:
         expected = "uint8 or uint16, shape (y, x, 3), RGB, or (y, x), grey"
         raise InputError("an array that is no photograph", expected=expected, got=got)
     return array if array.ndim == 3 else np.repeat(array[..., np.newaxis], 3, axis=2)
-
-
-def _size(image: Image) -> str:
-    return " x ".join(map(str, image.shape))

@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.predict import DepthPredictor, captures_in, lone_images, predict
+from dfdbench.evaluation.predict import DepthPredictor, predict
 from dfdbench.methods.registry import load
 from dfdbench.methods.view_change import ViewChange
 from tests.conftest import read_rgb, write_png
@@ -133,6 +134,9 @@ def test_photographs_are_matched_as_those_of_the_run_s_data_set(tmp_path: Path) 
     raw = folder / "lamp/sharp.png", folder / "lamp/blurred.png"
     for images in (raw, (kept.infocus, kept.defocus)):
         assert np.array_equal(predict(light, images, run), light(kept.infocus, kept.defocus))
+    shutil.rmtree(tmp_path / "mine.zarr")
+    with pytest.raises(InputError, match="not known here"):
+        predict(light, raw, tmp_path / "run")
 
 
 def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
@@ -156,13 +160,3 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
     said = DepthPredictor("local", tmp_path / "turned.toml").meaning
     assert said.startswith("depth levels from 0 (near) to 255 (far)")
     assert predictor(*pair[:2]).depth.shape == pair[2].shape
-
-
-def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
-    pairs = ("a/infocus.png", "a/defocus.JPG", "b/c/infocus.png", "b/c/defocus.png")
-    for name in (*pairs, "infocus.png"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
-    assert list(captures_in(tmp_path)) == ["a", "b/c"]
-    alone = f"there is no defocus image beside it ({tmp_path / 'infocus.png'})"
-    assert list(map(str, lone_images(tmp_path))) == [alone]

@@ -12,13 +12,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources import gathered
 from dfdbench.building.sources.image_files import read_depth_file, read_photograph, require_size
-from dfdbench.building.sources.matching import (
-    find_gain,
-    find_placement,
-    is_even,
-    matching_of,
-    place,
-)
+from dfdbench.building.sources.matching import find_gain, find_placement, matching_of, place
 from dfdbench.datasets.captured_files import CapturedFiles, Crop
 from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.depth_scale import DepthScale
@@ -217,6 +211,8 @@ def captured_images(
     for image, where in sized[1:]:
         is_depth = depth is not None and where == depth[1]
         fix = "resample the depth map onto the image" * is_depth
+        if is_depth and image.shape[:2] == sized[0][0].shape[1::-1]:
+            fix = "set exif_rotation to its other value: apply or ignore"
         with gathered(problems):
             require_size(image.shape, sized[0][0].shape, where, sized[0][1], fix)
     SourceError.raise_if(problems)
@@ -313,7 +309,8 @@ def matched_as_learned(
     infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
         The photographs; the defocus image is moved.
     files : CapturedFiles or None
-        How the build of the method's data set matched its pairs; None if nothing is known of it.
+        How the build of the method's data set matched its pairs. If nothing is known of it, what
+        they need is measured.
     laws : sequence of BlurLaw
         What the method itself expects, and takes out.
 
@@ -323,31 +320,27 @@ def matched_as_learned(
         If they cannot be aligned, or the brightness differs too much.
     """
     changes = [change for law in laws if (change := ViewChange.of(law)).changes]
-    found, flat = list[str](), files.flat_field if files else None
-    # What the build removed is not in the law; exported images no longer have it.
-    if flat and is_even(infocus, defocus, flat):
-        found.append("the fall-off of light that the data set had is not in these photographs")
-        flat = None
-    elif flat:
-        found.append("the defocus image's fall-off of light is taken out, as in the data set")
-    evened = matched(infocus, defocus, CapturedFiles(flat_field=flat))[1]
-    needed = matching_of([("the photographs", eight_bits(infocus), eight_bits(evened))])
-    if not needed.measured and not changes:
-        raise InputError("the photographs cannot be aligned", fix=_BY_HAND)
-    # The method removes what the law says; removing it twice would be worse than not at all.
-    align = "none" if any(any(change.similarity) for change in changes) else needed.align
-    if files and "none" not in (align, files.align):
-        align = files.align
-    gained = changes or any(abs(law.gain - 1) > _UNGAINED for law in laws)
-    match_gain = files.match_gain if files else needed.match_gain and not gained
-    moves = needed.align != "none"
-    found += needed.found[: moves and align != "none"]
-    found += needed.found[moves:] if match_gain else ()
-    asked = CapturedFiles(align=align, match_gain=match_gain, flat_field=flat)
+    found = list[str]()
+    if files is None:
+        needed = matching_of([("the photographs", eight_bits(infocus), eight_bits(defocus))])
+        if not needed.measured and not changes:
+            raise InputError("the photographs cannot be aligned", fix=_BY_HAND)
+        # The method removes what the law says; removing it twice would be worse than not at all.
+        align = "none" if any(any(change.similarity) for change in changes) else needed.align
+        gained = changes or any(abs(law.gain - 1) > _UNGAINED for law in laws)
+        files = CapturedFiles(align=align, match_gain=needed.match_gain and not gained)
+        moves = needed.align != "none"
+        found += needed.found[: moves and align != "none"]
+        found += needed.found[moves:] if files.match_gain else ()
+    how = files.model_copy(update={"moved": "defocus"})
     try:
-        infocus, defocus, _, _ = matched(infocus, defocus, asked)
+        infocus, defocus, _, did = matched(infocus, defocus, how)
     except InputError as error:
         raise InputError.of(replace(each, fix=_BY_HAND) for each in error.problems) from None
+    if not found and (did or files.flat_field):
+        parts = [f"{name} {did[name]:.4g}" for name in did if name != "correlation"]
+        parts += ["flat_field"] * bool(files.flat_field)
+        found.append(f"as the data set's pairs were: {', '.join(parts)}")
     if changes:
         words = ", ".join(change.words() for change in changes)
         found.append(f"the law says of the defocus image: {words}; that is taken out")

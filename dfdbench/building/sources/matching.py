@@ -2,7 +2,7 @@
 
 import cmath
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.light import decode
 from dfdbench.datasets.captured_files import Align
 from dfdbench.errors import InputError
 from dfdbench.methods.view_change import Images, ViewChange, find_change, resampled
@@ -29,8 +28,6 @@ _MOTIONS = {
 _SMOOTHING = 2.0
 # The surroundings of a pixel: a Gaussian of this sigma, wider than blur and narrower than fall-off.
 _AROUND = 20.0
-# Added to light, of which white is 1.
-_NO_LIGHT = 1e-3
 _RIM = 6
 # From coarse to fine: each size starts from the result of the previous one.
 _SCALES = (8, 4, 2, 1)
@@ -241,26 +238,6 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
         what = f"the images of the pair differ too much in brightness: {got}"
         raise InputError(what, fix="leave the scene out, or set match_gain = false")
     return gain
-
-
-def is_even(infocus: Image, defocus: Image, falloff: Sequence[Sequence[float]]) -> bool:
-    """Return whether a pair's light is more alike all over as it is than with a fall-off undone.
-
-    Parameters
-    ----------
-    infocus, defocus : ndarray of uint8 or uint16, shape (y, x, 3)
-    falloff : sequence of sequence of float
-        As `ViewChange` has it.
-    """
-    sharp, blurred = (
-        decode(image * (255 / np.iinfo(image.dtype).max)) for image in (infocus, defocus)
-    )
-    light = ViewChange(falloff=tuple(map(tuple, falloff))).light_at(infocus.shape)
-    even, darkened, seen = (
-        np.log(cv2.GaussianBlur(image, (0, 0), _AROUND) + _NO_LIGHT)
-        for image in (sharp, sharp * light, blurred)
-    )
-    return bool(np.std(seen - even) <= np.std(seen - darkened))
 
 
 # Corner movements (pixels) and gains below these need no correction. If Middlebury's scenes are

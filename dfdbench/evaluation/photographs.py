@@ -1,0 +1,133 @@
+"""Read photographs and stacks from files of any folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.building.export import STACK_FILE
+from dfdbench.building.sources import image_files
+from dfdbench.datasets.captured_files import CapturedFiles
+from dfdbench.datasets.captures import ROLES
+from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, reason_of
+
+if TYPE_CHECKING:
+    import xarray
+
+Image = NDArray[np.uint8]
+
+
+def read_images(
+    images: Iterable[Image | Path | str], files: CapturedFiles | None = None
+) -> list[Image]:
+    """Read images that are files, as `read_image` does; return arrays as they are.
+
+    Raises
+    ------
+    SourceError
+        If images cannot be read; it lists the problems of each.
+    """
+    found, problems = list[Image](), list[Problem]()
+    for image in images:
+        try:
+            found.append(read_image(Path(image), files) if isinstance(image, str | Path) else image)
+        except DfdbenchError as error:
+            problems += error.problems
+    SourceError.raise_if(problems)
+    return found
+
+
+def read_image(path: Path, files: CapturedFiles | None = None) -> Image:
+    """Read a photograph: RGB, uint8 of shape (y, x, 3).
+
+    It is upright according to its EXIF data, unless its data set's `files` say otherwise.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    SourceError
+        If it is damaged or not a photograph.
+    """
+    try:
+        bits, rotation = (files.image_bits, files.exif_rotation) if files else (None, None)
+        content = path.read_bytes()
+        return image_files.read_photograph(content, str(path), bits, rotation or "apply")
+    except OSError as error:
+        raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
+
+
+def read_stack(place: Path) -> xarray.DataArray:
+    """Read a stack as `dfdbench.building.export.export` writes it: images and ``stack.json``.
+
+    Raises
+    ------
+    InputError
+        If an image is missing, damaged or of a different size.
+    """
+    import xarray
+
+    try:
+        said = json.loads((place / STACK_FILE).read_text("utf-8"))
+        images = read_images(place / name for name in said["images"])
+        if len({image.shape for image in images}) > 1:
+            sizes = ", ".join(dict.fromkeys(size_of(image) for image in images))
+            raise InputError("images of a stack differ in size", where=str(place), got=sizes)
+        coordinates = {
+            name: ("image", np.array(values, None if name == "role" else np.float64))
+            for name, values in said["coordinates"].items()
+        }
+        dimensions = ("image", "y", "x", "channel")
+        attributes = {
+            name: np.nan if value is None else value for name, value in said["attributes"].items()
+        }
+        return xarray.DataArray(np.stack(images), coordinates, dimensions, attrs=attributes)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = f"the stack cannot be read: {reason_of(error)}"
+        raise InputError(what, where=str(place / STACK_FILE)) from error
+
+
+def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """Return the pairs and stacks in a folder, by the names of their own folders.
+
+    Returns
+    -------
+    dict of str to tuple of Path
+        For a pair, the in-focus and the defocus image, ``PAIR/infocus.png`` and
+        ``PAIR/defocus.png``; for a stack, its folder, which has a ``stack.json``.
+    """
+    return {
+        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
+        for name, found in _images_in(folder).items()
+        if STACK_FILE in found or found.keys() >= set(ROLES)
+    }
+
+
+def lone_images(folder: Path) -> list[Problem]:
+    """Return a problem for each folder that holds only one image of a pair."""
+    return [
+        Problem(f"there is no {other} image beside it", where=str(found[role]))
+        for found in _images_in(folder).values()
+        for role, other in (ROLES, ROLES[::-1])
+        if [*found] == [role]
+    ]
+
+
+def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
+    there: dict[str, dict[str, Path]] = {}
+    for path in sorted(folder.rglob("*")):
+        images = path.suffix.lower() in image_files.SUFFIXES and path.stem in ROLES
+        if images or path.name == STACK_FILE:
+            name = path.parent.relative_to(folder).as_posix()
+            there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
+    return there
+
+
+def size_of(image: Image) -> str:
+    """Return an image's shape in words, as 240 x 320 x 3."""
+    return " x ".join(map(str, image.shape))
