@@ -24,7 +24,7 @@ from dfdbench.datasets.captures import Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError
 from dfdbench.evaluation.fitting import fit_again, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
@@ -147,17 +147,17 @@ class DepthPredictor:
 
     def _of_run(self, result: Result, folder: Path) -> None:
         """Take over what is known of a run's data set: what levels are, how pairs were matched."""
-        name, manifest = result.dataset.name, None
+        name, known = result.dataset.name, list[Manifest]()
         # The store may be on another machine, and a user's own set has no manifest here.
         with contextlib.suppress(DfdbenchError):
+            known.append(find_manifest(name))
+        with contextlib.suppress(DfdbenchError):
             self._store = open_dataset(read_store_place(folder) or name)
-            manifest = self._store.manifest
-        if manifest is None:
-            with contextlib.suppress(DfdbenchError):
-                manifest = find_manifest(name)
-        if manifest is not None and manifest.sha256 == result.dataset.manifest_sha256:
-            self._scale = manifest.depth.scale
-            self._files = manifest.files if manifest.files and not manifest.files.images else None
+            known.append(self._store.manifest)
+        same = [each for each in known if each.sha256 == result.dataset.manifest_sha256]
+        if same:
+            self._scale, files = same[0].depth.scale, same[0].files
+            self._files = files if files and not files.images else None
         elif not result.dataset.recipe["name"]:
             self._unknown = name
 
@@ -256,7 +256,8 @@ class DepthPredictor:
                 kinds.add("metres" if in_metres else "levels")
         units = {self.method.answers_in(kind) for kind in kinds}
         if len(units) > 1:
-            raise InputError("some depth maps would be in metres, others not", fix="part them")
+            fix = "put each kind into a folder of its own"
+            raise InputError("some depth maps would be in metres, others not", fix=fix)
         self.unit = units.pop() if units else self.unit
 
     def of_stack(self, stack: xarray.DataArray) -> Estimate:

@@ -89,9 +89,11 @@ class Sources:
 
         Those that it sets itself do not count, nor do lists and mappings, which it may fill.
         """
-        parts = vars(target).values() if isinstance(target, type) else [inspect.unwrap(target)]
-        for function in filter(inspect.isfunction, parts):
-            if function.__module__.startswith(_ROOMS):
+        parts = vars(target).values() if isinstance(target, type) else [target]
+        for outer in filter(inspect.isfunction, parts):
+            function = inspect.unwrap(outer)
+            # What a decorator wraps may be anything.
+            if not inspect.isfunction(function) or str(function.__module__).startswith(_ROOMS):
                 continue
             read, written = _globals_in(function.__code__)
             for name in read - written:
