@@ -47,10 +47,9 @@ class Description(StrictRecord):
     stack's focus distances in metres. A stack holds the defocus images by focus distance or, if
     `roles` is ``all``, every image in the capture's order. `layout` has one letter per axis: N of
     size 1, S the images of a stack, C, H, W; axes in brackets are merged, as in N(SC)HW; by default
-    it is NCHW, of a stack SCHW. Pixels,
-    with channels in the order of `colour`, are scaled to 0 to `largest`, then `mean` is subtracted
-    and the rest divided by `std`. Images are padded by reflection, at the bottom and on the right,
-    to multiples of `multiple`.
+    it is NCHW, of a stack SCHW. Pixels, with channels in the order of `colour`, are scaled to 0 to
+    `largest`, then `mean` is subtracted and the rest divided by `std`. Images are padded by
+    reflection, at the bottom and on the right, to multiples of `multiple`.
 
     The outputs `depth` and, if there is one, `sigma` hold one number per pixel. Depth in `unit` is
     ``scale * output + offset`` or, with `inverse`, one over that. With `clip`, levels are clipped

@@ -145,7 +145,8 @@ class Sources:
 
     def hashes_again(self, labels: Iterable[str]) -> Hashes:
         """Return the present SHA-256 of the files that an earlier call used."""
-        return {label: self._values.get(label) or sha256_of(self._path(label)) for label in labels}
+        files = (label for label in labels if not label.startswith(VALUE))
+        return {**{label: sha256_of(self._path(label)) for label in files}, **self._values}
 
     @functools.cached_property
     def _modules(self) -> dict[str, str]:
@@ -368,7 +369,7 @@ def _globals_in(code: CodeType) -> tuple[set[str], set[str]]:
 
 
 def _value_sha256(value: Any) -> str:
-    """Return the SHA-256 of numbers, short texts, arrays, tuples of them; else an empty text."""
+    """Return the SHA-256 of numbers, texts, arrays, tuples of them; else an empty text."""
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         head = f"{value.dtype.str} {value.shape}".encode()
         return hashlib.sha256(head + np.ascontiguousarray(value).tobytes()).hexdigest()

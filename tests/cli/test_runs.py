@@ -77,8 +77,7 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
     ):
         dfdbench.refused(said, f"tracks --method constant {words}")
         assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
-    store = f"tracks --method constant --dataset {tiny_store.path}"
-    dfdbench.refused("built by the data set's name", store)
+    dfdbench.refused("data set's name", f"tracks --method constant --dataset {tiny_store.path}")
 
 
 def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(

@@ -160,3 +160,12 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
     said = DepthPredictor("local", tmp_path / "turned.toml").meaning
     assert said.startswith("depth levels from 0 (near) to 255 (far)")
     assert predictor(*pair[:2]).depth.shape == pair[2].shape
+
+
+def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:
+    (tmp_path / "stack.json").write_text('{"attributes": {"unit": "metres"}}')
+    predictor = DepthPredictor("shape-from-focus")
+    predictor.settle_unit([(tmp_path,)])
+    assert predictor.unit == "metres"
+    with pytest.raises(InputError, match="others not"):
+        predictor.settle_unit([(tmp_path,), (tmp_path, tmp_path)])

@@ -111,11 +111,12 @@ def test_files_are_those_that_it_opens_and_what_changed_is_named(own: Path) -> N
 
 def test_a_value_that_a_script_sets_anew_is_noticed() -> None:
     before = load_method(by_gain, {}, {}).used
-    assert changes(before, load_method(by_gain, {}, {}).used) == []
-    with mock.patch(f"{__name__}.GAIN", 0.6):
-        now = load_method(by_gain, {}, {})
-    for used in (now.used, now.used_again(before)):
-        assert changes(before, used) == ["value of GAIN has changed"]
+    # What is not made yet is no change.
+    for value, said in ((0.3, []), (None, []), (0.6, ["value of GAIN has changed"])):
+        with mock.patch(f"{__name__}.GAIN", value):
+            now = load_method(by_gain, {}, {})
+        for used in (now.used, now.used_again(before)):
+            assert changes(before, used) == said
 
 
 def test_labels_do_not_depend_on_where_the_folder_lies(own: Path) -> None:

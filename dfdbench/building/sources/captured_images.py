@@ -212,7 +212,7 @@ def captured_images(
         is_depth = depth is not None and where == depth[1]
         fix = "resample the depth map onto the image" * is_depth
         if is_depth and image.shape[:2] == sized[0][0].shape[1::-1]:
-            fix = "set exif_rotation to its other value: apply or ignore"
+            fix = "turn the depth map, or set exif_rotation to its other value, apply or ignore"
         with gathered(problems):
             require_size(image.shape, sized[0][0].shape, where, sized[0][1], fix)
     SourceError.raise_if(problems)
