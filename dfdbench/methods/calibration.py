@@ -250,13 +250,13 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
 def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
+    # Choose the shape first: gain and offset would compensate for a wrong one.
+    way = replace(way, exponent=_exponent(few, way))
     if way.even and not way.linear:
-        # Choose the shape first: gain and offset would compensate for a wrong one.
-        way = replace(way, exponent=_exponent(few, way))
         gain, offset = _line([part.sample(way) for part in few], way)
         if abs(offset) > _LEAST_OFFSET:
             way = replace(way, gain=way.gain * gain, offset=way.gain * offset)
-    way = replace(way, exponent=_exponent(few, way))
+            way = replace(way, exponent=_exponent(few, way))
     samples = [part.sample(way) for part in parts]
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way)
     rough = width_curve.width_curve(sums, pixels)
