@@ -266,10 +266,10 @@ def _try_fit(method: Method) -> tuple[Check, Learned | None]:
     pairs = []
     for number in range(2):
         random = np.random.default_rng((_SEED, number))
-        image = random.integers(0, 256, (120, 160, 3)).astype(np.uint8)
+        image = random.integers(0, 256, (144, 192, 3)).astype(np.uint8)
         # Blocks of many levels, so that a fit finds each of them in both pairs.
         blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
-        depth = np.kron(blocks, np.ones((20, 20), np.uint8))
+        depth = np.kron(blocks, np.ones((24, 24), np.uint8))
         blurred = synthesize(image, depth, _RECIPE)
         pairs.append(made_pair(image, blurred, depth, depth > 0, *_kind(method)))
     handed = [array for pair in pairs for array in (pair.images, pair.depth)]

@@ -128,7 +128,7 @@ class Fitted:
         self.change, self.learned, self.level = change, learned, 0.0
 
     def fit(self, pairs: Any) -> Any:
-        assert [pair.infocus.shape for pair in pairs] == [(240, 320, 3)] * 2
+        assert [pair.infocus.shape for pair in pairs] == [(144, 192, 3)] * 2
         assert set(np.unique(pairs[0].levels)) == set(np.unique(pairs[1].levels))
         if self.change:
             pairs[1].depth[0, 0] += 1
