@@ -77,8 +77,8 @@ class DepthScale(StrictRecord):
 
         distances = np.asarray(metres, np.float64)
         known = np.isfinite(distances) & (distances > 0)
-        levels = np.rint(self.to_exact_levels(np.where(known, distances, self.near)))
-        return np.where(known, levels, unknown).astype(np.uint8)
+        held = np.where(known, distances, self.near).clip(self.near, self.far)
+        return np.where(known, np.rint(self.to_exact_levels(held)), unknown).astype(np.uint8)
 
     def to_exact_levels(self, metres: NDArray[Any]) -> NDArray[np.float64]:
         """Return the level of each distance, without rounding.
@@ -86,13 +86,14 @@ class DepthScale(StrictRecord):
         Parameters
         ----------
         metres : ndarray of any shape
-            Distances above 0; those beyond near and far count as the end.
+            Distances above 0. Those beyond near and far have levels beyond theirs: a lens may be
+            focused there.
         """
         import numpy as np
 
         near, far = self._ends
-        held = np.clip(np.asarray(metres, np.float64), self.near, self.far)
-        share = ((1 / held if self.law == "inverse" else held) - far) / (near - far)
+        distances = np.asarray(metres, np.float64)
+        share = ((1 / distances if self.law == "inverse" else distances) - far) / (near - far)
         return np.asarray(self.far_level + share * (self.near_level - self.far_level))
 
     @property

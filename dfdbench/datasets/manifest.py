@@ -109,8 +109,9 @@ class Depth(StrictRecord):
             return depth
         if unit == self.kind:
             return depth.clip(self.scale.near, self.scale.far)
-        turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
-        return turn(depth).astype("float32")
+        if unit == "levels":
+            return self.scale.to_metres(depth).astype("float32")
+        return self._levels_of_metres(depth)
 
     def beyond(self, distance: NDArray[Any]) -> NDArray[np.bool_]:
         """Return where distances in metres are beyond the scale's ends; NaN is not."""
@@ -147,7 +148,12 @@ class Depth(StrictRecord):
         """Return depth of this kind, without NaN, as levels that are not rounded."""
         if self.kind == "levels" or self.scale is None:
             return depth
-        return self.scale.to_exact_levels(depth).astype("float32")
+        return self._levels_of_metres(depth)
+
+    def _levels_of_metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        assert self.scale is not None
+        held = depth.astype("float64").clip(self.scale.near, self.scale.far)
+        return self.scale.to_exact_levels(held).astype("float32")
 
     def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""

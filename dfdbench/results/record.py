@@ -137,7 +137,8 @@ ProtocolRecord = Annotated[dict[str, Any], AfterValidator(_with_safe_name)]
 RecipeRecord = Annotated[dict[str, Any], AfterValidator(_with_name)]
 #: A data set's name, with its track if it is on one; as safe in a path as a `Name`.
 DataName = Annotated[
-    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(@[a-z]+-[1-9])?$", max_length=120)
+    str,
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(@[a-z]+(-[a-z]+)*-[1-9][0-9]?)?$", max_length=120),
 ]
 
 
