@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -16,7 +16,7 @@ from dfdbench.building import folder_layout
 from dfdbench.building.folder_layout import Group, Key, Layout, Table
 from dfdbench.building.sources import image_files
 from dfdbench.building.sources.matching import Matching, matching_of
-from dfdbench.datasets.captured_files import BY_IMAGE, Align, places_in
+from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, Align, places_in
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.tables.table import counted, listed
@@ -150,6 +150,9 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     counts = sorted(set(map(len, images.values())))
     told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
     facts.found.append(f"stacks {stack.pattern} of {told} images")
+    usual = Counter(map(len, images.values())).most_common(1)[0][0]
+    if odd := [f"{key[1]} ({len(of)})" for key, of in images.items() if len(of) != usual]:
+        facts.open.append(f"scenes without {usual} images: {listed(odd, _NAMED)}")
     if named:
         facts.found.append(f"in focus all over {named[0].pattern}")
     elif likely:
@@ -289,7 +292,7 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
         others = listed([group.pattern for group in order[1:-1]], _NAMED)
         facts.open.append(
             f"which defocus image to take: {len(order) - 2} more kinds of photographs are there: "
-            f"{others}"
+            f"{others}; if they differ in focus, they are a stack: images with {{{IMAGE}}}"
         )
 
 
@@ -403,9 +406,21 @@ def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Fa
                 facts.open.append(f"no tables with a row per image: {listed(unread, _NAMED)}")
             _tell_columns(table, stack, facts)
             return
+    name = PurePosixPath(stack.pattern).name
+    in_names = re.search(rf"{{{IMAGE}}}[ _-]?(mm|cm|m)(?![a-z])", name.lower())
+    if in_names or any("." in PurePosixPath(path).stem for path in images):
+        _tell_distance(IMAGE, in_names[1] if in_names else "m", facts)
+        return
     facts.open.append(
         "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
     )
+
+
+def _tell_distance(name: str, unit: str, facts: Facts) -> None:
+    """Add that a column, or the number of images, is the focus distance in some unit."""
+    times = {"mm": "e-3", "cm": "e-2", "m": ""}[unit]
+    facts.files["focus_distance"] = f'"{{{name}}}{times}" # in metres'
+    facts.open.append(f"whether {name} is the focus in {'metres' if unit == 'm' else unit}")
 
 
 def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
@@ -423,9 +438,12 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
         return
     name = told[0]
     positive = all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()
-    unit = "in metres" if positive else "in the unit of the depth files"
-    facts.files["focus_distance" if positive else "focus_depth"] = f'"{{{name}}}" # {unit}'
-    facts.open.append(f"whether {name} is the focus {unit}")
+    if positive:
+        unit = re.search("(?<![a-z])(mm|cm)(?![a-z])", name.lower())
+        _tell_distance(name, unit[1] if unit else "m", facts)
+        return
+    facts.files["focus_depth"] = f'"{{{name}}}" # in the unit of the depth files'
+    facts.open.append(f"whether {name} is the focus in the unit of the depth files")
 
 
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:

@@ -1,15 +1,14 @@
 """Guess from file names how a folder of captures is laid out: which files belong to a scene."""
 
-import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from dfdbench.building.sources.folder import read_table
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
-from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE
+from dfdbench.building.sources.image_table import is_number, read_table
+from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE, NUMBER
 from dfdbench.errors import InputError, SourceError, reason_of
 
 #: Words in the path of a depth file.
@@ -188,14 +187,14 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
     Layout or None
         None if no photographs form a stack, or depth maps do too: then the numbers are scenes.
     """
-    families: dict[str, dict[int, str]] = defaultdict(dict)
+    families: dict[str, dict[float, str]] = defaultdict(dict)
     for path in paths:
         for template, number in _templates(PurePosixPath(path)):
             families[template][number] = path
     if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
         return None
     # Tables take precedence over numbers: two columns may belong together, such as run and motor.
-    by_table: dict[str, dict[int, str]] = {}
+    by_table: dict[str, dict[float, str]] = {}
     for table in tables_below(folder):
         by_table |= _named_by(table.rows, [path for path in paths if table.is_above(path)])
     images: dict[str, tuple[str, ...]] = {}
@@ -217,13 +216,13 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
     return max(with_stacks, key=lambda layout: len(layout.scenes), default=None)
 
 
-def _templates(place: PurePosixPath) -> Iterator[tuple[str, int]]:
-    for match in re.finditer(r"\d+", place.stem):
+def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:
+    for match in re.finditer(NUMBER, place.stem):
         stem = f"{place.stem[: match.start()]}{{{IMAGE}}}{place.stem[match.end() :]}"
-        yield str(place.with_name(stem + place.suffix)), int(match[0])
+        yield str(place.with_name(stem + place.suffix)), float(match[0])
 
 
-def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[int, str]]:
+def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[float, str]]:
     """Return families of files by name, with columns in braces in place of the row's cells."""
     names = {path: PurePosixPath(path) for path in paths}
     stems = "\n".join({place.stem for place in names.values()})
@@ -238,7 +237,7 @@ def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[in
         if len({row.get(name) for row in rows}) == len(rows)
         and all(row.get(name) and re.search(word(row, name), stems) for row in rows)
     ]
-    families: dict[str, dict[int, str]] = defaultdict(dict)
+    families: dict[str, dict[float, str]] = defaultdict(dict)
     for path, place in names.items() if columns else ():
         for number, row in enumerate(rows):
             stem = place.stem
@@ -260,7 +259,7 @@ class Table:
     @property
     def numeric(self) -> list[str]:
         """The columns that hold a number in every row."""
-        return [n for n in self.rows[0] if all(_is_number(row.get(n, "")) for row in self.rows)]
+        return [n for n in self.rows[0] if all(is_number(row.get(n, "")) for row in self.rows)]
 
     def is_above(self, path: str) -> bool:
         """Whether a file is in the table's folder, or below it."""
@@ -287,17 +286,9 @@ def _table(folder: Path, path: PurePosixPath) -> Table | None:
         except SourceError:
             continue
         # A heading consists of words.
-        if columns or not any(map(_is_number, rows[0])):
+        if columns or not any(map(is_number, rows[0])):
             return Table(path, rows, columns)
     return None
-
-
-def _is_number(text: str) -> bool:
-    """Whether a cell holds a finite number."""
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def _folders(paths: tuple[str, ...]) -> tuple[str, ...]:

@@ -18,6 +18,8 @@ BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
 OF_CAMERA = ("focal_length", "pixel_pitch")
 #: The placeholder for an image's number in the pattern of a stack.
 IMAGE = "image"
+#: What may stand there.
+NUMBER = r"\d+(?:\.\d+)?"
 
 #: The motion that aligns one image with another.
 Align = Literal["none", "translation", "euclidean", "similarity"]
@@ -49,7 +51,7 @@ class CapturedFiles(StrictRecord):
         The patterns of a pair's photographs: PNG, JPEG or TIFF. A stack may also have `infocus`.
     images : str, optional
         The pattern of a stack's photographs, in place of `defocus`. It finds the images that differ
-        only in the number at ``{image}``.
+        only in the number at ``{image}``, in their names or in those of their folders.
     depth : str, optional
         The pattern of the depth map: an image, npy, npz or pfm. Without it the set has no truth.
     metadata : str, optional

@@ -242,7 +242,8 @@ def _unknown_places(
     axes = manifest.depth.axes if what == "depth" else manifest.axes
     if what not in ("images", *BY_IMAGE):
         columns = set()
-    known = {"scene", *axes, *(columns or ())} | ({IMAGE} if what == "images" else set())
+    known = {"scene", *axes, *(columns or ())}
+    known |= {IMAGE} if what in ("images", *BY_IMAGE) else set()
     for name in dict.fromkeys(places_in(pattern)):
         lacking = [scene.name for scene in manifest.scenes if name not in scene.names]
         if columns is not None and name not in known and lacking:

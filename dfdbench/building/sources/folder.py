@@ -1,7 +1,6 @@
 """Read a captured set described by its manifest: pairs or stacks with a depth map each."""
 
 import hashlib
-import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,7 +15,8 @@ from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, 
 from dfdbench.building.sources import captured_images as made
 from dfdbench.building.sources.captured_images import CapturedImages
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
+from dfdbench.building.sources.image_table import is_number, read_table
+from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, NUMBER, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -310,70 +310,6 @@ def what_is_in(folder: Path) -> str:
     return listed(kinds.values(), _NAMED) or "nothing"
 
 
-def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    r"""Read a table from a file: JSON, or text separated by tabs, commas or blanks.
-
-    Parameters
-    ----------
-    content : bytes
-        JSON holds a list of records, or lists of one length by name. Text has a heading unless
-        `columns` are given. Empty lines, and lines that begin with ``#``, are ignored.
-    where : str
-        The file's name, for messages.
-    columns : sequence of str
-        The names of the columns, for a text without a heading.
-
-    Raises
-    ------
-    SourceError
-        If it is not such a table, or a row is too short or too long.
-
-    Examples
-    --------
-    >>> read_table(b"run, focus_distance\nrun_1, 0.82", "metadata.csv", [])
-    [{'run': 'run_1', 'focus_distance': '0.82'}]
-    >>> read_table(b'{"views": 61, "focus_depth": [-3.1, 0.5]}', "focus.json", [])
-    [{'focus_depth': '-3.1'}, {'focus_depth': '0.5'}]
-    """
-    is_json = where.endswith(".json")
-    try:
-        text = content.decode("utf-8")
-        rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
-    except ValueError as error:
-        fix = "a text without a heading needs `columns` under [files]" * (not columns)
-        fix = "mend the JSON there, or fetch the file again" if is_json else fix
-        raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
-    if not rows:
-        raise SourceError("the table of the images is empty", where=where)
-    return rows
-
-
-def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    lines = [line.strip() for line in text.splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
-    between = next((mark for mark in ("\t", ",") if any(mark in line for line in lines)), None)
-    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
-    heading = list(columns) or (cells.pop(0) if cells else [])
-    for row in cells:
-        if len(row) != len(heading):
-            raise ValueError(f"{' | '.join(row)}, where {', '.join(heading)} belong")
-    return [dict(zip(heading, row, strict=True)) for row in cells]
-
-
-def _json_rows(content: Any) -> list[dict[str, str]]:
-    if isinstance(content, dict):
-        lists = {name: value for name, value in content.items() if isinstance(value, list)}
-        longest = max(map(len, lists.values()), default=0)
-        content = [
-            {name: value[number] for name, value in lists.items() if len(value) == longest}
-            for number in range(longest)
-        ]
-    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
-        raise ValueError("neither a list of records nor lists by name")
-    # Like an empty cell of a text: unknown.
-    return [{n: "" if value is None else str(value) for n, value in row.items()} for row in content]
-
-
 def _filled(pattern: str, values: Row) -> str:
     lacking = [name for name in places_in(pattern) if name not in values]
     if lacking:
@@ -394,32 +330,35 @@ def _number(name: str, text: str) -> float:
 def _rows(
     pattern: str,
     table: tuple[Sequence[Row], str] | None,
-    there: Mapping[str, int],
+    there: Mapping[str, str],
     problems: list[Problem],
 ) -> Iterator[tuple[str, Row]]:
     """Yield the files of a stack with their rows; add mismatches to `problems`."""
     numbered = IMAGE in places_in(pattern)
     if table is None:
-        yield from ((path, {IMAGE: str(number)}) for path, number in there.items())
+        yield from ((path, {IMAGE: number}) for path, number in there.items())
         return
     rows, where = table
     if numbered and IMAGE not in rows[0] and len(rows) != len(there):
         what = f"the table has {len(rows)} rows, and there are {len(there)} images"
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
         return
-    in_order, by_number = list(there), {number: path for path, number in there.items()}
+    in_order, by_number = list(there), {float(number): path for path, number in there.items()}
     # A missing image is named with as many digits as the others.
     place = f"{{{IMAGE}}}"
     least = min((len(PurePosixPath(path).stem) for path in there), default=0)
-    digits = least - len(PurePosixPath(pattern).stem) + len(place)
+    stem = PurePosixPath(pattern).stem
+    digits = least - len(stem) + len(place) if place in stem else 0
     named = set()
     for index, row in enumerate(rows):
         try:
             if not numbered:
                 path = _filled(pattern, row)
             elif IMAGE in row:
-                number = int(row[IMAGE])
-                path = by_number.get(number, pattern.replace(place, row[IMAGE].zfill(digits)))
+                cell = row[IMAGE]
+                named_so = str(PurePosixPath(pattern).with_name(cell))
+                path = pattern.replace(place, cell.zfill(digits))
+                path = by_number.get(float(cell), path) if is_number(cell) else named_so
             else:
                 path = in_order[index]
         except ValueError as error:
@@ -435,28 +374,32 @@ def _rows(
         problems.append(Problem(what, where=where))
 
 
-def _numbered(folder: Path, pattern: str) -> dict[str, int]:
-    """Return the files that match a pattern, whatever replaces its braces, with their numbers.
+def _numbered(folder: Path, pattern: str) -> dict[str, str]:
+    """Return the files that match a pattern, whatever replaces its braces, with their numbers."""
+    found = {"": "0"}
+    for part in PurePosixPath(pattern).parts:
+        found = dict(_matches(folder, part, found))
+    there = {path: number for path, number in found.items() if (folder / path).is_file()}
+    return dict(sorted(there.items(), key=lambda item: float(item[1])))
 
-    Only the last part of the pattern may differ.
-    """
-    parent, _, name = pattern.rpartition("/")
-    if places_in(parent) or not (folder / parent).is_dir():
-        return {}
-    open_end = name.endswith(ANY_ENDING)
-    expression = re.escape(name.removesuffix(ANY_ENDING))
-    for place in places_in(name):
-        group = r"(?P<number>\d+)" if place == IMAGE else ".+"
+
+def _matches(folder: Path, part: str, above: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield what matches a part of a pattern in some folders, and the number in its path."""
+    open_end = part.endswith(ANY_ENDING)
+    expression = re.escape(part.removesuffix(ANY_ENDING))
+    for place in places_in(part):
+        group = rf"(?P<number>{NUMBER})" if place == IMAGE else ".+"
         expression = expression.replace(re.escape(f"{{{place}}}"), group, 1)
-    found = {}
-    for path in sorted((folder / parent).iterdir()):
-        if open_end and path.suffix.lower() not in SUFFIXES:
+    for parent, number in above.items():
+        if not (open_end or places_in(part)):
+            yield f"{parent}/{part}".lstrip("/"), number
             continue
-        match = re.fullmatch(expression, path.stem if open_end else path.name)
-        if match and path.is_file():
-            number = int(match.groupdict().get("number") or 0)
-            found[f"{parent}/{path.name}".lstrip("/")] = number
-    return dict(sorted(found.items(), key=lambda item: item[1]))
+        for path in sorted((folder / parent).iterdir()) if (folder / parent).is_dir() else ():
+            if open_end and path.suffix.lower() not in SUFFIXES:
+                continue
+            if match := re.fullmatch(expression, path.stem if open_end else path.name):
+                told = match.groupdict().get("number") or number
+                yield f"{parent}/{path.name}".lstrip("/"), told
 
 
 def _odd_ones(taken: Sequence[_Taken], where: str, pair: Sequence[int]) -> Iterator[Problem]:
