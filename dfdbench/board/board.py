@@ -25,7 +25,7 @@ from dfdbench.results.wording import method_label
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table, as_html, counted
+from dfdbench.tables.table import Table, as_html, counted, listed
 
 README = "README.md"
 NOTE = "note.md"
@@ -333,18 +333,19 @@ def _left_out(board: Board) -> Iterator[Problem]:
     lacking: list[tuple[tuple[str, ...], set[int], str, row_file.Row, row_file.RowRun]] = []
     for path, row in board.rows.items():
         for run in row.runs:
+            # Without an answer for every pixel there is no mean, and so no rank.
+            partly = {n for n, share in enumerate(run.answered) if share < 1}
             for protocol, columns in run.scores.items():
                 for metric, column in columns.items():
                     place = (row.dataset, row.split, run.label, protocol, metric)
                     gaps = {n for n, value in enumerate(column) if value is None}
-                    undefined[place] = undefined.get(place, gaps) & gaps
-                    lacking.append((place, gaps, path.stem, row, run))
+                    undefined[place] = undefined.get(place, gaps | partly) & (gaps | partly)
+                    lacking.append((place, gaps - partly, path.stem, row, run))
     for found, gaps, method, row, run in lacking:
         dataset, split, _, protocol, metric = found
-        for number in sorted(gaps - undefined[found]):
-            if run.status[number] != "ok":
-                continue
-            where = f"{dataset}, split {split}: {row.pairs[number]}"
+        pairs = [row.pairs[n] for n in sorted(gaps - undefined[found]) if run.status[n] == "ok"]
+        if pairs:
+            where = f"{dataset}, split {split}: {listed(pairs, 1)}"
             what = f"{method} has no {metric} under {protocol}, which other rows have"
             yield Problem(what, where=where, fix="run it again")
 

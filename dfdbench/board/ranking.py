@@ -12,6 +12,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
+from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results import frame
 from dfdbench.results.differences import PairedDifference, corrected, paired_difference
@@ -73,8 +74,10 @@ class Entry:
         done, expected = self.result.evaluated, self.result.dataset.expected
         if gaps := sum(pair.lacks_answers(protocol) for pair in done):
             return f"not ranked: {counted(gaps, 'pair')} without an answer for every pixel"
+        if self.given_blur:
+            return "not ranked: given a blur on a track"
         if self.complete:
-            return "not ranked"
+            return f"not ranked: {find_metric(ranked_by(protocol)[0]).title} is defined for no pair"
         means = "; their means are in brackets" if done else ""
         return f"not ranked: {len(done)} of {expected} pairs evaluated{means}"
 

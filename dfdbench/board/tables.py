@@ -254,7 +254,6 @@ def _linked(entry: Entry, folder: Path) -> str:
 
 
 def _ranking_notes(board: ScoreBoard) -> list[str]:
-    score = find_metric(board.metric).title
     notes = [*_interval_notes(board), wording.GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     trainings = [part for text in trained_on for part in text.split(TRAININGS)]
@@ -267,12 +266,8 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
                 f"Compare {find_metric('ssim').title} with {ssim:.2f}, which a constant depth map "
                 "already reaches here."
             )
-        if not entry.complete:
+        if not entry.complete or entry.given_blur or standing.scores.get(board.metric) is None:
             notes.append(f"{entry.label}: {entry.unranked(board.protocol)}")
-        elif entry.given_blur:
-            notes.append(f"{entry.label}: given a blur on a track, so it has no rank")
-        elif standing.scores.get(board.metric) is None:
-            notes.append(f"{entry.label}: {score} is defined for no pair")
     return notes
 
 
@@ -287,7 +282,7 @@ def _interval_notes(board: ScoreBoard) -> list[str]:
     if board.groups >= INTERVAL_GROUPS:
         notes.append(
             "Rows whose intervals overlap are too close to tell: a rank counts only the rows whose "
-            "whole interval is lower."
+            "whole interval is lower, and is never behind that of a row further down."
         )
     return notes
 

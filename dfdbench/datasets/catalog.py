@@ -98,9 +98,7 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
         track that this version does not know.
     """
     manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
-    drawn = seeded(manifest.name)
-    released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
-    if released not in (None, manifest.written_sha256):
+    if _released_sha256(manifest) not in (None, manifest.written_sha256):
         what = f"built from another manifest than {manifest.file_stem}, whose name it has"
         raise errors.StoreError(what, where=where, fix="delete it and build it again")
     degradation = str(attributes.get("degradation", manifest.degradation))
@@ -236,7 +234,7 @@ def of_seed(name: str, seed: int | str | None) -> str:
 def _find(name: str) -> Manifest:
     if name.endswith(".toml"):
         manifest = read_manifest(Path(name))
-        if released_sha256(manifest) not in (None, manifest.sha256):
+        if _released_sha256(manifest) not in (None, manifest.sha256):
             what = f"the name of the released {manifest.file_stem}, and other content"
             raise errors.ManifestError(what, where=name, fix="give it another name or version")
         return manifest
@@ -249,6 +247,11 @@ def _find(name: str) -> Manifest:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise errors.unknown_name("data set", name, by_name, fix)
     return _released(by_name[name])
+
+
+def _released_sha256(manifest: Manifest) -> str | None:
+    drawn = seeded(manifest.name)
+    return unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
 
 
 def default_store(manifest: Heading | Manifest, cache: Path | str | None = None) -> Path:

@@ -63,10 +63,10 @@ def _rows(
     for pair in result.pairs:
         capture = (pair.id, pair.scene, dataset.group_of(pair.scene), pair.coordinates)
         for label, names in scored.items():
-            status = UNANSWERED if pair.lacks_answers(label) else pair.status
-            whole, scores = (*run, *capture, status, label), pair.scores.get(label, {})
             for name in names:
-                yield (*whole, name, scores.get(name), pair.seconds)
+                status = UNANSWERED if pair.lacks_answers(label, name) else pair.status
+                value = pair.score(label, name)
+                yield (*run, *capture, status, label, name, value, pair.seconds)
 
 
 def _scored_by(result: Result, label: str) -> list[str]:
@@ -236,7 +236,8 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
         f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}"
     )
     columns = ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities", named)
-    return Table(title, columns, rows, "l", tuple(_notes(results)), records=records)
+    notes = tuple(_notes(results, protocol))
+    return Table(title, columns, rows, "l", notes, records=records)
 
 
 def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, float] | None]:
@@ -248,7 +249,7 @@ def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, floa
     ]
 
 
-def _notes(results: Sequence[Result]) -> list[str]:
+def _notes(results: Sequence[Result], protocol: str) -> list[str]:
     notes = [
         f"{CLEAN}: {wording.given_to(run)}" for run in results if run.dataset.degradation == CLEAN
     ]
@@ -258,4 +259,5 @@ def _notes(results: Sequence[Result]) -> list[str]:
         if not run.complete:
             data = run.dataset
             notes.append(f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no mean")
-    return notes
+    gaps = sum(pair.lacks_answers(protocol) for run in results for pair in run.evaluated)
+    return notes + [wording.without_answers(gaps)] * bool(gaps)

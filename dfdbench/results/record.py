@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationEr
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.errors import ResultError
 from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
-from dfdbench.metrics.protocol import SURE, Unit, label_of, metrics_of
+from dfdbench.metrics.protocol import Unit, label_of, metrics_of, ranked_by
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record, problems_of
@@ -113,9 +113,10 @@ class PairResult(Record):
         """Return a score; None if it is undefined or was not scored: see `Metric.younger`."""
         return self.scores.get(protocol, {}).get(metric)
 
-    def lacks_answers(self, protocol: str) -> bool:
-        """Whether it has no score because pixels lack an answer that this protocol needs."""
-        return self.answered < 1 and protocol != SURE
+    def lacks_answers(self, protocol: str, metric: str | None = None) -> bool:
+        """Whether it has no score, by default the ranking one, because pixels lack an answer."""
+        wanted = metric or ranked_by(protocol)[0]
+        return self.answered < 1 and self.score(protocol, wanted) is None
 
 
 def _with_name(record: dict[str, Any]) -> dict[str, Any]:
@@ -310,9 +311,10 @@ def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str
     """
     means = {}
     for protocol in protocols:
-        whole = [] if any(pair.lacks_answers(protocol) for pair in pairs) else pairs
         means[protocol] = {
-            metric: mean_of(pair.score(protocol, metric) for pair in whole)
+            metric: None
+            if any(pair.lacks_answers(protocol, metric) for pair in pairs)
+            else mean_of(pair.score(protocol, metric) for pair in pairs)
             for metric in metrics_of(protocol)
         }
     return means

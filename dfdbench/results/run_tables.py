@@ -10,7 +10,7 @@ from dfdbench.metrics.protocol import SURE, metrics_of, title_of
 from dfdbench.metrics.regions import REGIONS
 from dfdbench.results.record import Result
 from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
-from dfdbench.results.wording import score_text
+from dfdbench.results.wording import score_text, without_answers
 from dfdbench.tables.table import Table, counted, grouped, listed
 
 EXTREMES = 5
@@ -134,8 +134,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         pairs = counted(whole.undefined, "pair")
         notes.append(f"without a defined score (flat ground truth), in no mean: {pairs}")
     if whole.unanswered:
-        pairs = f"{counted(whole.unanswered, 'pair')} without an answer for every pixel"
-        notes.append(f"{pairs}: no mean and no rank except under protocol {SURE}")
+        notes.append(without_answers(whole.unanswered))
     notes += _notes_of_method(result)
     failed = ((pair.error or "", pair.id) for pair in result.pairs if pair.status == "failed")
     for error, ids in grouped(failed).items():

@@ -213,10 +213,14 @@ def _group(
         ran = None if unanswered else mean_of(value for _, value in defined)
         return Statistic(None, None, len(defined), of_what_ran=ran)
 
-    undefined = sum(None in pair.scores[protocol].values() for pair in evaluated) - unanswered
+    whole = (pair for pair in evaluated if pair.answered == 1)
+    undefined = sum(None in pair.scores[protocol].values() for pair in whole)
     counts = len(pairs), len(evaluated), failed, undefined
     scores = {
-        name: statistic([p.score(protocol, name) for p in evaluated], averaged and not unanswered)
+        name: statistic(
+            [pair.score(protocol, name) for pair in evaluated],
+            averaged and not any(pair.lacks_answers(protocol, name) for pair in evaluated),
+        )
         for name in metrics_of(protocol)
     }
     seconds = statistic([pair.seconds for pair in evaluated], averaged)

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.metrics.protocol import metrics_of
+from dfdbench.metrics.protocol import SURE, metrics_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
 from dfdbench.system.text import TRAININGS
+from dfdbench.tables.table import counted
 
 NOTHING = "–"
 #: Shown for depth maps made elsewhere, instead of facts that only a run knows.
@@ -206,6 +207,12 @@ def without_folders(value: Any) -> Any:
         return {name: without_folders(part) for name, part in value.items()}
     is_file = isinstance(value, str) and Path(value).is_absolute()
     return Path(value).name if is_file else value
+
+
+def without_answers(count: int) -> str:
+    """Say what it means for a run that so many pairs lack answers."""
+    pairs = f"{counted(count, 'pair')} without an answer for every pixel"
+    return f"{pairs}: no mean and no rank except under protocol {SURE}"
 
 
 def without_folder(entry: str) -> str:

@@ -222,7 +222,9 @@
 
   const csvOf = (rows) => {
     const heads = columns();
-    const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`;
+    // An apostrophe before what a spreadsheet would take for a formula.
+    const plain = (text) => (/^\s*[=+\-@]/.test(text) && Number.isNaN(Number(text)) ? `'${text}` : String(text));
+    const quoted = (text) => `"${plain(text).replaceAll('"', '""')}"`;
     const value = (column, row) => column.of(row) ?? "";
     const lines = [heads.map((column) => quoted(column.title || "rank")), ...rows.map((row) => heads.map((column) => quoted(value(column, row))))];
     return lines.map((line) => line.join(",")).join("\r\n") + "\r\n";

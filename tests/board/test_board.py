@@ -126,6 +126,11 @@ def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> Non
         path.write_text(json.dumps(content))
     leaderboard(tmp_path)
     content["runs"][0]["scores"]["valid"]["nrmse"][5] = None
+    # A method may leave pixels without an answer; it has no rank then.
+    content["runs"][0]["answered"] = [1.0] * 5 + [0.9] + [1.0] * (len(content["pairs"]) - 6)
+    path.write_text(json.dumps(content))
+    assert "two: not ranked: 1 pair without an answer" in leaderboard(tmp_path).write().read_text()
+    del content["runs"][0]["answered"]
     path.write_text(json.dumps(content))
     with pytest.raises(ResultError, match=r"two has no nrmse under valid.*illumination2/exposure2"):
         leaderboard(tmp_path)

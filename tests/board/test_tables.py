@@ -68,7 +68,7 @@ def test_why_a_row_has_no_rank_is_said() -> None:
     assert any(note.startswith("part: not ranked: 7 of 54 pairs evaluated") for note in table.notes)
     flat = make_result({("a", 1, 1, 0): None})
     notes = tables.standings_table(board_of(flat), HERE).notes
-    assert "mine: NRMSE is defined for no pair" in notes
+    assert "mine: not ranked: NRMSE is defined for no pair" in notes
     given = make_tracks(labels=["gain-1"], uses=["recipe"])["gain-1"]
     notes = tables.standings_table(board_of(given), HERE).notes
     assert any("given a blur" in note for note in notes)

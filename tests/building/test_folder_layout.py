@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,21 @@ def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
     assert any(text.endswith("is the focus in metres") for text in written.open)
     stack = store.captures()[0].stack
     np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
+
+
+def test_names_may_tell_the_focus(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for path in sorted(folder.rglob("f_*.png")):
+        path.rename(path.with_name(f"focus {50 * int(path.stem[-1]):.2f} cm.png"))
+    for path in folder.rglob("focus.csv"):
+        path.unlink()
+    first = folder / SCENES[0]
+    shutil.copy(first / "focus 100.00 cm.png", first / "focus 200.00 cm.png")
+    written, store = built(folder)
+    assert f"scenes without 3 images: {SCENES[0]} (4)" in written.open
+    assert "whether image is the focus in cm" in written.open
+    stack = store.captures(SCENES[1])[0].stack
+    np.testing.assert_array_equal(stack.focus_distance, [np.nan, 1.5, 1, 0.5])
 
 
 def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:

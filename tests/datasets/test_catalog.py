@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import pytest
@@ -26,10 +27,13 @@ def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
     assert catalog.find_manifest(f"{folder / 'tiny-1.toml'}@gain-3").stem == "tiny-1@gain-3"
     assert not catalog.is_place(f"{folder / 'tiny-1.toml'}@gain-3")
     assert catalog.is_place(f"{folder}/tiny")
-    edited = catalog.find_manifest("demo").toml.replace("network_crop = 224", "network_crop = 16")
-    (tmp_path / "demo.toml").write_text(edited)
-    with pytest.raises(ManifestError, match="the name of the released demo-1"):
-        catalog.find_manifest(str(tmp_path / "demo.toml"))
+    for name, stem in (("demo", "demo-1"), ("unseen-7", "unseen-7-1")):
+        edited = re.sub(
+            "network_crop = [0-9]+", "network_crop = 16", catalog.find_manifest(name).toml
+        )
+        (tmp_path / f"{stem}.toml").write_text(edited)
+        with pytest.raises(ManifestError, match=f"the name of the released {stem}"):
+            catalog.find_manifest(str(tmp_path / f"{stem}.toml"))
     with pytest.raises(ManifestError, match="cannot read the manifest"):
         catalog.find_manifest("demo.toml")
 

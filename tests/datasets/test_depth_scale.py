@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dfdbench.datasets.captures import LEVELS
 from dfdbench.datasets.depth_scale import DepthScale
 
 
@@ -25,4 +26,6 @@ def test_what_lies_beyond_counts_as_the_end_and_what_is_no_distance_is_unknown()
     scale = DepthScale(law="inverse", near=1.0, far=4.0, near_level=0, far_level=254)
     metres = np.array([0.1, 100.0, 0.0, -1.0, np.nan, np.inf])
     assert scale.to_levels(metres, unknown=255).tolist() == [0, 254, 255, 255, 255, 255]
+    about = LEVELS.model_copy(update={"scale": scale})
+    assert about.of_unit(metres[:2].astype(np.float32), "metres").tolist() == [0, 254]
     assert scale.to_metres(np.array([-20.0, 0.0, 254.0, 300.0])).tolist() == [1.0, 1.0, 4.0, 4.0]

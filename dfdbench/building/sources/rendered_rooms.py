@@ -8,6 +8,7 @@ from dfdbench.building.sources import SceneImages, Whole
 from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
+from dfdbench.errors import SourceError
 
 
 class Rooms(Whole):
@@ -24,7 +25,10 @@ class Rooms(Whole):
     def __init__(self, manifest: Manifest) -> None:
         super().__init__(manifest)
         found = seeded(manifest.name)
-        assert found is not None  # its reader implies it
+        if found is None:
+            what = "rooms are drawn from a seed, and the manifest's name has none"
+            fix = "dfdbench build unseen --seed N, without a manifest"
+            raise SourceError(what, where=manifest.stem, fix=fix)
         self._family, self._seed = found
 
     def signature(self, scene: str) -> str:

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+import dfdbench as dfd
 from dfdbench.blur.light import decode
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import SceneError, open_source
-from dfdbench.building.sources.folder import read_table
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
@@ -21,7 +21,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
 from tests.conftest import read_rgb
-from tests.made_folder import FOLDER_TOML, depth_in_millimetres, make_folder, photograph
+from tests.made_folder import FOLDER_TOML, SCENES, depth_in_millimetres, make_folder, photograph
 from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
 
 
@@ -154,11 +154,12 @@ def test_a_stack_is_in_focus_first_then_from_far_to_near_or_else_by_number(stack
     assert np.isnan(images.facts.focus_distance).all()
 
 
-def test_a_table_goes_with_images_by_number_or_by_order(stacks: Path) -> None:
+def test_a_table_goes_with_images_by_number_name_or_order(stacks: Path) -> None:
     known = open_source(stack_manifest(), stacks).read("desk")
-    table(stacks, "3,4", "1,1", "2,2")
-    again = open_source(stack_manifest(), stacks).read("desk")
-    np.testing.assert_array_equal(known.images, again.images)
+    for rows in (("3,4", "1,1", "2,2"), ("f_003.png,4", "f_001.png,1", "f_002.png,2")):
+        table(stacks, *rows)
+        again = open_source(stack_manifest(), stacks).read("desk")
+        np.testing.assert_array_equal(known.images, again.images)
     (stacks / "desk/focus.csv").write_text("focus_distance\n1\n2\n4\n")
     again = open_source(stack_manifest(), stacks).read("desk")
     np.testing.assert_array_equal(known.images, again.images)
@@ -195,6 +196,30 @@ def test_a_table_that_fits_no_images_is_told(stacks: Path) -> None:
         table(stacks, *rows)
         told = re.sub("WHERE|FOLDER", lambda word: places[word[0]], said)
         assert told in problems_of(stack_manifest(), stacks)
+
+
+def test_folders_may_tell_the_focus_which_may_lie_beyond_all_depths(
+    stacks: Path, tmp_path: Path
+) -> None:
+    for scene in SCENES:
+        for name, mm in (("f_001", "750.5"), ("f_002", "2000"), ("f_003", "4000"), ("f_001", "90")):
+            (stacks / mm).mkdir(exist_ok=True)
+            shutil.copy(stacks / scene / f"{name}.png", stacks / mm / f"{scene}.png")
+    focus = ('metadata = "{scene}/focus.csv"', 'focus_distance = "{image}e-3"\ndepth_unit = 1')
+    path = ("{scene}/f_{image}.png", "{image}/{scene}.png")
+    manifest = stack_manifest(WITHOUT_INFOCUS, focus, path, ('unit = "metres"', 'unit = "levels"'))
+    build_store(manifest, open_source(manifest, stacks), tmp_path / "mine.zarr")
+    store = Dataset(tmp_path / "mine.zarr")
+    facts = store.captures()[0].facts
+    np.testing.assert_array_equal(facts.focus_distance, [4, 2, 0.7505, 0.09])
+    scale = manifest.depth.scale
+    assert scale is not None
+    place = np.interp(1 / facts.focus_distance, (1 / scale.far, 1 / scale.near), (1, 255))
+    within = (facts.focus_distance > scale.near) & (facts.focus_distance < scale.far)
+    np.testing.assert_allclose(facts.focus_depth[within], place[within])
+    assert facts.focus_depth[-1] > 300
+    # Without two images for a pair, a constant is scored all the same.
+    assert "constant" in dfd.run("shape-from-focus", store, "all").verdict()
 
 
 def test_one_image_is_no_stack_and_none_is_told(stacks: Path) -> None:
@@ -266,15 +291,6 @@ def test_each_image_of_a_stack_is_laid_on_the_first_one(stacks: Path) -> None:
     assert found["gain"] == pytest.approx(1 / 0.9, abs=0.02)
     assert abs(images.images[0, 2] - sharp[8:-8, 8:-8].astype(float)).mean() < 3
     assert np.isnan(images.depth[-1, :]).all()
-
-
-def test_json_holds_records_or_lists() -> None:
-    records = b'[{"image": 3, "focus_distance": 0.5}]'
-    assert read_table(records, "a.json", []) == [{"image": "3", "focus_distance": "0.5"}]
-    assert read_table(records.replace(b"3", b"null"), "a.json", [])[0]["image"] == ""
-    for wrong in (b"3", b"[3]", b"{", b"\xff"):
-        with pytest.raises(SourceError, match=r"(?s)no table of the images.*mend the JSON"):
-            read_table(wrong, "a.json", [])
 
 
 def test_a_mistake_in_a_table_of_all_scenes_is_told_once(stacks: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import unseen_manifest
-from dfdbench.errors import StoreError
+from dfdbench.errors import SourceError, StoreError
 from dfdbench.system.parallel import Threads
 
 
@@ -45,3 +45,5 @@ def test_a_set_of_another_generator_is_refused(tmp_path: Path) -> None:
     build_store(older, Blank(older), tmp_path / "old.zarr")
     with pytest.raises(StoreError, match="built from another manifest"):
         Dataset(tmp_path / "old.zarr")
+    with pytest.raises(SourceError, match="the manifest's name has none"):
+        Rooms(older.model_copy(update={"name": "mine"}))

@@ -1,0 +1,89 @@
+"""Read a table with a row per image: JSON, or text."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any
+
+from dfdbench.building.sources.image_files import SUFFIXES
+from dfdbench.datasets.captured_files import IMAGE
+from dfdbench.errors import SourceError
+
+
+def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[str, str]]:
+    r"""Read a table from a file: JSON, or text separated by tabs, commas or blanks.
+
+    Parameters
+    ----------
+    content : bytes
+        JSON holds a list of records, lists of one length by name, or a value by image file. Text
+        has a heading unless `columns` are given. Empty lines, and lines that begin with ``#``, are
+        ignored.
+    where : str
+        The file's name, for messages.
+    columns : sequence of str
+        The names of the columns, for a text without a heading.
+
+    Raises
+    ------
+    SourceError
+        If it is not such a table, or a row is too short or too long.
+
+    Examples
+    --------
+    >>> read_table(b"run, focus_distance\nrun_1, 0.82", "metadata.csv", [])
+    [{'run': 'run_1', 'focus_distance': '0.82'}]
+    >>> read_table(b'{"views": 61, "focus_depth": [-3.1, 0.5]}', "focus.json", [])
+    [{'focus_depth': '-3.1'}, {'focus_depth': '0.5'}]
+    >>> read_table(b'{"a_1.png": 0.5}', "focus.json", [])
+    [{'image': 'a_1.png', 'value': '0.5'}]
+    """
+    is_json = where.endswith(".json")
+    try:
+        text = content.decode("utf-8")
+        rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
+    except ValueError as error:
+        fix = "a text without a heading needs `columns` under [files]" * (not columns)
+        fix = "mend the JSON there, or fetch the file again" if is_json else fix
+        raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
+    if not rows:
+        raise SourceError("the table of the images is empty", where=where)
+    return rows
+
+
+def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    between = next((mark for mark in ("\t", ",") if any(mark in line for line in lines)), None)
+    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
+    heading = list(columns) or (cells.pop(0) if cells else [])
+    for row in cells:
+        if len(row) != len(heading):
+            raise ValueError(f"{' | '.join(row)}, where {', '.join(heading)} belong")
+    return [dict(zip(heading, row, strict=True)) for row in cells]
+
+
+def _json_rows(content: Any) -> list[dict[str, str]]:
+    if isinstance(content, dict) and all(PurePath(n).suffix.lower() in SUFFIXES for n in content):
+        told = ((n, v if isinstance(v, dict) else {"value": v}) for n, v in content.items())
+        content = [{IMAGE: name, **values} for name, values in told]
+    if isinstance(content, dict):
+        lists = {name: value for name, value in content.items() if isinstance(value, list)}
+        longest = max(map(len, lists.values()), default=0)
+        content = [
+            {name: value[number] for name, value in lists.items() if len(value) == longest}
+            for number in range(longest)
+        ]
+    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
+        raise ValueError("neither a list of records nor lists by name")
+    # Like an empty cell of a text: unknown.
+    return [{n: "" if value is None else str(value) for n, value in row.items()} for row in content]
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell holds a finite number."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False

@@ -1,0 +1,15 @@
+import pytest
+
+from dfdbench.building.sources.image_table import read_table
+from dfdbench.errors import SourceError
+
+
+def test_json_holds_records_lists_or_values_by_file() -> None:
+    records = b'[{"image": 3, "focus_distance": 0.5}]'
+    assert read_table(records, "a.json", []) == [{"image": "3", "focus_distance": "0.5"}]
+    assert read_table(records.replace(b"3", b"null"), "a.json", [])[0]["image"] == ""
+    by_name = b'{"a.png": {"focus_distance": 2}}'
+    assert read_table(by_name, "a.json", []) == [{"image": "a.png", "focus_distance": "2"}]
+    for wrong in (b"3", b"[3]", b"{", b"\xff"):
+        with pytest.raises(SourceError, match=r"(?s)no table of the images.*mend the JSON"):
+            read_table(wrong, "a.json", [])
