@@ -24,6 +24,7 @@ from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred, view_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
+from dfdbench.system.compiled import in_threads
 
 #: Side of the kernels that are tried, in pixels.
 KERNEL_SIZE = 27
@@ -101,9 +102,9 @@ class Sample:
     depth: NDArray[np.int64]
     counts: NDArray[np.bool_]
 
-    def trials(self, way: Way) -> Iterator[NDArray[np.float64]]:
-        """Yield the light expected at each width of the ladder: float64, shape (pixel,)."""
-        for kernel in point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent):
+    def trials(self, kernels: Array) -> Iterator[NDArray[np.float64]]:
+        """Yield the light expected after the blur by each kernel: float64, shape (pixel,)."""
+        for kernel in kernels:
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
@@ -312,10 +313,14 @@ def _misfit(few: Sequence[Part], way: Way, turned: bool = False) -> float:
     return float(width_curve.best_widths(_sums(samples, way)[0])[2].sum())
 
 
+def _kernels(way: Way) -> NDArray[np.float64]:
+    """Return the kernel of each width of the ladder, shape (width, y, x)."""
+    return point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent)
+
+
 def _shares(way: Way) -> NDArray[np.float64]:
     """Return the share of the in-focus image's noise variance that is left at each width."""
-    kernels = point_spread_functions(width_curve.LADDER, KERNEL_SIZE, way.exponent)
-    return np.asarray(np.square(kernels).sum(axis=(1, 2)))
+    return np.asarray(np.square(_kernels(way)).sum(axis=(1, 2)))
 
 
 def _sums(
@@ -325,16 +330,23 @@ def _sums(
 
     They are in units of the noise or, without it, in grey levels, so that ways can be compared.
     """
-    sums = np.zeros((LEVELS, width_curve.LADDER.size))
-    pixels = np.zeros(LEVELS, np.int64)
-    for sample in samples:
-        pixels += np.bincount(sample.depth, minlength=LEVELS)
+    kernels = _kernels(way)
+
+    def squares(sample: Sample) -> Array:
         own = 1.0 if noise is None else noise_at(noise, sample.grey)
         aim = sample.aim if noise is not None else alignment.grey_of(sample.aim, way.linear)
-        for number, trial in enumerate(sample.trials(way)):
+        found = np.empty((LEVELS, len(kernels)))
+        for number, trial in enumerate(sample.trials(kernels)):
             shown = trial if noise is not None else alignment.grey_of(trial, way.linear)
-            squares = np.square((shown - aim) / own)
-            sums[:, number] += np.bincount(sample.depth, squares, LEVELS)
+            left = np.square((shown - aim) / own)
+            found[:, number] = np.bincount(sample.depth, left, LEVELS)
+        return found
+
+    sums = np.zeros((LEVELS, width_curve.LADDER.size))
+    pixels = np.zeros(LEVELS, np.int64)
+    for sample, found in zip(samples, in_threads(squares, samples), strict=True):
+        pixels += np.bincount(sample.depth, minlength=LEVELS)
+        sums += found
     return sums, pixels
 
 
@@ -345,11 +357,12 @@ def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
     """
     trials = np.zeros((3, LEVELS, width_curve.LADDER.size))
     aims = np.zeros((3, LEVELS, 1))
+    kernels = _kernels(way)
     for sample in samples:
         depth, aim = sample.depth, sample.aim.astype(np.float64)
         for total, values in zip(aims, (np.ones(aim.size), aim, aim**2), strict=True):
             total[:, 0] += np.bincount(depth, values, LEVELS)
-        for number, trial in enumerate(sample.trials(way)):
+        for number, trial in enumerate(sample.trials(kernels)):
             for total, values in zip(trials, (trial, trial**2, trial * aim), strict=True):
                 total[:, number] += np.bincount(depth, values, LEVELS)
     (count, aim_sum, aim_square), (trial_sum, trial_square, both) = aims, trials
@@ -377,11 +390,12 @@ def _residuals(
     place = np.interp(sigmas, width_curve.LADDER, np.arange(width_curve.LADDER.size))
     first = np.clip(place.astype(int), 0, width_curve.LADDER.size - 2)
     part = place - first
+    kernels = _kernels(way)
     for sample in samples:
         steps, weights = first[sample.depth], part[sample.depth]
         # Between two widths of the ladder, linear interpolation of blurred images is close enough.
         fit = np.zeros(sample.aim.shape)
-        for number, trial in enumerate(sample.trials(way)):
+        for number, trial in enumerate(sample.trials(kernels)):
             fit += np.where(steps == number, (1 - weights) * trial, 0)
             fit += np.where(steps + 1 == number, weights * trial, 0)
         left = alignment.grey_of(fit, way.linear) - alignment.grey_of(sample.aim, way.linear)

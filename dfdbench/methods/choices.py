@@ -20,6 +20,7 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.methods.fitted import Array, evenly_spread, part_of
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.readout import AS_USUAL, Chosen
+from dfdbench.system.compiled import in_threads
 
 if TYPE_CHECKING:
     from dfdbench.methods.view_change import ViewChange
@@ -84,7 +85,7 @@ def choose(
     Parameters
     ----------
     solve : callable
-        ``solve(part, chosen)`` returns levels, shape (y, x).
+        ``solve(part, chosen)`` returns levels, shape (y, x). It is called in several threads.
     captures : sequence of TrainingPair
         If there are fewer than `FEWEST`, or all are of one ``group``, nothing is chosen.
     prior : bool
@@ -173,7 +174,8 @@ class _Search:
         key = (choice.weight, choice.sharpness, choice.smoothing)
         if key not in self._errors:
             self.tried.append(choice)
-            self._errors[key] = np.array([self._of(*each, choice) for each in self._parts])
+            errors = in_threads(lambda each: self._of(*each, choice), self._parts)
+            self._errors[key] = np.array(errors)
         return self._errors[key]
 
     def _of(self, part: Part, energy: Array, choice: Chosen) -> float:

@@ -70,13 +70,14 @@ class Choosing(ABC):
     def _with_choices(
         self, learned: Learned, captures: Sequence[TrainingPair], change: ViewChange | None = None
     ) -> Learned:
-        """Return what was learned, plus the choices made with it; call it on a copy."""
+        """Return what was learned, plus the choices made with it."""
         # Imported here and in the fits because they load half of scipy, which only fits need.
         from dfdbench.methods.choices import Part, choose
 
         def solve(part: Part, chosen: Chosen) -> Array:
-            self.chosen = chosen
-            return self._solve(part.infocus, [part.defocus])
+            trial = copy.copy(self)
+            trial.chosen = chosen
+            return trial._solve(part.infocus, [part.defocus])
 
         smooth = self.smooths and not self._given_window
         found = choose(solve, captures, self._with_prior, smooth, self.reads_out, change)

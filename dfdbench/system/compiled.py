@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from multiprocessing import parent_process
 from typing import Any
@@ -11,6 +11,7 @@ import numba
 
 from dfdbench.errors import InputError
 from dfdbench.system.cache import cache_folder
+from dfdbench.system.parallel import Item, Outcome, Threads
 
 #: The folder of machine code in the cache.
 COMPILED = "compiled"
@@ -57,6 +58,20 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return numba.njit(nogil=True, **options)(function)
 
     return decorate
+
+
+def in_threads(function: Callable[[Item], Outcome], items: Sequence[Item]) -> list[Outcome]:
+    """Return a function's result for each item, computed in as many threads as numba may use.
+
+    It is for compiled code, OpenCV and large arrays, which let other threads run. numba takes one
+    thread per core, or what the environment variable ``NUMBA_NUM_THREADS`` says.
+
+    Examples
+    --------
+    >>> in_threads(abs, [-1, -2])
+    [1, 2]
+    """
+    return Threads(numba.config.NUMBA_NUM_THREADS).map(function, items)  # type: ignore[attr-defined]
 
 
 def _own_place() -> str:
