@@ -236,6 +236,8 @@ def capture_of(stack: xarray.DataArray) -> Capture:
     if stack.attrs.get("unit") == "metres":
         scale = DepthScale(near=float(stack.attrs["near"]), far=float(stack.attrs["far"]))
         about = LEVELS.model_copy(update={"unit": "metres", "scale": scale})
+        # In metres a distance is the depth.
+        facts = replace(facts, focus_depth=by_image.get("focus_depth", facts.focus_distance))
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
     return Capture(Pair("stack", ()), stack.values, depth, facts, about)
 
