@@ -133,7 +133,7 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
         step = float(lens.depth_resolution(distance)) if distance >= lens.focus_distance else None
         cells = (f"{distance:g}", f"{width * 1e6:.2f}", f"{pixels:.2f}", str(whole))
         rows.append((*cells, _resolution_text(step)))
-        size = {"radius_m": width, "pixels": pixels, "quantised": whole}
+        size = {"width_m": width, "pixels": pixels, "quantised": whole}
         records.append({"distance_m": distance, **size, "resolution_m": step})
     sharp_near, sharp_far = lens.depth_of_field()
     far_text = "infinity" if np.isinf(sharp_far) else f"{sharp_far:.4f} m"
@@ -145,7 +145,7 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
         f"hyperfocal distance: {lens.hyperfocal_distance():.3f} m",
         "depth resolution: how much farther a point must lie for one pixel more (Eq. 2.21)",
     )
-    columns = ("distance (m)", "blur radius (µm)", "(pixels)", "quantised", "depth resolution (m)")
+    columns = ("distance (m)", "blur width (µm)", "(pixels)", "quantised", "depth resolution (m)")
     title = (
         f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at {lens.focus_distance:g} m"
     )

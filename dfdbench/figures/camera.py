@@ -116,13 +116,13 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
     limit = lens.max_blur_radius() / lens.pixel_size
     radius = lens.blur_radius(distance) / lens.pixel_size
     whole = lens.quantised_blur_radius(distance)
-    axis.plot(distance, radius, color=style.BLUE, label="blur radius")
+    axis.plot(distance, radius, color=style.BLUE, label="blur width")
     axis.plot(distance, whole, color=style.BLACK, linewidth=1, label="quantised to whole pixels")
     axis.axhline(limit, color=style.GREEN, linestyle="--", label=f"at infinity: {limit:.2f} pixels")
     axis.axvline(lens.focus_distance, color="0.6", linestyle=":", label="focus")
     focused = f"focused at {lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm"
     axis.set_title(f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, {focused}")
-    axis.set(xlabel="distance from the camera (m)", ylabel="blur radius (pixels)")
+    axis.set(xlabel="distance from the camera (m)", ylabel="blur width (pixels)")
     axis.set(xlim=(near, far), ylim=(0, limit * 1.25 + 1))
     style.legend_below(figure, axis)
     return figure
@@ -148,5 +148,5 @@ def pair_figure(table: LensTable, pairs: Sequence[StepPair]) -> Figure:
         axis.set(xlabel="distance from the camera (m)", title=pair.name)
         axis.grid(alpha=0.3)
         style.legend_beside(axis)
-    grid[0].set_ylabel("blur radius (pixels)")
+    grid[0].set_ylabel("blur width (pixels)")
     return figure

@@ -34,7 +34,7 @@ _STEPS = re.compile(r", [\d,]+ steps")
 #: What invalid arguments of a network raise.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 _SUFFIX = ".safetensors"
-_AGAIN = "copy or download it again; dfdbench train writes a new one"
+_AGAIN = "name the weights.safetensors of a training, or copy it again if it is one"
 _OTHER_VERSION = "train again with this version, or use the version that wrote it"
 
 

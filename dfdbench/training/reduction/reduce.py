@@ -65,8 +65,12 @@ class Reduction:
     def write(self, folder: Path) -> None:
         """Write tables and configurations, replacing those of an earlier call."""
         folder.mkdir(parents=True, exist_ok=True)
+        earlier = folder / "rows.csv"
+        # Their first column names the files; others may lie beside them.
+        lines = earlier.read_text("utf-8", "replace").splitlines() if earlier.exists() else []
         for old in folder.glob("*.toml"):
-            old.unlink()
+            if any(line.startswith(f"{old.stem},") for line in lines):
+                old.unlink()
         for name, text in self.files.items():
             write_whole(folder / name, text)
         for name, table in zip(("counts", "rows"), self.tables, strict=True):

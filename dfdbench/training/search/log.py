@@ -105,7 +105,7 @@ class SearchFolder:
         what = "the folder holds another search"
         require_same(_read_identity(file), identity, what, str(file), _OTHER)
         log = self.path / POSITIONS
-        self.rows = _read_rows(log) if log.exists() else {}
+        self.rows = _read_rows(log, float(identity["gamma"])) if log.exists() else {}
         # Drop a last line that a kill may have cut short.
         write_whole(log, _as_csv(self.rows.values(), header=True))
 
@@ -161,7 +161,7 @@ def _read_identity(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _read_rows(log: Path) -> dict[Place, LogRow]:
+def _read_rows(log: Path, gamma: float) -> dict[Place, LogRow]:
     found: dict[Place, LogRow] = {}
     where = str(log)
     try:
@@ -172,6 +172,8 @@ def _read_rows(log: Path) -> dict[Place, LogRow]:
             row = _row_of(values)
             if found.setdefault(row.place, row) is not row:
                 raise ValueError(f"particle {row.place[1]} of iteration {row.place[0]} twice")
+            if not math.isclose(row.objective, value := objective(row.scores, gamma)):
+                raise ValueError(f"objective {row.objective:g}, and {value:g} by its scores")
     except (ValueError, TypeError, KeyError) as error:
         what = f"the log cannot be read: {str(error)[:100]}"
         fix = "put the line back as it was, or remove it: the particle is then trained anew"

@@ -24,9 +24,11 @@ def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: P
     assert found.rows[reduce.BASELINE] == tuple(SMALL)
     folder = tmp_path / "out"
     folder.mkdir()
-    (folder / "F-01-01.toml").write_text("old")
+    # Of what is there, only an earlier call's files go.
+    for name, text in (("F-01-01.toml", "old"), ("mine.toml", ""), ("rows.csv", "F-01-01,8\n")):
+        (folder / name).write_text(text)
     found.write(folder)
-    tables = {"counts.md", "counts.csv", "rows.md", "rows.csv"}
+    tables = {"counts.md", "counts.csv", "rows.md", "rows.csv", "mine.toml"}
     assert {path.name for path in folder.iterdir()} == set(found.files) | tables
     for name, widths in found.rows.items():
         read = read_configuration(str(folder / f"{name}.toml"))

@@ -83,6 +83,8 @@ def test_a_log_that_cannot_be_is_named_and_kept(plan: SearchPlan, path: Path) ->
     text = log.read_text()
     for wrong, said in (
         (changed(text, "objective", "nan"), "objective: no number"),
+        (changed(text, "objective", "0.1"), "objective 0.1, and 0.5 by its scores"),
+        (changed(text, "train_nrmse", "0.01"), "by its scores"),
         (changed(text, "particle", "first"), "line 2"),
         (text.replace("\n0,1,", "\n0,1,,", 1), "line 3"),
         (text.replace("width_8", "width"), "width_8"),
