@@ -69,7 +69,8 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
     if format is Format.csv:
         records = [record for table in tables for record in _records(table)]
-        columns = tuple(dict.fromkeys(name for record in records for name in record))
+        named = records or [table.columns for table in tables]
+        columns = tuple(dict.fromkeys(name for one in named for name in one))
         return as_csv(columns, [tuple(map(record.get, columns)) for record in records])
     if format is Format.json:
         return as_json(tables)
