@@ -69,7 +69,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
     if format is Format.csv:
         records = [record for table in tables for record in _records(table)]
-        named = records or [table.columns for table in tables]
+        named: Iterable[Iterable[str]] = records or [table.columns for table in tables]
         columns = tuple(dict.fromkeys(name for one in named for name in one))
         return as_csv(columns, [tuple(map(record.get, columns)) for record in records])
     if format is Format.json:
