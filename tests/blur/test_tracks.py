@@ -66,12 +66,6 @@ def test_each_formation_s_field_is_used_by_some_track() -> None:
     assert TRACKS["camera"].severities[0].exponent == DISK
 
 
-@pytest.mark.parametrize("stack", STACKS.values(), ids=lambda stack: stack.name)
-def test_a_stack_s_severity_is_its_number_of_planes(stack: Track) -> None:
-    for number, (step, formation) in enumerate(zip(stack.steps, stack.severities, strict=True), 1):
-        assert (step, formation.planes) == (f"{number} focus planes", number)
-
-
 def test_the_hidden_law_was_drawn_not_chosen() -> None:
     for severity, width in enumerate((0.1, 0.2, 0.4), 1):
         formation = TRACKS["law"].severities[severity - 1]

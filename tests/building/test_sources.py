@@ -5,16 +5,11 @@ import numpy as np
 import pytest
 
 from dfdbench.building import build_store
-from dfdbench.building.sources import ENTRY_POINT_GROUP, is_made, open_source
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.building.sources import ENTRY_POINT_GROUP, open_source
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from tests.made_source import MadeSource
-
-
-def test_what_is_made_needs_no_files() -> None:
-    made = [manifest.short for manifest in released_manifests() if is_made(manifest)]
-    assert made == ["demo", "realworld-sim", "unseen", "unseen-stack"]
 
 
 def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:

@@ -9,15 +9,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
-from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import run_method
 from tests.evaluation.made_methods import method
-
-
-def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -> None:
-    loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
-    result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
-    assert result.pairs[0].numbers["energy"] > 0
 
 
 def test_another_process_gives_the_same_but_time(

@@ -41,18 +41,3 @@ def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> N
         style.write_figure(figure, tmp_path / f"x{suffix}")
         written.append((tmp_path / f"x{suffix}").read_bytes())
     assert written[0] == written[1]
-
-
-def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_path: Path) -> None:
-    figure = Figure(figsize=(4, 3), layout="constrained")
-    axis = figure.subplots()
-    for number in range(7):
-        axis.plot([0, 1], [number, 0], label=f"graph-cuts (window={number}, recipe=mine.toml)")
-    style.legend_below(figure, axis)
-    style.write_figure(figure, tmp_path / "legend.png")
-    (legend,) = figure.legends
-    box = legend.get_window_extent()
-    assert figure.get_figwidth() > 4 or figure.get_figheight() > 3
-    assert box.x0 >= 0
-    assert box.x1 <= figure.get_figwidth() * figure.dpi + 1
-    assert len(legend.get_texts()) == 7

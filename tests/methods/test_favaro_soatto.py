@@ -1,9 +1,7 @@
 import numpy as np
-import pytest
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.datasets.captures import Capture
-from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.favaro_soatto import FavaroSoatto
 from tests.methods.made_planes import inside, plane, slope, with_defocus
@@ -41,15 +39,3 @@ def test_depths_that_were_never_seen_are_never_answered() -> None:
     pair = plane(30, seed=9)
     found = method(pair.infocus, pair.defocus)
     assert 100 <= found.min() <= found.max() <= 120
-
-
-@pytest.mark.parametrize("size", [1, 5])
-def test_the_blurred_patch_is_the_smaller(size: int) -> None:
-    with pytest.raises(MethodError, match="blurred_patch"):
-        FavaroSoatto(sharp_patch=5, blurred_patch=size)
-
-
-def test_operators_of_other_patches_are_refused() -> None:
-    learned = FavaroSoatto(sharp_patch=9, groups=4).fit([slope(0)])
-    with pytest.raises(MethodError, match="other patches"):
-        FavaroSoatto(groups=4).restore(learned)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods.importing import describe
 from dfdbench.methods.registry import load_method
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -37,7 +36,3 @@ def test_what_cannot_be_imported_says_why(module: Path) -> None:
             load_method(name, {}, {})
         assert told in str(caught.value)
         assert "importlib" not in str(caught.value)
-
-
-def test_a_long_text_of_an_exception_is_cut() -> None:
-    assert len(describe(KeyError(bytes(10**6)))) < 600

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
 from dfdbench.errors import InputError
-from dfdbench.metrics.scores import correlation, nmae, nrmse, ssim
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 Floats = NDArray[np.float64]
 
@@ -135,11 +135,6 @@ def test_a_flat_ground_truth_is_undefined_not_zero() -> None:
     assert math.isnan(nmae(flat, flat))
     assert nrmse(flat, test, data_range=255) > 0
     assert ssim(flat, flat) == pytest.approx(1)
-
-
-def test_neighbouring_levels_correlate() -> None:
-    assert correlation([7, 8], [1, 0]) == pytest.approx(-1)
-    assert math.isnan(correlation([7, 7], [1, 0]))
 
 
 def test_no_pixel_that_counts_is_undefined() -> None:

@@ -7,7 +7,6 @@ import torch
 
 from dfdbench.datasets.captures import Capture, ImageFacts
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import stacks
 from tests.made_stacks import blurred_to
@@ -94,8 +93,3 @@ def test_it_learns_to_tell_two_surfaces_apart(tmp_path: Path) -> None:
     assert list(log.scores[-1]) == ["step", stacks.HELD_OUT[0]]
     # A constant is off by 0.5 of 1.3 at the least.
     assert error < 0.25
-
-
-def test_images_smaller_than_its_scales_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="images of 16 pixels are too small"):
-        train_stack_net({"mine": [stack(0, rows=16)]}, tmp_path)

@@ -38,11 +38,6 @@ def test_dfd_net_layer_by_layer() -> None:
     assert tuple(layer for layer, *_ in PUBLISHED) == LAYERS
 
 
-@pytest.mark.parametrize("size", range(1, 7))
-def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
-    assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
-
-
 #: Counted from the widths by hand; of ``pso``, from its author's generated headers.
 PARAMETERS = {
     "original": 10_761_353, "B-01-01": 1_727_497, "B-01-02": 2_282_899, "B-01-03": 2_218_159,
