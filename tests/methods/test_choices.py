@@ -65,9 +65,9 @@ def test_a_prior_is_chosen_where_it_helps_and_left_off_elsewhere() -> None:
 
 def test_as_much_is_smoothed_as_noise_wants() -> None:
     captures = [mostly_far(number) for number in range(6)]
-    random = np.random.default_rng(4)
 
     def noisy(part: Part, chosen: Chosen) -> NDArray[np.float64]:
+        random = np.random.default_rng((int(part.levels.sum()), chosen.smoothing))
         # The mean of as many pixels as a window of 7 times the factor has, and a bias by its side.
         noise = random.normal(size=part.levels.shape) * 60 / chosen.smoothing
         return part.levels + noise + 3 * chosen.smoothing
