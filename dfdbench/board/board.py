@@ -339,7 +339,7 @@ def _left_out(board: Board) -> Iterator[Problem]:
                 for metric, column in columns.items():
                     place = (row.dataset, row.split, run.label, protocol, metric)
                     gaps = {n for n, value in enumerate(column) if value is None}
-                    undefined[place] = undefined.get(place, gaps | partly) & (gaps | partly)
+                    undefined[place] = undefined.get(place, gaps) & gaps
                     lacking.append((place, gaps - partly, path.stem, row, run))
     for found, gaps, method, row, run in lacking:
         dataset, split, _, protocol, metric = found

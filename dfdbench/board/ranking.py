@@ -72,12 +72,13 @@ class Entry:
     def unranked(self, protocol: str) -> str:
         """Say why its row has no rank, and what it shows instead."""
         done, expected = self.result.evaluated, self.result.dataset.expected
-        if gaps := sum(pair.lacks_answers(protocol) for pair in done):
+        first = ranked_by(protocol)[0]
+        if gaps := sum(pair.lacks_answers(protocol, first) for pair in done):
             return f"not ranked: {counted(gaps, 'pair')} without an answer for every pixel"
         if self.given_blur:
             return "not ranked: given a blur on a track"
         if self.complete:
-            return f"not ranked: {find_metric(ranked_by(protocol)[0]).title} is defined for no pair"
+            return f"not ranked: {find_metric(first).title} is defined for no pair"
         means = "; their means are in brackets" if done else ""
         return f"not ranked: {len(done)} of {expected} pairs evaluated{means}"
 

@@ -407,9 +407,11 @@ def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Fa
             _tell_columns(table, stack, facts)
             return
     name = PurePosixPath(stack.pattern).name
-    in_names = re.search(rf"{{{IMAGE}}}[ _-]?(mm|cm|m)(?![a-z])", name.lower())
-    if in_names or any("." in PurePosixPath(path).stem for path in images):
-        _tell_distance(IMAGE, in_names[1] if in_names else "m", facts)
+    unit = re.search(rf"{{{IMAGE}}}[ _]?(mm|cm|m)(?![a-z])", name.lower())
+    counted_from_0 = unit and re.search(rf"(?<!\d)0+[ _]?{unit[1]}", images[0].lower())
+    fractions = all(folder_layout.distances_in(PurePosixPath(path)) for path in images)
+    if fractions or (unit and not counted_from_0):
+        _tell_distance(IMAGE, unit[1] if unit else "m", facts)
         return
     facts.open.append(
         "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
@@ -418,8 +420,9 @@ def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Fa
 
 def _tell_distance(name: str, unit: str, facts: Facts) -> None:
     """Add that a column, or the number of images, is the focus distance in some unit."""
-    times = {"mm": "e-3", "cm": "e-2", "m": ""}[unit]
-    facts.files["focus_distance"] = f'"{{{name}}}{times}" # in metres'
+    facts.files["focus_distance"] = f'"{{{name}}}"' + " # in metres" * (unit == "m")
+    if unit != "m":
+        facts.files["focus_unit"] = {"mm": "0.001", "cm": "0.01"}[unit] + " # metres"
     facts.open.append(f"whether {name} is the focus in {'metres' if unit == 'm' else unit}")
 
 

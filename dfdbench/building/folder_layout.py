@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
-from dfdbench.building.sources.image_table import is_number, read_table
-from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE, NUMBER
+from dfdbench.building.sources.image_table import number_in, read_table
+from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE
 from dfdbench.errors import InputError, SourceError, reason_of
 
 #: Words in the path of a depth file.
@@ -32,6 +32,9 @@ _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
 _FEWEST = 3
+_FRACTION = re.compile(
+    r"(?P<word>(foc|dist)[a-z]*[ _-]?)?(?P<number>\d+\.\d+)(?P<unit>[ _]?(mm|cm|m)(?![a-z]))?", re.I
+)
 _TABLES = (".json", ".csv", ".tsv", ".txt")
 _MOST_COLUMNS = 16
 #: The images of each stack, by its name in a group.
@@ -217,9 +220,15 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
 
 
 def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:
-    for match in re.finditer(NUMBER, place.stem):
-        stem = f"{place.stem[: match.start()]}{{{IMAGE}}}{place.stem[match.end() :]}"
-        yield str(place.with_name(stem + place.suffix)), float(match[0])
+    for match in distances_in(place) or re.finditer(r"(?P<number>\d+)", place.stem):
+        start, end = match.span("number")
+        stem = f"{place.stem[:start]}{{{IMAGE}}}{place.stem[end:]}"
+        yield str(place.with_name(stem + place.suffix)), number_in(match["number"]) or 0
+
+
+def distances_in(place: PurePosixPath) -> list[re.Match[str]]:
+    """Return the numbers with a fraction in a file's name that have a unit or follow on "focus"."""
+    return [found for found in _FRACTION.finditer(place.stem) if found["word"] or found["unit"]]
 
 
 def _named_by(rows: list[dict[str, str]], paths: list[str]) -> dict[str, dict[float, str]]:
@@ -259,7 +268,11 @@ class Table:
     @property
     def numeric(self) -> list[str]:
         """The columns that hold a number in every row."""
-        return [n for n in self.rows[0] if all(is_number(row.get(n, "")) for row in self.rows)]
+        return [
+            n
+            for n in self.rows[0]
+            if all(number_in(row.get(n, "")) is not None for row in self.rows)
+        ]
 
     def is_above(self, path: str) -> bool:
         """Whether a file is in the table's folder, or below it."""
@@ -286,7 +299,7 @@ def _table(folder: Path, path: PurePosixPath) -> Table | None:
         except SourceError:
             continue
         # A heading consists of words.
-        if columns or not any(map(is_number, rows[0])):
+        if columns or all(number_in(name) is None for name in rows[0]):
             return Table(path, rows, columns)
     return None
 

@@ -225,8 +225,10 @@ def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
         or re.match(r".*\\|\w:", path)
     ]
     facts = {name: str(getattr(files, name) or "") for name in BY_IMAGE}
+    numbered = {IMAGE} & {*places_in(files.images or "")}
+    columns = None if files.table_columns is None else files.table_columns | numbered
     for name, pattern in (files.patterns | facts).items():
-        found += _unknown_places(manifest, files.table_columns, name, pattern)
+        found += _unknown_places(manifest, columns, name, pattern)
     for axis in files.axis_names:
         if axis not in manifest.axes:
             found.append(("files.axis_names", f"no such axis: {axis}"))
@@ -243,7 +245,6 @@ def _unknown_places(
     if what not in ("images", *BY_IMAGE):
         columns = set()
     known = {"scene", *axes, *(columns or ())}
-    known |= {IMAGE} if what in ("images", *BY_IMAGE) else set()
     for name in dict.fromkeys(places_in(pattern)):
         lacking = [scene.name for scene in manifest.scenes if name not in scene.names]
         if columns is not None and name not in known and lacking:

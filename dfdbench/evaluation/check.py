@@ -35,7 +35,7 @@ _ORDINARY = "an ordinary pair, 240 × 320"
 _SCALE = DepthScale(near=0.5, far=5.0, far_level=0)
 #: The number of focus planes that a method of stacks is tried on.
 _PLANES = 4
-_ODD = "odd sizes, 121 × 163"
+_BLURLESS = "a pair without blur"
 _FIT = "fit, on two made pairs"
 _AGAIN = "the same pair again"
 _ELSEWHERE = "the same pair in another process"
@@ -180,7 +180,7 @@ def _tried(
         else:
             odd = "distances seem to fall where the scene is farther"
             trials.append(Check("farther is more", first.seconds, warning=odd * turned))
-    trials.append(_try_writing(method, pairs[_ODD]))
+    trials.append(_try_writing(method, pairs[_BLURLESS]))
     return tuple(trials)
 
 
@@ -247,14 +247,14 @@ def _awkward_pairs(method: Method) -> dict[str, Capture]:
     sharp = noise(120, 160).infocus
     return {
         _ORDINARY: noise(240, 320),
-        _ODD: noise(121, 163),
+        "odd sizes, 121 × 163": noise(121, 163),
         "a tall image, 200 × 60": noise(200, 60),
         "a wide image, 60 × 200": noise(60, 200),
         "a small image, 33 × 47": noise(33, 47),
         "a black pair": flat(0),
         "a flat grey pair": flat(128),
         "a saturated pair": flat(255),
-        "a pair without blur": made(sharp, sharp.copy()),
+        _BLURLESS: made(sharp, sharp.copy()),
     }
 
 

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, ValidationEr
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.errors import ResultError
 from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
-from dfdbench.metrics.protocol import Unit, label_of, metrics_of, ranked_by
+from dfdbench.metrics.protocol import SURE, Unit, label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record, problems_of
@@ -114,9 +114,10 @@ class PairResult(Record):
         return self.scores.get(protocol, {}).get(metric)
 
     def lacks_answers(self, protocol: str, metric: str | None = None) -> bool:
-        """Whether it has no score, by default the ranking one, because pixels lack an answer."""
-        wanted = metric or ranked_by(protocol)[0]
-        return self.answered < 1 and self.score(protocol, wanted) is None
+        """Whether pixels lack an answer that this protocol needs, or a metric of `SURE`."""
+        if protocol != SURE:
+            return self.answered < 1
+        return bool(metric and self.answered < 1 and self.score(protocol, metric) is None)
 
 
 def _with_name(record: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import io
 import json
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -69,8 +69,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
     if format is Format.csv:
         records = [record for table in tables for record in _records(table)]
-        named: Iterable[Iterable[str]] = records or [table.columns for table in tables]
-        columns = tuple(dict.fromkeys(name for one in named for name in one))
+        columns = tuple(dict.fromkeys(name for record in records for name in record))
         return as_csv(columns, [tuple(map(record.get, columns)) for record in records])
     if format is Format.json:
         return as_json(tables)

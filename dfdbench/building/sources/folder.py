@@ -15,7 +15,7 @@ from dfdbench.building.sources import SceneError, SceneImages, Whole, gathered, 
 from dfdbench.building.sources import captured_images as made
 from dfdbench.building.sources.captured_images import CapturedImages
 from dfdbench.building.sources.image_files import SUFFIXES
-from dfdbench.building.sources.image_table import is_number, read_table
+from dfdbench.building.sources.image_table import number_in, read_table
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, NUMBER, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale
@@ -181,7 +181,8 @@ class FolderScenes(Whole):
             there = _numbered(self._folder, pattern)
             for image in taken:
                 there.pop(image.path, None)
-            rows = list(_rows(pattern, table, there, problems))
+            known = {image.path for image in taken}
+            rows = [one for one in _rows(pattern, table, there, problems) if one[0] not in known]
         for path, row in rows:
             try:
                 taken.append(self._image(path, {**values, **row}))
@@ -201,6 +202,7 @@ class FolderScenes(Whole):
             stated = getattr(self._files, name)
             text = values.get(name, "") if stated is None else _filled(str(stated), values)
             facts[name] = _number(name, text) if text else math.nan
+        facts["focus_distance"] = round(facts["focus_distance"] * self._files.focus_unit, 12)
         rig = self._manifest.rig
         focal_length = (rig and rig.focal_length) or 0.0
         if facts["focus_distance"] <= focal_length:
@@ -343,7 +345,7 @@ def _rows(
         what = f"the table has {len(rows)} rows, and there are {len(there)} images"
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
         return
-    in_order, by_number = list(there), {float(number): path for path, number in there.items()}
+    in_order, by_number = list(there), {number_in(text): path for path, text in there.items()}
     # A missing image is named with as many digits as the others.
     place = f"{{{IMAGE}}}"
     least = min((len(PurePosixPath(path).stem) for path in there), default=0)
@@ -356,9 +358,10 @@ def _rows(
                 path = _filled(pattern, row)
             elif IMAGE in row:
                 cell = row[IMAGE]
-                named_so = str(PurePosixPath(pattern).with_name(cell))
                 path = pattern.replace(place, cell.zfill(digits))
-                path = by_number.get(float(cell), path) if is_number(cell) else named_so
+                if (number := number_in(cell)) is None:
+                    path = str(PurePosixPath(pattern).parent / cell)
+                path = by_number.get(number, path)
             else:
                 path = in_order[index]
         except ValueError as error:
@@ -367,7 +370,8 @@ def _rows(
         if path in named:
             problems.append(Problem(f"the table tells of {path} twice", where=where))
         named.add(path)
-        yield path, row
+        # What names the file's number wants it, also where the row has the file's name, or none.
+        yield path, {**row, IMAGE: there[path]} if numbered and path in there else row
     lacking = [p for p in there if not {p, str(PurePosixPath(p).with_suffix(ANY_ENDING))} & named]
     if lacking:
         what = f"images that the table does not tell of: {listed(lacking, _IMAGES_NAMED)}"
@@ -380,7 +384,7 @@ def _numbered(folder: Path, pattern: str) -> dict[str, str]:
     for part in PurePosixPath(pattern).parts:
         found = dict(_matches(folder, part, found))
     there = {path: number for path, number in found.items() if (folder / path).is_file()}
-    return dict(sorted(there.items(), key=lambda item: float(item[1])))
+    return dict(sorted(there.items(), key=lambda item: number_in(item[1]) or 0))
 
 
 def _matches(folder: Path, part: str, above: Mapping[str, str]) -> Iterator[tuple[str, str]]:

@@ -81,9 +81,12 @@ def _json_rows(content: Any) -> list[dict[str, str]]:
     return [{n: "" if value is None else str(value) for n, value in row.items()} for row in content]
 
 
-def is_number(text: str) -> bool:
-    """Whether a cell holds a finite number."""
+def number_in(text: str) -> int | float | None:
+    """Return the finite number in a cell, a whole one exactly; None if there is none."""
     try:
-        return math.isfinite(float(text))
+        number = float(text)
     except ValueError:
-        return False
+        return None
+    if not math.isfinite(number):
+        return None
+    return int(text) if text.strip().isdigit() else number

@@ -205,7 +205,10 @@ def test_folders_may_tell_the_focus_which_may_lie_beyond_all_depths(
         for name, mm in (("f_001", "750.5"), ("f_002", "2000"), ("f_003", "4000"), ("f_001", "90")):
             (stacks / mm).mkdir(exist_ok=True)
             shutil.copy(stacks / scene / f"{name}.png", stacks / mm / f"{scene}.png")
-    focus = ('metadata = "{scene}/focus.csv"', 'focus_distance = "{image}e-3"\ndepth_unit = 1')
+    focus = (
+        'metadata = "{scene}/focus.csv"',
+        'focus_distance = "{image}"\nfocus_unit = 0.001\ndepth_unit = 1',
+    )
     path = ("{scene}/f_{image}.png", "{image}/{scene}.png")
     manifest = stack_manifest(WITHOUT_INFOCUS, focus, path, ('unit = "metres"', 'unit = "levels"'))
     build_store(manifest, open_source(manifest, stacks), tmp_path / "mine.zarr")
