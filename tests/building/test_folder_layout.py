@@ -144,4 +144,6 @@ def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) ->
     folder = rearranged(tmp_path, lambda number, kind: f"{kind}/{number}.png")
     paths = tuple(str(path.relative_to(folder)) for path in folder.rglob("*.png"))
     assert find_stacks(folder, paths) is None
+    # Apertures are no distances.
+    assert find_stacks(folder, ("a/f_1.4.png", "a/f_2.8.png", "a/f_5.6.png", "a/depth.npy")) is None
     assert "defocus" in new_manifest(folder).toml
