@@ -66,13 +66,6 @@ def test_it_equals_filtered_images(image: Image, depth: Image, recipe: BlurRecip
     assert np.array_equal(ours, stack_of_filtered_images(image, depth, recipe))
 
 
-@given(value=st.integers(0, 255), depth=st.integers(0, 255))
-def test_a_flat_image_stays_flat(value: int, depth: int) -> None:
-    image = np.full((4, 5, 3), value, np.uint8)
-    flat = np.full((4, 5), depth, np.uint8)
-    assert np.array_equal(synthesize(image, flat, RECIPES["published"]), image)
-
-
 @settings(max_examples=20, deadline=None)
 @given(image=hnp.arrays(np.uint8, (8, 9, 3)), depth=hnp.arrays(np.uint8, (8, 9)))
 def test_it_commutes_with_mirroring_and_channel_order(image: Image, depth: Image) -> None:
