@@ -268,11 +268,10 @@ class Table:
     @property
     def numeric(self) -> list[str]:
         """The columns that hold a number in every row."""
-        return [
-            n
-            for n in self.rows[0]
-            if all(number_in(row.get(n, "")) is not None for row in self.rows)
+        numbers = [
+            {n for n, cell in row.items() if number_in(cell) is not None} for row in self.rows
         ]
+        return [n for n in self.rows[0] if all(n in row for row in numbers)]
 
     def is_above(self, path: str) -> bool:
         """Whether a file is in the table's folder, or below it."""

@@ -18,8 +18,6 @@ BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
 OF_CAMERA = ("focal_length", "pixel_pitch")
 #: The placeholder for an image's number in the pattern of a stack.
 IMAGE = "image"
-#: What may stand there.
-NUMBER = r"\d+(?:\.\d+)?"
 
 #: The motion that aligns one image with another.
 Align = Literal["none", "translation", "euclidean", "similarity"]

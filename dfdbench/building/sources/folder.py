@@ -16,7 +16,7 @@ from dfdbench.building.sources import captured_images as made
 from dfdbench.building.sources.captured_images import CapturedImages
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import number_in, read_table
-from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, NUMBER, fill, places_in
+from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, IMAGE, fill, places_in
 from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -392,7 +392,7 @@ def _matches(folder: Path, part: str, above: Mapping[str, str]) -> Iterator[tupl
     open_end = part.endswith(ANY_ENDING)
     expression = re.escape(part.removesuffix(ANY_ENDING))
     for place in places_in(part):
-        group = rf"(?P<number>{NUMBER})" if place == IMAGE else ".+"
+        group = r"(?P<number>\d+(?:\.\d+)?)" if place == IMAGE else ".+"
         expression = expression.replace(re.escape(f"{{{place}}}"), group, 1)
     for parent, number in above.items():
         if not (open_end or places_in(part)):
