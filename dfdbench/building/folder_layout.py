@@ -33,7 +33,9 @@ _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
 _FEWEST = 3
 _FRACTION = re.compile(
-    r"(?P<word>(foc|dist)[a-z]*[ _-]?)?(?P<number>\d+\.\d+)(?P<unit>[ _]?(mm|cm|m)(?![a-z]))?", re.I
+    r"(?P<word>((foc|dist)[a-z]*|(?<![a-z])fd)[ _-]?)?"
+    r"(?P<number>\d+\.\d+)(?P<unit>[ _]?(mm|cm|m)(?![a-z]))?",
+    re.I,
 )
 _TABLES = (".json", ".csv", ".tsv", ".txt")
 _MOST_COLUMNS = 16
@@ -227,7 +229,7 @@ def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:
 
 
 def distances_in(place: PurePosixPath) -> list[re.Match[str]]:
-    """Return the numbers with a fraction in a file's name that have a unit or follow on "focus"."""
+    """Return the numbers with a fraction in a file's name that have a unit or follow on "focus" or "fd"."""
     return [found for found in _FRACTION.finditer(place.stem) if found["word"] or found["unit"]]
 
 
