@@ -286,9 +286,9 @@ def run(
         evaluated = partial(evaluate.evaluate, pool=pool, check=check, on_pair=on_pair)
         done, calibration = evaluated(method, store, split, folder, parameters, options)
         note = None
-        if calibration and fitted is None:
-            pairs = fitting.training_pairs(store, split)[1], store.captures(split)
-            note = fitting.camera_note(calibration.law, *pairs)
+        if calibration:
+            training = [] if fitted else fitting.training_pairs(store, split)[1]
+            note = fitting.camera_note(calibration.law, store.captures(split), training)
         return _run_of({CLEAN: done}, {CLEAN: store}, shown, out, calibration, note)
 
 

@@ -229,7 +229,7 @@ def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:
 
 
 def distances_in(place: PurePosixPath) -> list[re.Match[str]]:
-    """Return the numbers with a fraction in a file's name that have a unit or follow on "focus" or "fd"."""
+    """Return the numbers with a fraction in a file's name that have a unit or follow "focus"."""
     return [found for found in _FRACTION.finditer(place.stem) if found["word"] or found["unit"]]
 
 

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.formation import given_law
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.tracks import Formation
 from dfdbench.datasets.dataset import Captures, Dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, training_of
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.methods.fitted import evenly_spread
+from dfdbench.methods.fitted import Blur, evenly_spread
 from dfdbench.methods.method import Learned, Method, TrainingPair, check_learned, restore, teach
 from dfdbench.methods.readout import Chosen
 from dfdbench.results.record import RESULT, MethodRecord, load_result
@@ -220,30 +222,33 @@ def fit_again(method: Method, folder: Path) -> Fit | None:
 
 
 def camera_note(
-    law: BlurLaw, training: Sequence[TrainingPair], test: Sequence[TrainingPair]
+    blur: Blur, test: Sequence[TrainingPair], training: Sequence[TrainingPair] = ()
 ) -> str | None:
-    """Return a note if a law explains test pairs much worse, or better, than training pairs.
+    """Return a note if a blur explains test pairs much worse, or better, than training pairs.
 
-    They were then taken by another camera, or with other settings. There is no note on stacks,
-    since we do not know here which of their images the law describes.
+    They were then taken by another camera, or with other settings. Without training pairs, the
+    residuals are compared with the blur's own noise. There is no note on stacks, since we do not
+    know here which of their images the blur describes.
     """
-    if not (training[0].is_pair and test[0].is_pair):
+    if not all(pairs[0].is_pair for pairs in (test, training) if pairs):
         return None
     from dfdbench.methods.law_cost import misfit  # compiles; most methods fit no law
 
-    own, there = (
-        np.median([misfit(law, pairs[at].infocus, pairs[at].defocus) for at in places])
-        for pairs in (training, test)
-        if (places := evenly_spread(len(pairs), _LOOKED_AT))
-    )
+    law = given_law(blur, Formation()) if isinstance(blur, BlurRecipe) else blur
+
+    def median(pairs: Sequence[TrainingPair]) -> float:
+        some = [pairs[place] for place in evenly_spread(len(pairs), _LOOKED_AT)]
+        return float(np.median([misfit(law, one.infocus, one.defocus) for one in some]))
+
+    there, own = median(test), median(training) if training else 1.0
     times = max(own, there) / max(min(own, there), 1e-6)
-    if times < _OTHER_CAMERA:
+    # The best of many levels leaves less than the noise.
+    if times < _OTHER_CAMERA or (there < own and not training):
         return None
     how = "worse" if there > own else "better"
-    return (
-        f"the law that was fitted explains the test's images {times:.1f} times {how} than the "
-        "training's: another camera, or other settings?"
-    )
+    than = "the training's" if training else "its own noise allows"
+    what = f"the method's blur explains the images {times:.1f} times {how} than {than}"
+    return f"{what}: another camera, or other settings?"
 
 
 def keep_fit(folder: Path, fit: Fit) -> None:

@@ -26,7 +26,7 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError
-from dfdbench.evaluation.fitting import fit_again, require_run_of
+from dfdbench.evaluation.fitting import camera_note, fit_again, require_run_of
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.photographs import Image, read_images, read_stack, size_of
@@ -306,6 +306,8 @@ class DepthPredictor:
             fix = "crop or resample them to the same size"
             raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
         found = ""
+        blurs = [one for one in self.method.attribute("blurs") or () if isinstance(one, Blur)]
+        laws = [blur for blur in blurs if isinstance(blur, BlurLaw)]
         if self._align and self._unknown:
             what = "how the photographs of the run's data set were matched is not known here"
             fix = "build it again, or match these yourself and say --no-align"
@@ -313,12 +315,14 @@ class DepthPredictor:
         if self._align:
             digest = sha256(defocus.tobytes()).digest()
             files = CapturedFiles() if digest in self._matched_already else self._files
-            laws = [law for law in self.method.attribute("blurs") or () if isinstance(law, BlurLaw)]
             infocus, defocus, found = matched_as_learned(infocus, defocus, files, laws)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)
-        return replace(estimate, odd=_oddities(estimate.depth, self.unit, swapped))
+        odd = _oddities(estimate.depth, self.unit, swapped)
+        if self._fitted and len(blurs) == 1 and (note := camera_note(blurs[0], [pair])):
+            odd += (note,)
+        return replace(estimate, odd=odd)
 
 
 def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ after the sRGB curve it is not.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -196,12 +196,10 @@ def misfit(law: BlurLaw, infocus: Array, defocus: Array) -> float:
     """
     some = np.arange(0, LAST_LEVEL + 1, _COARSE)
     corner = blurred_by(law, infocus, defocus, some).part(slice(_CORNER), slice(_CORNER))
-    least = np.full(corner.aim.shape[:2], np.inf)
-    for place, spread in enumerate(corner.spread):
-        left = (corner.nodes @ corner.factors[:, place] - corner.aim) / corner.noise
-        squares = np.square(left).mean(axis=2)
-        least = np.minimum(least, squares / spread)
-    return float(np.sqrt(np.median(least)))
+    channels = corner.aim.shape[2]
+    entries = channels * np.log(corner.spread)
+    squares = (cost - entry for cost, entry in zip(squares_of(corner), entries, strict=True))
+    return float(np.sqrt(np.median(reduce(np.minimum, squares)) / channels))
 
 
 def law_misfits(blurred: Blurred, before: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:

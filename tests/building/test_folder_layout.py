@@ -147,5 +147,5 @@ def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) ->
     # Apertures are no distances.
     assert find_stacks(folder, ("a/f_1.4.png", "a/f_2.8.png", "a/f_5.6.png", "a/depth.npy")) is None
     found = find_stacks(folder, ("f_1.4_fd_0.5.png", "f_1.4_fd_1.0.png", "f_1.4_fd_2.0.png"))
-    assert found and list(found.images) == ["f_1.4_fd_{image}.png"]
+    assert list(found.images if found else ()) == ["f_1.4_fd_{image}.png"]
     assert "defocus" in new_manifest(folder).toml

@@ -212,8 +212,7 @@ def test_one_run_s_fit_is_used_in_another(tiny_store: Dataset, run: Run, tmp_pat
 
 
 def test_another_camera_in_the_test_is_told() -> None:
-    random = np.random.default_rng(5)
-    recipe = RECIPES["published"]
+    random, recipe = np.random.default_rng(5), RECIPES["published"]
 
     def pair(noise: float) -> Capture:
         image = random.integers(0, 256, (90, 120, 3)).astype(np.uint8)
@@ -226,8 +225,9 @@ def test_another_camera_in_the_test_is_told() -> None:
     quiet, loud = [pair(2) for _ in range(4)], [pair(6) for _ in range(4)]
     assert camera_note(law, quiet, quiet[::-1]) is None
     # Three times the noise, of which black and white cut off a little.
-    assert "2.8 times worse" in str(camera_note(law, quiet, loud))
-    assert "2.8 times better" in str(camera_note(law, loud, quiet))
+    assert "2.8 times worse than the training's" in str(camera_note(law, loud, quiet))
+    assert "2.8 times better" in str(camera_note(law, quiet, loud))
+    assert [camera_note(law, pairs) is None for pairs in (quiet, loud)] == [True, False]
     # Of stacks nothing is told.
     grey = np.full((40, 50, 3), 90, np.uint8)
     stack = made_pair(grey, grey, grey[..., 0], np.ones((40, 50), bool), planes=3)
