@@ -74,6 +74,7 @@ network_crop = 16
 scene_count = 3
 pair_count = 11
 default_lighting = { illumination = 1, exposure = 1 }
+folds = [{ name = "K1", test_scenes = ["One", "Two"] }, { name = "K2", test_scenes = ["Three"] }]
 
 [axes]
 view = [1, 5]
@@ -113,14 +114,6 @@ name = "test"
 partition = "only"
 pairs = 7
 scenes = ["Two", "Three"]
-
-[[folds]]
-name = "K1"
-test_scenes = ["One", "Two"]
-
-[[folds]]
-name = "K2"
-test_scenes = ["Three"]
 """ + "".join(
     f'\n[[scenes]]\nname = "{name}"\nsource = "here"\n' for name in ("One", "Two", "Three")
 )

@@ -30,6 +30,11 @@ degradation = "clean"
 network_crop = 64
 scene_count = 4
 pair_count = 4
+sources = [{ name = "me", url = "https://example.org/mine", licence = "mine", citations = ["me"] }]
+splits = [
+    { name = "train", partition = "only", pairs = 2, scenes = ["desk", "door"] },
+    { name = "test", partition = "only", pairs = 2, scenes = ["lamp", "shelf"] },
+]
 
 [axes]
 capture = [1]
@@ -52,24 +57,6 @@ depth_unit = 0.001
 
 [table]
 blocks = "capture"
-
-[[sources]]
-name = "me"
-url = "https://example.org/mine"
-licence = "mine"
-citations = ["me"]
-
-[[splits]]
-name = "train"
-partition = "only"
-pairs = 2
-scenes = ["desk", "door"]
-
-[[splits]]
-name = "test"
-partition = "only"
-pairs = 2
-scenes = ["lamp", "shelf"]
 """ + "".join(f'\n[[scenes]]\nname = "{name}"\nsource = "me"\n' for name in SCENES)
 
 

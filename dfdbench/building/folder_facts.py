@@ -86,38 +86,28 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     Raises
     ------
     InputError
-        If no depth files, or fewer than two kinds of photographs, can be found.
+        If no depth files, or no photographs, can be found.
     SourceError
         If an inspected file is damaged.
     """
-    depths = [group for group in layout.groups if _is_depth(folder, group)]
-    # Photographs may be grey with 16 bits, too; a name says more.
-    depths = [group for group in depths if group.is_depth] or depths
-    others = [group for group in layout.groups if group not in depths]
-    photographs = [
-        group for group in others if not group.pattern.lower().endswith(image_files.ARRAYS)
-    ]
-    if not depths or len(photographs) < 2:
-        there = ", ".join(group.pattern for group in layout.groups)
-        endings = ", ".join((*image_files.SUFFIXES, *image_files.ARRAYS))
-        what = "two photographs a scene are not found"
-        if not depths:
-            what = "no depth map is found: its file is grey and says so in its name, as depth.png"
-            what += f" does, or has 16 or 32 bits ({endings})"
-        found = "; ".join(filter(None, (there, folder_layout.unread_files(folder))))
-        fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
-        fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
-        raise InputError(what, where=str(folder), got=found, fix=fix)
+    depths, photographs = _kinds_of(folder, layout)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
     _tell_photographs(fitting, keys, facts)
-    _tell_focus(fitting, keys, facts)
+    if len(photographs) > 1:
+        _tell_focus(fitting, keys, facts)
+    else:
+        facts.roles = {"infocus": photographs[0], **facts.roles}
+        facts.found.append(f"in focus {photographs[0].pattern}, and no other: a recipe blurs it")
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
     _tell_depth(scenes, facts)
+    if "defocus" not in facts.roles:
+        _tell_matching(Matching(), facts)
+        return facts
     sharp, soft = facts.roles["infocus"], facts.roles["defocus"]
     matching = matching_of(
         (key[1], _photograph(sharp, key, facts), _photograph(soft, key, facts))
@@ -125,6 +115,29 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     )
     _tell_matching(matching, facts)
     return facts
+
+
+def _kinds_of(folder: Path, layout: Layout) -> tuple[list[Group], list[Group]]:
+    """Return the kinds of depth maps and of photographs."""
+    depths = [group for group in layout.groups if _is_depth(folder, group)]
+    # Photographs may be grey with 16 bits, too; a name says more.
+    depths = [group for group in depths if group.is_depth] or depths
+    others = [group for group in layout.groups if group not in depths]
+    photographs = [
+        group for group in others if not group.pattern.lower().endswith(image_files.ARRAYS)
+    ]
+    if depths and photographs:
+        return depths, photographs
+    there = ", ".join(group.pattern for group in layout.groups)
+    endings = ", ".join((*image_files.SUFFIXES, *image_files.ARRAYS))
+    what = "no photographs are found"
+    if not depths:
+        what = "no depth map is found: its file is grey and says so in its name, as depth.png"
+        what += f" does, or has 16 or 32 bits ({endings})"
+    found = "; ".join(filter(None, (there, folder_layout.unread_files(folder))))
+    fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+    fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
+    raise InputError(what, where=str(folder), got=found, fix=fix)
 
 
 def look_into_stacks(folder: Path, layout: Layout) -> Facts:
@@ -196,7 +209,7 @@ def _of_one_size(
 ) -> tuple[Group, list[Group]]:
     """Return a kind of depth maps and the photographs of its size, or all photographs."""
     # A kind that only few scenes have plays no role.
-    enough = sorted(len(group.files) for group in photographs)[-2] / 2
+    enough = sorted(len(group.files) for group in photographs)[-2:][0] / 2
     photographs = [group for group in photographs if len(group.files) >= enough]
     for depth in depths:
         fitting = []
@@ -205,7 +218,7 @@ def _of_one_size(
                 sizes = (_read(folder, each, key)[1].shape[:2] for each in (depth, group))
                 if len(set(sizes)) == 1:
                     fitting.append(group)
-        if len(fitting) > 1:
+        if len(fitting) >= min(2, len(photographs)):
             return depth, fitting
     return depths[0], photographs
 

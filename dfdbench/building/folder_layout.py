@@ -28,6 +28,11 @@ _FORMS = tuple(
         r"[A-Za-z][^ _\-./]*[ _\-.](?P<scene>[^/]+)",
     )
 )
+# Of a photograph and its depth map: in folders of any depth, or with several words before a number.
+_BESIDE = (
+    rf"(?P<scene>.+?)([ _\-.](?i:{DEPTH.pattern})[^/]*)?\.[^./]+",
+    r"(?:.*/)?([A-Za-z][^ _\-./]*[ _\-.])+(?P<scene>\d[^/]*)\.[^./]+",
+)
 _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
 
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
@@ -162,7 +167,7 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     Returns
     -------
     Layout or None
-        None if no scene has three files.
+        None if no scene has three files, or a photograph and a depth map.
 
     Examples
     --------
@@ -171,10 +176,25 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
     forms = (*_folders(paths), *_FORMS)
-    whole = [layout for form in forms if (layout := _layout(paths, form))]
-    # Prefer scenes with a depth file and two others: they cannot be a misread kind of files.
-    order = [(_with_depth(each.groups), len(each.scenes), -len(each.groups)) for each in whole]
-    return whole[order.index(max(order))] if whole else _by_order(paths)
+    whole, with_depth = _best_of(paths, forms, _ROLES)
+    if with_depth:
+        return whole
+    # A photograph and a depth map are better than three files without a depth.
+    single, with_depth = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
+    if not with_depth:
+        return whole or _by_order(paths)
+    either = filter(None, (single, _by_order(paths)))
+    return max(either, key=lambda layout: len(layout.scenes))
+
+
+def _best_of(
+    paths: tuple[str, ...], forms: tuple[str, ...], least: int
+) -> tuple[Layout | None, int]:
+    """Return the best layout with so many files a scene, and how many scenes have a depth file."""
+    found = [layout for form in forms if (layout := _layout(paths, form, least))]
+    # Prefer scenes with a depth file and enough others: they cannot be a misread kind of files.
+    order = [(_with_depth(o.groups, least - 1), len(o.scenes), -len(o.groups)) for o in found]
+    return (found[order.index(max(order))], max(order)[0]) if found else (None, 0)
 
 
 def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
@@ -310,12 +330,12 @@ def _folders(paths: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(_FOLDER % level for level in range(depth))
 
 
-def _with_depth(groups: tuple[Group, ...]) -> int:
+def _with_depth(groups: tuple[Group, ...], others_each: int = _ROLES - 1) -> int:
     depths: set[Key] = set()
     others: Counter[Key] = Counter()
     for group in groups:
         (depths if group.is_depth else others).update(list(group.files))
-    return sum(others[key] >= _ROLES - 1 for key in depths)
+    return sum(others[key] >= others_each for key in depths)
 
 
 def _split_of(path: str) -> tuple[str, str]:
@@ -356,7 +376,8 @@ def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
         match = re.fullmatch(form, told, re.DOTALL)
         if match and match["scene"] != "{split}":
             start, end = match.span("scene")
-            found[f"{told[:start]}{{scene}}{told[end:]}"][split, match["scene"]] = path
+            scene = match["scene"].replace("{split}", split)
+            found[f"{told[:start]}{{scene}}{told[end:]}"][split, scene] = path
     return _endings_joined(found)
 
 

@@ -61,8 +61,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     ----------
     folder : Path
         Either two photographs and a depth map per scene: in a folder per scene, in a folder per
-        kind, or matched by the start or the end of their names. Or a folder per scene with
-        photographs that differ by a number, a depth map, and a table of their focus distances.
+        kind, or matched by the start or the end of their names. Or one photograph and a depth map,
+        for a recipe to blur. Or a folder per scene with photographs that differ by a number, a
+        depth map, and a table of their focus distances.
     name : str, optional
         The data set's name; the folder's by default.
 
@@ -100,7 +101,7 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, F
             raise SourceError.of([*error.problems, *left]) from error
     if stacks is not None:
         return stacks, look_into_stacks(folder, stacks)
-    what = "no scene with two photographs and a depth map that share a name or a folder"
+    what = "no scene with a photograph or two and a depth map that share a name or a folder"
     there = "; ".join(filter(None, (listed(paths, _NAMED), folder_layout.unread_files(folder))))
     if not there:
         raise InputError("the folder is empty", where=str(folder), fix="name one of photographs")
@@ -199,7 +200,7 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
     if not scenes:
         there = ", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items())
         patterns = ", ".join(group.pattern for group in facts.roles.values())
-        raise InputError("no scene has all three files", where=patterns, got=there)
+        raise InputError("no scene has all files", where=patterns, got=there)
     facts.found.insert(0, counted(len(scenes), "scene"))
     for role, group in facts.roles.items():
         if lacking := ["/".join(filter(None, k)) for k in layout.scenes if k not in group.files]:
@@ -287,7 +288,9 @@ def _text(value: str) -> str:
 def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits, with a note where files cannot tell."""
     count = len(scenes)
+    recipe = '\nrecipe = "published"' * (not {"images", "defocus"} & set(facts.roles))
     what = "A focal stack" if "images" in facts.roles else "Two photographs"
+    what = "A photograph" if recipe else what
     template = resources.files("dfdbench.building").joinpath("new_manifest.toml").read_text("utf-8")
     return template.format(
         name=name,
@@ -295,6 +298,7 @@ def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
         scenes=counted(count, "scene"),
         crop=min(map(min, facts.shapes.values())),
         count=count,
+        recipe=recipe,
         pair_images=_pair_images(facts),
         unit=facts.unit,
         scale=_SCALE.format(*facts.scale) if facts.scale else "",

@@ -37,6 +37,8 @@ class Crop(StrictRecord):
 class CapturedFiles(StrictRecord):
     """The files of a captured set, for the reader ``folder``: of pairs or of stacks.
 
+    If the manifest names a blur recipe, `infocus` and `depth` are all there is.
+
     Patterns are paths below the folder that is named when the set is built. ``{scene}`` stands for
     the scene's name, an axis name in braces for the capture's value on that axis, and any other
     name for what the scene gives under `names`. In `images` and the facts it may also be a column

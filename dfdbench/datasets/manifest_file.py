@@ -187,12 +187,15 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
     if files is None:
         yield "files", "section is missing"
         return
-    if manifest.recipe is not None:
-        yield "recipe", f"captured defocus has no blur recipe: leave out {manifest.recipe}"
     if files.flat_field is not None and len(files.flat_field) != _COLOURS:
         what = f"{_COLOURS} lists of the light, for red, green and blue"
         yield "files.flat_field", f"{what}; got {len(files.flat_field)}"
     there = set(files.patterns)
+    if manifest.recipe is not None:
+        if there != {"infocus", "depth"}:
+            what = f"{manifest.recipe} blurs files.infocus by files.depth"
+            yield "recipe", f"{what}, and nothing else; got {listed(sorted(there))}"
+        return
     if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
         got = listed(sorted(there))
         yield "files", f"neither a pair, infocus and defocus, nor a stack, images; got {got}"

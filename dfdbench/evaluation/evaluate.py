@@ -105,7 +105,8 @@ def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
         raise InputError(what, where=dataset, fix=fix)
     if not is_name:
         what = "a store: tracks are built by the data set's name, each into its own store"
-        raise InputError(what, where=dataset, fix=f"name {manifest.short}")
+        fix = f"name {manifest.short}, or the TOML file of a set of yours"
+        raise InputError(what, where=dataset, fix=fix)
     return manifest
 
 

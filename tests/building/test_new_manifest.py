@@ -4,10 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.new_manifest import new_manifest, with_found_scenes
 from dfdbench.building.sources import open_source
-from dfdbench.datasets.catalog import find_manifest, manifest_in
+from dfdbench.datasets.catalog import find_manifest, manifest_in, with_track
 from dfdbench.datasets.croissant import datasheet_of
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -111,6 +113,24 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
     (tmp_path / "two.txt").touch()
     with pytest.raises(InputError, match=r"two\.txt is a file, not a folder"):
         new_manifest(tmp_path / "two.txt")
-    told = r"no scene with two photographs.*: got one\.png; not read: 1 \.txt$"
+    told = r"no scene with a photograph or two.*: got one\.png; not read: 1 \.txt$"
     with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("names", ["{scene}/{kind}", "val/place-{place}/{scene}{_kind}"])
+def test_a_photograph_and_a_depth_map_are_for_a_recipe(tmp_path: Path, names: str) -> None:
+    def name(number: int, kind: str) -> str:
+        parts = {"scene": SCENES[number], "place": number, "kind": kind}
+        return names.format(**parts, _kind=f"_{kind}" * (kind != "sharp")) + ".png"
+
+    folder = rearranged(tmp_path, name)
+    for path in folder.rglob("*blurred.png"):
+        path.unlink()
+    written, store = built(folder)
+    assert any("a recipe blurs it" in text for text in written.found)
+    for capture in store.captures():
+        levels = np.nan_to_num(capture.depth).astype(np.uint8)
+        made = synthesize(capture.infocus, levels, RECIPES["published"])
+        np.testing.assert_array_equal(capture.defocus, made)
+    assert with_track(store.manifest, "noise-1").on_track

@@ -71,7 +71,7 @@ BROKEN: list[tuple[str, str, str, list[str]]] = [
     (FOLDER_TOML, "capture = [1]", "capture = [1, 2]", ["desk/capture2 have the same images"]),
     (FOLDER_TOML, "{scene}/depth.png", "{scene}/{capture}.png", ["an axis of the depth"]),
     (FOLDER_TOML, SCALE, "", ["how metres become levels"]),
-    (FOLDER_TOML, '"folder"', '"folder"\nrecipe = "text"', ["captured defocus has no blur"]),
+    (FOLDER_TOML, '"folder"', '"folder"\nrecipe = "text"', ["nothing else; got defocus"]),
     (FOLDER_TOML, DESK, NAMED, ["capture stands for something else", "scenes[0].names"]),
     (FOLDER_TOML, FOLDER_TOML[FILES], "", ["mine-1.toml: files"]),
     (FOLDER_TOML, "[table]", flat_field("[1.0]", 3), ["flat_field"]),

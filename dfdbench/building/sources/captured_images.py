@@ -218,7 +218,7 @@ def captured_images(
     SourceError.raise_if(problems)
     if found is None:
         found = np.full(read[0][0].shape[:2], np.nan, np.float32)
-    warnings = _swapped(read) if is_pair else ()
+    warnings = _swapped(read) if is_pair and len(read) > 1 else ()
     laid, covered, told = _laid_on_the_first(read, files)
     kept = _kept(files.crop, found.shape, read[0][1])
     known = np.where(covered, found, np.float32(np.nan))[kept]

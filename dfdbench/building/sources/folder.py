@@ -62,8 +62,6 @@ class FolderScenes(Whole):
         If there is no such folder, or a pattern matches none of its files.
     """
 
-    captures_defocus = True
-
     def __init__(
         self, manifest: Manifest, folder: Path, checksums: Mapping[str, str] | None = None
     ) -> None:
@@ -75,6 +73,11 @@ class FolderScenes(Whole):
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
         SourceError.raise_if(self._patterns_that_match_nothing())
+
+    @property
+    def captures_defocus(self) -> bool:
+        """Whether the files hold defocus images; if not, the manifest's recipe makes them."""
+        return self._manifest.recipe is None
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 over the scene's files."""
@@ -190,7 +193,8 @@ class FolderScenes(Whole):
                 problems.append(
                     Problem(str(error), where=where, got=f"{'row of ' * bool(table and row)}{path}")
                 )
-        problems += _odd_ones(taken, where, self._manifest.pair_images or ())
+        if self.captures_defocus:
+            problems += _odd_ones(taken, where, self._manifest.pair_images or ())
         problems += _in_another_unit(taken, where, self._manifest.depth.scale)
         SourceError.raise_if(problems)
         near, far = self._manifest.depth.ends
