@@ -80,7 +80,8 @@ def _cells(record: dict[str, object]) -> tuple[str, ...]:
 
 def _own(cache: Path | None) -> list[dict[str, object]]:
     """Return the records of the sets of one's own in the cache."""
-    found = catalog.own_stores(cache)
+    # As for released sets, tracks are not listed one by one.
+    found = {name: path for name, path in catalog.own_stores(cache).items() if "@" not in name}
     if not found:
         return []
     from dfdbench.datasets.dataset import Dataset

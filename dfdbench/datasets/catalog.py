@@ -281,11 +281,13 @@ def own_stores(cache: Path | str | None = None) -> dict[str, Path]:
     found: dict[str, Path] = {}
     newest: dict[str, int] = {}
     for path in sorted((cache_folder(cache) / STORES).glob("*.zarr")):
-        if part_name(path.stem)[0] in taken:
+        stem, label = part_name(path.stem)
+        if stem in taken:
             continue
         found[path.stem] = path
-        name, _, version = path.stem.rpartition("-")
-        if name not in taken and version.isdecimal() and int(version) > newest.get(name, -1):
+        base, _, version = stem.rpartition("-")
+        name = f"{base}@{label}" if label else base
+        if base not in taken and version.isdecimal() and int(version) > newest.get(name, -1):
             newest[name] = int(version)
             found[name] = path
     return found
