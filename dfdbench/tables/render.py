@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 # What a spreadsheet takes for the start of a formula.
+_GROUPED = re.compile(r"\d{1,3}(,\d{3})+")
 _FORMULA = tuple("=+-@")
 # What Markdown and HTML would take for markup. Even escaped, GitHub takes dollars for formulas and
 # tildes for struck-out text, and the site takes braces for attributes.
@@ -170,12 +171,12 @@ def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
     r"""Return rows as comma-separated values; None is an empty field.
 
     An apostrophe precedes text that a spreadsheet would take for a formula, as OWASP advises
-    against CSV injection.
+    against CSV injection. Commas between thousands are dropped.
 
     Examples
     --------
-    >>> as_csv(("a", "b"), [(1, None), ("x,y", -2.5), ("=1+1", "-2.5")])
-    'a,b\n1,\n"x,y",-2.5\n\'=1+1,-2.5\n'
+    >>> as_csv(("a", "b"), [(1, None), ("x,y", -2.5), ("=1+1", "60,353")])
+    'a,b\n1,\n"x,y",-2.5\n\'=1+1,60353\n'
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -187,6 +188,8 @@ def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
 def _csv_cell(value: object) -> object:
     if not isinstance(value, str):
         return value
+    if _GROUPED.fullmatch(value):
+        return value.replace(",", "")
     # A spreadsheet takes it for a formula even after blanks.
     formula = value.lstrip().startswith(_FORMULA) and not _is_number(value)
     return ("'" if formula else "") + spelt_out(value)

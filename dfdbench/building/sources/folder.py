@@ -396,7 +396,8 @@ def _matches(folder: Path, part: str, above: Mapping[str, str]) -> Iterator[tupl
     open_end = part.endswith(ANY_ENDING)
     expression = re.escape(part.removesuffix(ANY_ENDING))
     for place in places_in(part):
-        group = r"(?P<number>\d+(?:\.\d+)?)" if place == IMAGE else ".+"
+        number = "(?P=number)" if "(?P<" in expression else r"(?P<number>\d+(?:\.\d+)?)"
+        group = number if place == IMAGE else ".+"
         expression = expression.replace(re.escape(f"{{{place}}}"), group, 1)
     for parent, number in above.items():
         if not (open_end or places_in(part)):
