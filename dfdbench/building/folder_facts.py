@@ -106,7 +106,6 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
     _tell_depth(scenes, facts)
     if "defocus" not in facts.roles:
-        _tell_matching(Matching(), facts)
         return facts
     sharp, soft = facts.roles["infocus"], facts.roles["defocus"]
     matching = matching_of(

@@ -314,7 +314,9 @@ class DepthPredictor:
             raise InputError(what, where=self._unknown, fix=fix)
         if self._align:
             digest = sha256(defocus.tobytes()).digest()
-            files = CapturedFiles() if digest in self._matched_already else self._files
+            # Blurring by a recipe says nothing of how photographs are to be matched.
+            files = self._files if self._files and self._files.defocus else None
+            files = CapturedFiles() if digest in self._matched_already else files
             infocus, defocus, found = matched_as_learned(infocus, defocus, files, laws)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
