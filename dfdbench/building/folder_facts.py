@@ -28,6 +28,10 @@ _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
 _LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
 _NAMED = 4
 _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
+#: Words in the names of what comes with RGB-D images, but is no photograph.
+_OTHERS = re.compile(
+    r"label|mask|(?<![a-z])seg|segment|semantic|instance|normals|confidence|albedo"
+)
 _STACKS, _STACKS_NAMED = 4, 3
 # Bounds must hold for every scene, so more depth maps are read, but only some pixels of each.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
@@ -122,9 +126,8 @@ def _kinds_of(folder: Path, layout: Layout) -> tuple[list[Group], list[Group]]:
     # Photographs may be grey with 16 bits, too; a name says more.
     depths = [group for group in depths if group.is_depth] or depths
     others = [group for group in layout.groups if group not in depths]
-    photographs = [
-        group for group in others if not group.pattern.lower().endswith(image_files.ARRAYS)
-    ]
+    images = [g for g in others if not g.pattern.lower().endswith(image_files.ARRAYS)]
+    photographs = [group for group in images if not _OTHERS.search(group.pattern.lower())] or images
     if depths and photographs:
         return depths, photographs
     there = ", ".join(group.pattern for group in layout.groups)

@@ -24,7 +24,7 @@ _FORMS = tuple(
     rf"(?:.*/)?{form}\.[^./]+"
     for form in (
         r"(?P<scene>[^/]*)",
-        r"(?P<scene>[^/]+[^ _\-./])[ _\-.][A-Za-z][^ _\-./]*",
+        r"(?P<scene>[^/]*[^ _\-./])[ _\-.][A-Za-z][^ _\-./]*",
         r"[A-Za-z][^ _\-./]*[ _\-.](?P<scene>[^/]+)",
     )
 )
@@ -177,21 +177,23 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     """
     forms = (*_folders(paths), *_FORMS)
     whole, with_depth = _best_of(paths, forms, _ROLES)
-    if with_depth:
+    if with_depth > 1:
         return whole
-    # A photograph and a depth map are better than three files without a depth.
-    single, with_depth = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
-    if not with_depth:
+    # Photographs with a depth map each are better than three files without, or than one scene.
+    single, with_one = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
+    if not with_one:
         return whole or _by_order(paths)
-    either = filter(None, (single, _by_order(paths)))
-    return max(either, key=lambda layout: len(layout.scenes))
+    either = (whole if with_depth else None, _by_order(paths), single)
+    return max(filter(None, either), key=lambda layout: len(layout.scenes))
 
 
 def _best_of(
     paths: tuple[str, ...], forms: tuple[str, ...], least: int
 ) -> tuple[Layout | None, int]:
     """Return the best layout with so many files a scene, and how many scenes have a depth file."""
-    found = [layout for form in forms if (layout := _layout(paths, form, least))]
+    laid_out = [layout for form in forms if (layout := _layout(paths, form, least))]
+    # Several scenes without a kind in common do not belong to one set.
+    found = [o for o in laid_out if len(o.scenes) == 1 or len(o.groups[0].files) > 1]
     # Prefer scenes with a depth file and enough others: they cannot be a misread kind of files.
     order = [(_with_depth(o.groups, least - 1), len(o.scenes), -len(o.groups)) for o in found]
     return (found[order.index(max(order))], max(order)[0]) if found else (None, 0)
@@ -401,7 +403,7 @@ def _by_order(paths: tuple[str, ...]) -> Layout | None:
     found = _kinds(paths, _FORMS[0])
     sizes = Counter(map(_sizes, found.values()))
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
-    if times < _ROLES:
+    if not _ROLES <= times <= _MOST_GROUPS:
         return None
     scenes = tuple(
         (split, f"{number:0{len(str(count))}}")

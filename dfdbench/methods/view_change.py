@@ -242,6 +242,8 @@ def _falloff(captures: Sequence[Images]) -> ViewChange:
         known = np.ones(pair.infocus.shape, bool)
         for image in pair[:2]:
             known &= (image > _DARK * LAST_LEVEL) & (image < _BRIGHT * LAST_LEVEL)
+        # A capture whose red, green or blue is too dark or too bright all over tells nothing.
+        known &= known.any(axis=(0, 1)).all()
         sums = [_by_field(np.where(known, decode(image), 0)) for image in pair[:2]]
         # The light of a whole capture may differ, for example with the exposure time.
         with np.errstate(divide="ignore", invalid="ignore"):

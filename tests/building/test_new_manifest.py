@@ -118,7 +118,7 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
         new_manifest(tmp_path)
 
 
-@pytest.mark.parametrize("names", ["{scene}/{kind}", "val/place-{place}/{scene}{_kind}"])
+@pytest.mark.parametrize("names", ["{scene}/{kind}", "val/place-{place}/{place}{_kind}"])
 def test_a_photograph_and_a_depth_map_are_for_a_recipe(tmp_path: Path, names: str) -> None:
     def name(number: int, kind: str) -> str:
         parts = {"scene": SCENES[number], "place": number, "kind": kind}
@@ -126,7 +126,7 @@ def test_a_photograph_and_a_depth_map_are_for_a_recipe(tmp_path: Path, names: st
 
     folder = rearranged(tmp_path, name)
     for path in folder.rglob("*blurred.png"):
-        path.unlink()
+        path.rename(str(path).replace("blurred", "label"))
     written, store = built(folder)
     assert any("a recipe blurs it" in text for text in written.found)
     for capture in store.captures():
