@@ -552,8 +552,8 @@ def _require_number(limit: int | None) -> None:
         raise InputError("no number of pairs", where="limit", expected=expected, got=got)
 
 
-def _opened(dataset: str | Dataset, cache: Path | str | None) -> Dataset:
-    return open_dataset(dataset, cache=cache) if isinstance(dataset, str) else dataset
+def _opened(dataset: Place | Dataset, cache: Path | str | None) -> Dataset:
+    return dataset if isinstance(dataset, Dataset) else open_dataset(dataset, cache=cache)
 
 
 @contextmanager
@@ -562,7 +562,9 @@ def _folder(
 ) -> Iterator[Path]:
     """Give the run's folder: `out`, or a temporary one, which is removed if the run fails."""
     if out is not None:
-        yield output_place(out, *inputs, replaces=replaces)
+        place = output_place(out, *inputs, replaces=replaces)
+        # Beside "." no other name can be put.
+        yield place if place.name.strip(".") else place.resolve()
         return
     folder = Path(tempfile.mkdtemp(prefix="dfdbench-"))
     try:

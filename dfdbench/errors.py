@@ -189,7 +189,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     >>> print(unknown_name("scene", "Xylophone", ["Art", "Books", "Reindeer"]))
     unknown scene: expected one of: Art, Books, Reindeer, got Xylophone
     """
-    choices = sorted(known)
+    choices, name = sorted(known), str(name)
     # In a short name one letter makes a large difference.
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5 if len(name) < 4 else 0.55)
     near.sort(key=lambda each: (-difflib.SequenceMatcher(None, each, name).ratio(), each))

@@ -74,6 +74,7 @@ network_crop = 16
 scene_count = 3
 pair_count = 11
 default_lighting = { illumination = 1, exposure = 1 }
+sources = [{ name = "here", url = "https://example.org/tiny", licence = "no", citations = ["no"] }]
 folds = [{ name = "K1", test_scenes = ["One", "Two"] }, { name = "K2", test_scenes = ["Three"] }]
 
 [axes]
@@ -90,12 +91,6 @@ unit = "levels"
 [table]
 blocks = "exposure"
 rows = "illumination"
-
-[[sources]]
-name = "here"
-url = "https://example.org/tiny"
-licence = "none needed"
-citations = ["nobody"]
 
 [[exclusions]]
 scenes = ["Three"]

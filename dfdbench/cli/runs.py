@@ -129,7 +129,7 @@ def tracks(
         dataset,
         split,
         parameters=options.values_of(param, "--param"),
-        tracks=track,
+        tracks=track or None,
         given_blur=given_blur,
         protocol=protocol,
         source=source,

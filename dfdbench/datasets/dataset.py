@@ -399,22 +399,25 @@ class Captures(Sequence[Capture]):
 
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
-    # Python clips slices at the end, and empties those that start before 0.
-    what = "the crop does not lie within the image"
+    # Python clips slices at the end, and empties those that start before 0; stores have no steps.
+    what = "the crop does not lie within the image, or has a step"
     errors.InputError.raise_if(
         errors.Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
+        or part.step not in (None, 1)
     )
 
 
-def open_dataset(name: str, place: Place | None = None, cache: Path | str | None = None) -> Dataset:
+def open_dataset(
+    name: Place, place: Place | None = None, cache: Path | str | None = None
+) -> Dataset:
     """Open a built data set: by its name, or by the path or URL of its store.
 
     Parameters
     ----------
-    name : str
+    name : str, Path or UPath
         A data set's name, a manifest's path, or the path or URL of a store.
     place : str, Path or UPath, optional
         Where the store is, if not in the default place.
@@ -434,6 +437,7 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | str | None
     >>> data.captures("test")[0].infocus.shape  # doctest: +SKIP
     (240, 320, 3)
     """
+    name = str(name)
     if place is None:
         place = place_of(name, cache)
     if place is not None:

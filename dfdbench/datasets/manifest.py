@@ -161,7 +161,8 @@ class Depth(StrictRecord):
 
         if self.kind == "metres" and self.scale is not None:
             return self.scale.to_levels(depth, self.unknown)
-        return np.where(np.isfinite(depth), np.rint(depth), self.unknown).astype(np.uint8)
+        levels = np.where(np.isfinite(depth), np.rint(depth), self.unknown)
+        return np.clip(levels, 0, 255).astype(np.uint8)
 
     def scored(self, depth: NDArray[np.float32]) -> NDArray[Any]:
         """Return what protocols score: metres as they are, levels with their fractions, if any."""

@@ -110,7 +110,7 @@ def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
     return manifest
 
 
-def labels_of(tracks: Sequence[str] | None) -> list[str]:
+def labels_of(tracks: Iterable[str] | None) -> list[str]:
     """Return ``clean`` and each ``TRACK-SEVERITY`` of some tracks, by default of all.
 
     Raises
@@ -118,10 +118,11 @@ def labels_of(tracks: Sequence[str] | None) -> list[str]:
     UnknownNameError
         If there is no such track.
     """
-    for name in tracks or ():
+    names = list(TRACKS if tracks is None else dict.fromkeys(tracks))
+    for name in names:
         if name not in TRACKS:
             raise unknown_name("track", name, TRACKS)
-    chosen = [TRACKS[name] for name in dict.fromkeys(tracks or TRACKS)]
+    chosen = [TRACKS[name] for name in names]
     return [CLEAN, *(label for track in chosen for label in track.labels)]
 
 

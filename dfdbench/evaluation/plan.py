@@ -107,7 +107,8 @@ def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[s
         "used": method.used,
         "fitted_sha256": fit_sha256(fitted) if fitted else None,
     }
-    return dict(json.loads(json.dumps(identity)))
+    # `default` is for a seed of NumPy's.
+    return dict(json.loads(json.dumps(identity, default=int)))
 
 
 def differences_from(

@@ -130,6 +130,11 @@ def run_method(
     ResultError
         If the folder cannot be written.
     """
+    if pool is not None and method.source_sha256 is None:
+        # Others would take what has its name: of an object, a new one of its class.
+        fix = "put it at the top of a file and pass its name, or leave out the pool"
+        what = "only this process knows the method, so no other can run it"
+        raise MethodError(what, where=method.entry, fix=fix)
     plan = plan_run(store, method, split, options or RunOptions())
     with _one_at_a_time(os.getpid()), writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)

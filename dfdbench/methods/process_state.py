@@ -1,9 +1,11 @@
 """Restore what a method changed in the process."""
 
 import contextlib
+import functools
 import os
 import random
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 
@@ -63,9 +65,16 @@ def process_kept() -> Iterator[None]:
             warnings.filters.extend(filters)  # type: ignore[attr-defined]
 
 
+@functools.cache
+def _one_at_a_time(process: int) -> threading.RLock:
+    return threading.RLock()
+
+
 @contextlib.contextmanager
 def seeded(seed: int) -> Iterator[None]:
     """Seed `random` and `numpy.random` for the block, and restore their states at its end.
+
+    Threads wait for one another, since both are the whole process's, as is what it prints.
 
     Raises
     ------
@@ -80,17 +89,18 @@ def seeded(seed: int) -> Iterator[None]:
     ...     first == (random.random(), np.random.random())
     True
     """
-    if not isinstance(seed, int) or not 0 <= seed < 2**32:
+    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
         expected = "a whole number from 0 to 4294967295"
         raise InputError("not a seed", where="seed", expected=expected, got=repr(seed))
-    states = random.getstate(), np.random.get_state()
-    random.seed(seed)
-    np.random.seed(seed)
-    try:
-        yield
-    finally:
-        random.setstate(states[0])
-        np.random.set_state(states[1])
+    with _one_at_a_time(os.getpid()):
+        states = random.getstate(), np.random.get_state()
+        random.seed(int(seed))
+        np.random.seed(seed)
+        try:
+            yield
+        finally:
+            random.setstate(states[0])
+            np.random.set_state(states[1])
 
 
 def _working_directory() -> str | None:

@@ -245,6 +245,8 @@ def load_method(
 
 def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:
     """Return a method's name, its entry, and the method itself if no entry leads to it."""
+    if name is None:
+        raise MethodError("no method is named", fix="give its name, or something to call")
     if not isinstance(name, str):
         try:
             name = entry_of(name)

@@ -19,7 +19,7 @@ import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CellType, CodeType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -85,27 +85,38 @@ class Sources:
         self._hash(path)
 
     def note_values(self, target: Any) -> None:
-        """Note the values that a function or a class reads from its module: they may be set anew.
+        """Note what a function or a class is and reads from its module: it may be set anew.
 
-        Those that it sets itself do not count, nor do lists and mappings, which it may fill.
+        That covers functions and values, also those of a class. Values that it sets itself do not
+        count, nor do lists and mappings, which it may fill, or objects.
         """
-        parts = vars(target).values() if isinstance(target, type) else [target]
-        for outer in filter(inspect.isfunction, parts):
-            function = inspect.unwrap(outer)
-            # What a decorator wraps may be anything.
-            if not inspect.isfunction(function) or str(function.__module__).startswith(_ROOMS):
-                continue
-            read, written = _globals_in(function.__code__)
-            for name in read - written:
-                value, label = function.__globals__.get(name), f"{VALUE}{name}"
-                if label in self._values:
-                    continue
-                if digest := _value_sha256(value):
-                    self._values[label] = digest
-                elif inspect.isfunction(value):
-                    self._values[label] = value.__qualname__
-                    if value.__globals__ is function.__globals__:
-                        self.note_values(value)
+        if not isinstance(target, type):
+            self._note(f"{VALUE}{getattr(target, '__qualname__', '')}", target)
+            return
+        for kind in target.__mro__:
+            own = {} if f"{kind.__module__}.".startswith((*_ROOMS, "builtins.")) else vars(kind)
+            for name, part in own.items():
+                part = getattr(part, "__func__", part)
+                if inspect.isfunction(part) or not name.startswith("__"):
+                    self._note(f"{VALUE}{kind.__qualname__}.{name}", part)
+
+    def _note(self, label: str, value: Any) -> None:
+        if label in self._values:
+            return
+        if digest := _value_sha256(value):
+            self._values[label] = digest
+            return
+        function = inspect.unwrap(value) if inspect.isfunction(value) else None
+        # What a decorator wraps may be anything.
+        if not inspect.isfunction(function) or str(function.__module__).startswith(_ROOMS):
+            return
+        self._values[label] = _function_sha256(value)
+        read, written = _globals_in(function.__code__)
+        for name in read - written:
+            other, label = function.__globals__.get(name), f"{VALUE}{name}"
+            if inspect.isfunction(other) and other.__globals__ is not function.__globals__:
+                self._values.setdefault(label, other.__qualname__)
+            self._note(label, other)
 
     @property
     def module_sha256(self) -> str | None:
@@ -366,6 +377,21 @@ def _globals_in(code: CodeType) -> tuple[set[str], set[str]]:
             more = _globals_in(inner)
             read, written = read | more[0], written | more[1]
     return read, written
+
+
+def _function_sha256(function: Any) -> str:
+    """Return the SHA-256 of a function's text, defaults and closure, and of what it wraps."""
+    told = []
+    while inspect.isfunction(function):
+        try:
+            text = inspect.getsource(function.__code__)
+        except (OSError, TypeError):
+            text = function.__qualname__
+        cells = [cell.cell_contents for cell in function.__closure__ or () if cell != CellType()]
+        values = (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values(), *cells)
+        told += [text, *map(_value_sha256, values)]
+        function = getattr(function, "__wrapped__", None)
+    return hashlib.sha256(repr(told).encode()).hexdigest()
 
 
 def _value_sha256(value: Any) -> str:

@@ -137,8 +137,9 @@ class Run:
             If the run was not scored under that protocol.
         """
         shown = self._asked(protocol)
+        first = summary.summarise(self.result, shown)
         if not self._on_tracks:
-            return _as_frame(run_score_table(summary.summarise(self.result, shown)))
+            return _as_frame(run_score_table(first))
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
         return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
 
@@ -192,6 +193,7 @@ class Run:
 
     def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:
         """Draw the run's figures into its folder, as png, pdf or svg; return the files."""
+        forms = [forms] if isinstance(forms, str) else forms
         from dfdbench.figures.comparisons import tracks_figure  # they import matplotlib
         from dfdbench.figures.runs import draw_run
         from dfdbench.figures.style import write_forms
@@ -384,5 +386,6 @@ class Transfer:
         from dfdbench.figures.comparisons import transfer_figure  # it imports matplotlib
         from dfdbench.figures.style import write_forms
 
+        forms = [forms] if isinstance(forms, str) else forms
         figure = transfer_figure(self.table(), self.title)
         return write_forms(figure, self.folder, "transfer", forms)

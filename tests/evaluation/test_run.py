@@ -14,6 +14,7 @@ import xarray
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
@@ -259,6 +260,9 @@ def test_it_is_warmed_up_here_before_workers_start(tiny_store: Dataset, tmp_path
     )
     loaded = load_for(tiny_store, f"{tmp_path / 'warm.py'}:predict", {})
     run_method(tiny_store, loaded, "test", tmp_path / "out", pool=Processes(1))
+    nameless = load_for(tiny_store, partial(max), {})
+    with pytest.raises(MethodError, match="no other can run it"):
+        run_method(tiny_store, nameless, "test", tmp_path, pool=Processes(1))
     shape = tiny_store.read(tiny_store.pairs("test")[0]).infocus.shape
     here, there = (tmp_path / "warmed").read_text("utf-8").splitlines()
     assert here == f"{os.getpid()} {shape}"

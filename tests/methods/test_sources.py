@@ -117,6 +117,10 @@ def test_a_value_that_a_script_sets_anew_is_noticed() -> None:
             now = load_method(by_gain, {}, {})
         for used in (now.used, now.used_again(before)):
             assert changes(before, used) == said
+    new = mock.patch.object(by_gain, "__defaults__", (IMAGE,))
+    with new, mock.patch(f"{__name__}.gained", lambda values: values):
+        told = changes(before, load_method(by_gain, {}, {}).used)
+    assert told == ["value of by_gain has changed", "value of gained has changed"]
 
 
 def test_labels_do_not_depend_on_where_the_folder_lies(own: Path) -> None:
@@ -162,5 +166,5 @@ def test_another_process_finds_the_same(own: Path) -> None:
     # There, everything is opened for the first time.
     name = f"{own / 'mine.py'}:predict"
     load = "from dfdbench.methods.registry import load_method as load"
-    found = python("-c", f"{load}; print(*load({name!r}, {{}}, {{}}).used)")
-    assert found.stdout.split() == list(load_method(name, {}, {}).used)
+    found = python("-c", f"{load}; print(*load({name!r}, {{}}, {{}}).used, sep='|')")
+    assert found.stdout.strip().split("|") == list(load_method(name, {}, {}).used)
