@@ -93,8 +93,10 @@ class Sources:
         if not isinstance(target, type):
             self._note(f"{VALUE}{getattr(target, '__qualname__', '')}", target)
             return
-        for kind in target.__mro__:
-            own = {} if f"{kind.__module__}.".startswith((*_ROOMS, "builtins.")) else vars(kind)
+        ours = str(target.__module__).startswith(_ROOMS)
+        for kind in () if ours else target.__mro__:
+            # The files of other modules are hashed, and those of libraries do not count.
+            own = vars(kind) if kind.__module__ == target.__module__ else {}
             for name, part in own.items():
                 part = getattr(part, "__func__", part)
                 if inspect.isfunction(part) or not name.startswith("__"):
