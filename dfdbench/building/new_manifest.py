@@ -245,6 +245,9 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
         chosen.setdefault(split, []).append(scene.name)
     if len(scenes) == 1 and not told:
         chosen = {"test": chosen["train"]}
+    elif "test" not in chosen and told:
+        # What did not train is for the test.
+        chosen["test"] = chosen.pop(next(name for name in chosen if name != "train"))
     elif "test" not in chosen and len(scenes) > 1:
         chosen["test"] = [chosen["train"].pop()]
     return [
@@ -265,10 +268,9 @@ def _places(scenes: list[_Scene]) -> list[str]:
 
 
 def _are_told(scenes: list[_Scene]) -> bool:
-    """Return whether folders say which scenes train."""
-    return all(scene.split for scene in scenes) and any(
-        _split_name(scene.split) == "train" for scene in scenes
-    )
+    """Return whether folders say which scenes train, and which do not."""
+    splits = {_split_name(scene.split) for scene in scenes if scene.split}
+    return all(scene.split for scene in scenes) and "train" in splits and len(splits) > 1
 
 
 def _split_name(folder: str) -> str:

@@ -198,7 +198,9 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
         return
     if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
         got = listed(sorted(there))
-        yield "files", f"neither a pair, infocus and defocus, nor a stack, images; got {got}"
+        what = f"neither a pair, infocus and defocus, nor a stack, images; got {got}"
+        blurred = '; recipe = "published" would blur them' * (there == {"depth", "infocus"})
+        yield "files", what + blurred
     if "images" not in there:
         return
     if files.flat_field:

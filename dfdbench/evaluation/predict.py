@@ -134,6 +134,9 @@ class DepthPredictor:
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
             raise InputError("no such run", where=str(camera), fix="name the folder of a run")
         elif camera is not None:
+            if "recipe" in given:
+                what = "the blur is named twice: as the camera, and as the parameter recipe"
+                raise InputError(what, fix="leave out one of them")
             given["recipe"], self._scale = _blur(camera)
         if method is None:
             fix = "name a method (--method NAME), or a run of one (--fitted RUN)"

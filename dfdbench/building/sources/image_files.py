@@ -87,7 +87,7 @@ def read_photograph(
     """
     upright = _upright(decode_file(content, where), content, where, rotation)
     image = _in_full(upright, where, bits, deep)
-    if image.shape[2:] == (4,) and not (image[..., 3] == 255).all():
+    if image.shape[2:] == (4,) and not (image[..., 3] == np.iinfo(image.dtype).max).all():
         what = "the photograph has transparent pixels"
         raise SourceError(what, where=where, fix="write it without alpha channel")
     return _as_rgb(image)
