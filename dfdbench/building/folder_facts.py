@@ -29,9 +29,7 @@ _LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
 _NAMED = 4
 _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
 #: Words in the names of what comes with RGB-D images, but is no photograph.
-_OTHERS = re.compile(
-    r"label|mask|(?<![a-z])seg|segment|semantic|instance|normals|confidence|albedo"
-)
+_OTHERS = re.compile(r"label|mask|(?<![a-z])seg|segment|semantic|instance|confidence|albedo")
 _STACKS, _STACKS_NAMED = 4, 3
 # Bounds must hold for every scene, so more depth maps are read, but only some pixels of each.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
@@ -127,7 +125,7 @@ def _kinds_of(folder: Path, layout: Layout) -> tuple[list[Group], list[Group]]:
     depths = [group for group in depths if group.is_depth] or depths
     others = [group for group in layout.groups if group not in depths]
     images = [g for g in others if not g.pattern.lower().endswith(image_files.ARRAYS)]
-    photographs = [group for group in images if not _OTHERS.search(group.pattern.lower())] or images
+    photographs = [group for group in images if not _is_other(folder, group)] or images
     if depths and photographs:
         return depths, photographs
     there = ", ".join(group.pattern for group in layout.groups)
@@ -233,8 +231,18 @@ def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
 
 def _is_depth(folder: Path, group: Group) -> bool:
     image = _read(folder, group, next(iter(group.files)))[1]
-    flat = image.ndim == 2 or bool((image[..., :3] == image[..., :1]).all())
-    return flat and (group.is_depth or image.dtype != np.uint8)
+    return _is_grey(image) and (group.is_depth or image.dtype != np.uint8)
+
+
+def _is_other(folder: Path, group: Group) -> bool:
+    name = group.pattern.lower()
+    if "normals" in name or not _OTHERS.search(name):
+        return "normals" in name
+    return _is_grey(_read(folder, group, next(iter(group.files)))[1])
+
+
+def _is_grey(image: NDArray[Any]) -> bool:
+    return image.ndim == 2 or bool((image[..., :3] == image[..., :1]).all())
 
 
 def _spread(keys: Sequence[Key], most: int) -> list[Key]:

@@ -181,7 +181,8 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
         return whole
     # Photographs with a depth map each are better than three files without, or than one scene.
     single, with_one = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
-    if not with_one:
+    # If as many others are left over, they may be the sharp photographs.
+    if not single or not with_one or len(single.left) >= len(single.scenes):
         return whole or _by_order(paths)
     either = (whole if with_depth else None, _by_order(paths), single)
     return max(filter(None, either), key=lambda layout: len(layout.scenes))

@@ -248,7 +248,7 @@ def camera_note(
     how = "worse" if there > own else "better"
     than = "the training's" if training else "its own noise allows"
     what = f"the method's blur explains the images {times:.1f} times {how} than {than}"
-    return f"{what}: another camera, or other settings?"
+    return f"{what}: more noise or compression, another camera, or other settings?"
 
 
 def keep_fit(folder: Path, fit: Fit) -> None:

@@ -35,7 +35,7 @@ from dfdbench.methods.calling import call
 from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import DepthMap, Method, Predict
 from dfdbench.methods.parameters import read_fields
-from dfdbench.methods.process_state import seeded
+from dfdbench.methods.process_state import one_at_a_time, seeded
 from dfdbench.methods.registry import Facts, find_entry, load_method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.optics.sharpness import laplacian_energy
@@ -278,7 +278,7 @@ class DepthPredictor:
         return self._answer(*self.method.called_on(capture))
 
     def _answer(self, predict: Predict, images: Sequence[Any], found: str = "") -> Estimate:
-        with seeded(self._seed):
+        with one_at_a_time(os.getpid()), seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
             fix = f"mend the method; dfdbench check-method {self.method.name} tries more images"

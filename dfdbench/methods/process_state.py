@@ -66,15 +66,14 @@ def process_kept() -> Iterator[None]:
 
 
 @functools.cache
-def _one_at_a_time(process: int) -> threading.RLock:
+def one_at_a_time(process: int) -> threading.RLock:
+    """Return a process's lock for estimates: what seeds it, or what it prints, is all of it."""
     return threading.RLock()
 
 
 @contextlib.contextmanager
 def seeded(seed: int) -> Iterator[None]:
     """Seed `random` and `numpy.random` for the block, and restore their states at its end.
-
-    Threads wait for one another, since both are the whole process's, as is what it prints.
 
     Raises
     ------
@@ -92,15 +91,14 @@ def seeded(seed: int) -> Iterator[None]:
     if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
         expected = "a whole number from 0 to 4294967295"
         raise InputError("not a seed", where="seed", expected=expected, got=repr(seed))
-    with _one_at_a_time(os.getpid()):
-        states = random.getstate(), np.random.get_state()
-        random.seed(int(seed))
-        np.random.seed(seed)
-        try:
-            yield
-        finally:
-            random.setstate(states[0])
-            np.random.set_state(states[1])
+    states = random.getstate(), np.random.get_state()
+    random.seed(int(seed))
+    np.random.seed(seed)
+    try:
+        yield
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])
 
 
 def _working_directory() -> str | None:

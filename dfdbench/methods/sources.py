@@ -19,7 +19,7 @@ import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import CellType, CodeType, ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -87,8 +87,8 @@ class Sources:
     def note_values(self, target: Any) -> None:
         """Note what a function or a class is and reads from its module: it may be set anew.
 
-        That covers functions and values, also those of a class. Values that it sets itself do not
-        count, nor do lists and mappings, which it may fill, or objects.
+        That covers functions and values. Values that it sets itself do not count, nor do lists and
+        mappings, which it may fill, or objects.
         """
         if not isinstance(target, type):
             self._note(f"{VALUE}{getattr(target, '__qualname__', '')}", target)
@@ -99,7 +99,8 @@ class Sources:
             own = vars(kind) if kind.__module__ == target.__module__ else {}
             for name, part in own.items():
                 part = getattr(part, "__func__", part)
-                if inspect.isfunction(part) or not name.startswith("__"):
+                # A class may change its own values.
+                if inspect.isfunction(part):
                     self._note(f"{VALUE}{kind.__qualname__}.{name}", part)
 
     def _note(self, label: str, value: Any) -> None:
@@ -382,15 +383,14 @@ def _globals_in(code: CodeType) -> tuple[set[str], set[str]]:
 
 
 def _function_sha256(function: Any) -> str:
-    """Return the SHA-256 of a function's text, defaults and closure, and of what it wraps."""
+    """Return the SHA-256 of a function's text and defaults, and of what it wraps."""
     told = []
     while inspect.isfunction(function):
         try:
             text = inspect.getsource(function.__code__)
         except (OSError, TypeError):
             text = function.__qualname__
-        cells = [cell.cell_contents for cell in function.__closure__ or () if cell != CellType()]
-        values = (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values(), *cells)
+        values = (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values())
         told += [text, *map(_value_sha256, values)]
         function = getattr(function, "__wrapped__", None)
     return hashlib.sha256(repr(told).encode()).hexdigest()
