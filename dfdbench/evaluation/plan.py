@@ -1,6 +1,7 @@
 """What a run evaluates, and how it recognises an earlier call of the same run."""
 
 import json
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +109,7 @@ def identity_of(method: Method, seed: int, fitted: Path | None = None) -> dict[s
         "fitted_sha256": fit_sha256(fitted) if fitted else None,
     }
     # `default` is for a seed of NumPy's.
-    return dict(json.loads(json.dumps(identity, default=int)))
+    return dict(json.loads(json.dumps(identity, default=operator.index)))
 
 
 def differences_from(
