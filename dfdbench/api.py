@@ -41,7 +41,7 @@ Progress = Callable[[int, int], None]
 
 
 def build(
-    name: str,
+    name: Path | str,
     source: Path | str | None = None,
     *,
     store: Place | None = None,
@@ -58,7 +58,7 @@ def build(
 
     Parameters
     ----------
-    name : str
+    name : str or Path
         A data set's name or a manifest's path; ``NAME@TRACK-SEVERITY`` for a track.
     source : Path or str, optional
         The folder with the files; by default Middlebury's are downloaded and demo is generated.
@@ -101,7 +101,7 @@ def build(
     from dfdbench.building.obtaining import build_dataset
 
     report = build_dataset(
-        name,
+        str(name),
         Path(source) if source else None,
         store=store,
         recipe=recipe,
@@ -220,10 +220,11 @@ def run(
 
     Parameters
     ----------
-    method : str or callable
-        A registered name, ``module:attribute`` or ``file.py:attribute``; or a function of two RGB
-        images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255, shape (y, x); or a
-        class whose instances are called that way, or an instance. It may be defined in a notebook.
+    method : str, callable or Method
+        A registered name, ``module:attribute`` or ``file.py:attribute``; or what `load_method`
+        returned, which is fitted anew; or a function of two RGB images, uint8 of shape (y, x, 3),
+        that returns depth levels 0 to 255, shape (y, x); or a class whose instances are called
+        that way, or an instance. It may be defined in a notebook.
     dataset : str or Dataset
         A data set's name, a store's path or URL, or an open data set.
     split : str

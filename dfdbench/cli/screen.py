@@ -28,6 +28,8 @@ PICTURES = (".png", ".pdf", ".svg")
 GOES_ON = "the same command goes on from here"
 #: Where no bar can be drawn, a line this often says how far the work is.
 _LINE_SECONDS = 60.0
+#: Work taken over from an earlier call is gone through in less.
+_TAKEN_OVER_SECONDS = 5.0
 
 
 def spell_out_what_cannot_be_shown() -> None:
@@ -169,7 +171,7 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
     from rich.text import Text
 
     name = Text(what).plain
-    said = begun = time.monotonic()
+    said = begun = opened = time.monotonic()
     first: int | None = None
     with _bar() as bar:
 
@@ -178,7 +180,7 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
             more = f"files, {decimal(beside)}" if isinstance(beside, int) else beside or ""
             bar.update(task, completed=done, total=total, more=more)
             now = time.monotonic()
-            if first is None:
+            if first is None or now - opened < _TAKEN_OVER_SECONDS:
                 # Work taken over from an earlier call tells nothing of the speed.
                 first, begun = done, now
             if not bar.disable or now - said < _LINE_SECONDS:

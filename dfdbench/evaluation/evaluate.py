@@ -23,6 +23,7 @@ from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.pair import PairEvaluator, blank_record, record_of
 from dfdbench.evaluation.plan import RunOptions, protocol_on, protocols_on, require_what_was_built
 from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
+from dfdbench.methods.calling import SMALL_LEVEL
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction, teach
 from dfdbench.metrics.metric import find_metric
@@ -118,6 +119,7 @@ def labels_of(tracks: Iterable[str] | None) -> list[str]:
     UnknownNameError
         If there is no such track.
     """
+    tracks = [tracks] if isinstance(tracks, str) else tracks
     names = list(TRACKS if tracks is None else dict.fromkeys(tracks))
     for name in names:
         if name not in TRACKS:
@@ -232,8 +234,9 @@ def _warnings(found: PredictionFiles) -> list[str]:
     warnings = []
     if found.others:
         warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
-    if found.highest <= 1 and found.unit == found.about.kind == "levels":
-        warnings.append("no depth map rises above level 1; levels go from 0 to 255")
+    if found.highest <= SMALL_LEVEL and found.unit == found.about.kind == "levels":
+        what = f"no depth map rises above level {SMALL_LEVEL}; levels go from 0 to 255"
+        warnings.append(f"{what} (--unit metres scores distances)")
     if found.beyond and found.about.scale is not None:
         ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
         warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
@@ -307,7 +310,7 @@ def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
             fix = f"give a list: {{{name!r}: [{values!r}]}}"
             raise InputError("the values to try are no list", where=name, fix=fix)
     return {
-        name: values.tolist() if isinstance(values, np.ndarray) else list(values)
+        name: [value.item() if isinstance(value, np.generic) else value for value in values]
         for name, values in ranges.items()
     }
 

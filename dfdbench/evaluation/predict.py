@@ -84,9 +84,10 @@ class DepthPredictor:
 
     Parameters
     ----------
-    method : str or callable, optional
-        A registered name, ``module:attribute``, ``file.py:attribute``, or the function or class
-        itself; by default the method of the run that `camera` names.
+    method : str, callable or Method, optional
+        A registered name, ``module:attribute``, ``file.py:attribute``, the function or class
+        itself, or what `load_method` returned, which may be fitted; by default the method of the
+        run that `camera` names.
     camera : Run, Path, str, mapping, BlurRecipe or BlurLaw, optional
         What is known about the blur: a run or its folder, whose fit is used; or a lens, a blur
         recipe or a law, as fields or as a TOML file (`run` writes ``law.toml``).
@@ -142,11 +143,15 @@ class DepthPredictor:
             fix = "name a method (--method NAME), or a run of one (--fitted RUN)"
             raise MethodError("no method is named", fix=fix)
         images = images_in(given)
-        found, self._takes_lens = _load(method, images[1], seed)
-        self.method = replace(found, images=images[0])
-        self.unit: Unit = self.method.answers_in("levels")
         self._fitted = fitted
-        self._restore(fitted)
+        if isinstance(method, Method) and camera is None and not images[1]:
+            # Its user may have fitted it, so it is not loaded again.
+            self.method = replace(method, images=images[0] or method.images)
+        else:
+            found, self._takes_lens = _load(method, images[1], seed)
+            self.method = replace(found, images=images[0])
+            self._restore(fitted)
+        self.unit: Unit = self.method.answers_in("levels")
 
     def _of_run(self, result: Result, folder: Path) -> None:
         """Take over what is known of a run's data set: what levels are, how pairs were matched."""

@@ -78,10 +78,10 @@ _MOST_NUMBERS = 100
 # A level this far outside 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
 
-# Metres, shares of the depth and class indices are below this; levels of a whole scene hardly ever.
-_FEW_LEVELS = 10
+#: Metres, shares of depth and class indices are below this; levels of a whole scene hardly ever.
+SMALL_LEVEL = 10
 #: The warning for depth maps that seem to hold something other than levels.
-FEW_LEVELS = f"all levels between 0 and {_FEW_LEVELS}; levels go from 0 (far) to 255 (near)"
+FEW_LEVELS = f"all levels between 0 and {SMALL_LEVEL}; levels go from 0 (far) to 255 (near)"
 #: The warning for depth maps that seem to be in millimetres.
 MILLIMETRES = "most of it at the set's far end or beyond, where it ends: are these metres?"
 
@@ -296,7 +296,7 @@ def in_few_levels(depth: DepthMap) -> bool:
     >>> in_few_levels(np.float32([[0, 0.5]])), in_few_levels(np.float32([[0, 20]]))
     (True, False)
     """
-    return bool(0 < np.nanmax(depth) <= _FEW_LEVELS)
+    return bool(0 < np.nanmax(depth) <= SMALL_LEVEL)
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:

@@ -102,7 +102,8 @@ class Method:
         Raises
         ------
         MethodError
-            If it takes a stack but got two images, or if the images differ in shape.
+            If it takes a stack but got two images, or if the images are not RGB of 8 bits or
+            differ in shape.
         """
         if self.takes_stack and len(images) > 1:
             fix = "call it with a capture's stack, or choose a method of pairs"
@@ -110,6 +111,12 @@ class Method:
         if len(shapes := dict.fromkeys(map(np.shape, images))) > 1:
             got = " and ".join(map(str, shapes))
             raise MethodError("the images differ in shape", where=self.name, got=got)
+        for image in images if len(images) > 1 else ():
+            array = np.asarray(image)
+            if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3:
+                got, fix = f"{array.dtype} {array.shape}", "dfdbench.predict also takes others"
+                what = "not an RGB image of 8 bits, shape (y, x, 3)"
+                raise MethodError(what, where=self.name, got=got, fix=fix)
         of_stack = len(images) == 1 and not self.takes_stack and self.attribute("from_stack")
         return (of_stack or self.predict)(*images)
 

@@ -187,8 +187,9 @@ def load_method(
 
     Parameters
     ----------
-    name : str or callable
-        As for `load`, or the function, class or object itself.
+    name : str, callable or Method
+        As for `load`, or the function, class or object itself. A method that was loaded before is
+        loaded again with its parameters, and has to be fitted again.
     parameters : mapping
         The parameters that the user set.
     offers : mapping of str to callable
@@ -210,6 +211,9 @@ def load_method(
     from dfdbench.methods.parameters import read_parameters
     from dfdbench.methods.sources import Sources
 
+    if isinstance(name, Method):
+        parameters = {**name.parameters, **parameters}
+        name = name.name if name.name in registered_methods() else name.entry
     shown, entry, target = _found(name)
     sources = Sources()
     with sources.watch():

@@ -191,8 +191,13 @@ def checked(
     InputError
         If shapes differ, values are complex or non-finite, or the mask is invalid.
     """
+    given = {"image_true": image_true, "image_test": image_test}
+    fix = "give image.data, and ~image.mask as mask"
+    what = "masked pixels would count"
+    masked = [name for name, image in given.items() if np.ma.is_masked(image)]
+    problems = [Problem(what, where=name, fix=fix) for name in masked]
     truth, test = np.asarray(image_true), np.asarray(image_test)
-    problems = [*_wrong("image_true", truth), *_wrong("image_test", test)]
+    problems += [*_wrong("image_true", truth), *_wrong("image_test", test)]
     if not problems and truth.shape != test.shape:
         what = f"sizes differ, {truth.shape} and {test.shape}"
         problems.append(Problem(what, where="image_test"))

@@ -128,6 +128,8 @@ class Processes(Pool):
         except futures.BrokenExecutor as error:
             what = "a worker ended without a word: out of memory, or its code ended the process"
             fix = "give fewer workers; what is done is kept, and the same command goes on"
+            # A worker imports the script that started it, which must not start workers again.
+            fix += '; a script has to start them under `if __name__ == "__main__":`'
             raise InputError(what, where="--workers", fix=fix) from error
 
 

@@ -20,7 +20,6 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.predict import DepthPredictor, predict
-from dfdbench.methods.registry import load
 from dfdbench.methods.view_change import ViewChange
 from tests.conftest import read_rgb, write_png
 from tests.made_folder import FOLDER_TOML, make_folder
@@ -54,7 +53,11 @@ def test_depth_is_what_the_method_gives(pair: tuple[Image, Image, Image], tmp_pa
     write_png(tmp_path / "blurred.png", blurred)
     files = tmp_path / "sharp.png", tmp_path / "blurred.png"
     found = predict("local", files, "published", align=False)
-    assert np.array_equal(found, load("local", recipe="published")(sharp, blurred))
+    ready = dfdbench.load_method("local", recipe="published")
+    assert np.array_equal(found, ready(sharp, blurred))
+    assert np.array_equal(found, predict(ready, files, align=False))
+    with pytest.raises(MethodError, match="not an RGB image of 8 bits"):
+        ready(sharp / 255, blurred / 255)
     assert np.abs(found - depth)[:, 20:-20].mean() < 20
 
 
@@ -141,7 +144,8 @@ def test_photographs_are_matched_as_those_of_the_run_s_data_set(tmp_path: Path) 
 
 def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
     method = load_for(few_demo, "local", {"window": 5})
-    run = dfdbench.run("local", few_demo, parameters={"window": 5}, out=tmp_path / "run")
+    loaded = dfdbench.load_method("local", window=5)
+    run = dfdbench.run(loaded, few_demo, out=tmp_path / "run")
     images = few_demo.read(few_demo.pairs("test")[0])
     for camera in (run, tmp_path / "run"):
         depth = predict(None, (images.infocus, images.defocus), camera, align=False)

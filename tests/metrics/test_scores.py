@@ -152,6 +152,7 @@ def test_wrong_input_is_named(metric: object) -> None:
     for truth, test, extra, told in (
         (good, good[1:], {}, "sizes differ"),
         (good, good + np.nan, {}, "not finite"),
+        (good, np.ma.masked_equal(good, 0), {}, "masked pixels would count"),
         (good, good.astype(complex), {}, "complex128"),
         (good[0], good[0], {}, "wrong shape"),
         (good[:0], good[:0], {}, "wrong shape"),
