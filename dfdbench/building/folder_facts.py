@@ -30,13 +30,15 @@ _NAMED = 4
 _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
 #: Words in the names of what comes with RGB-D images, but is no photograph.
 _OTHERS = re.compile(r"label|mask|(?<![a-z])seg|segment|semantic|instance|confidence|albedo")
+_INVERSE = re.compile(r"disp|inverse|inv[_-]?depth")
+_DIOPTRES = re.compile(r"diop|(?<![a-z])dpt")
+_NORMALS = re.compile(r"normals|normal_(cam|world|map)|surface_?normal")
 _STACKS, _STACKS_NAMED = 4, 3
 # Bounds must hold for every scene, so more depth maps are read, but only some pixels of each.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
 # Plausible depths of a camera's scenes, in metres: a median in this range is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
 _SIDEWAYS = 5  # EXIF orientations from 5 on swap rows and columns
-_MEASURED = 16  # more distinct positive values than this are measurements, not layers
 _SHARE = 0.5  # per cent of the depths that the bounds leave out at each end
 
 
@@ -97,11 +99,11 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     facts, scenes = Facts(folder, {"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
     _tell_photographs(fitting, keys, facts)
-    if len(photographs) > 1:
+    if len(fitting) > 1:
         _tell_focus(fitting, keys, facts)
     else:
-        facts.roles = {"infocus": photographs[0], **facts.roles}
-        facts.found.append(f"in focus {photographs[0].pattern}, and no other: a recipe blurs it")
+        facts.roles = {"infocus": fitting[0], **facts.roles}
+        facts.found.append(f"in focus {fitting[0].pattern}, and no other: a recipe blurs it")
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
@@ -135,7 +137,7 @@ def _kinds_of(folder: Path, layout: Layout) -> tuple[list[Group], list[Group]]:
         what = "no depth map is found: its file is grey and says so in its name, as depth.png"
         what += f" does, or has 16 or 32 bits ({endings})"
     found = "; ".join(filter(None, (there, folder_layout.unread_files(folder))))
-    fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+    fix = folder_layout.BY_HAND
     fix += "" if depths else "; photographs without depth are for `dfdbench predict`"
     raise InputError(what, where=str(folder), got=found, fix=fix)
 
@@ -209,7 +211,8 @@ def _of_one_size(
 ) -> tuple[Group, list[Group]]:
     """Return a kind of depth maps and the photographs of its size, or all photographs."""
     # A kind that only few scenes have plays no role.
-    enough = sorted(len(group.files) for group in photographs)[-2:][0] / 2
+    counts = sorted(len(group.files) for group in photographs)
+    enough = max(counts[-2:][0] / 2, counts[-1] / 8)
     photographs = [group for group in photographs if len(group.files) >= enough]
     for depth in depths:
         fitting = []
@@ -236,8 +239,8 @@ def _is_depth(folder: Path, group: Group) -> bool:
 
 def _is_other(folder: Path, group: Group) -> bool:
     name = group.pattern.lower()
-    if "normals" in name or not _OTHERS.search(name):
-        return "normals" in name
+    if _NORMALS.search(name) or not _OTHERS.search(name):
+        return bool(_NORMALS.search(name))
     return _is_grey(_read(folder, group, next(iter(group.files)))[1])
 
 
@@ -339,14 +342,14 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
         sizes[key] = image.shape[:2]
     kind = some[0].dtype
     values = np.concatenate(some).astype(np.float64)
-    stand = _stand_for_none(values, kind)
+    stand = image_files.stand_for_none(values, kind)
     facts.files["depth_missing"], facts.unit = str(stand), "levels, as in the files"
-    below = values[np.isfinite(values) & (values < 0)]
-    signed = not np.isin(below, stand).all()
-    if kind.kind == "f" and ("disp" in group.pattern.lower() or signed):
-        _tell_ends(values[np.isfinite(values)], facts)
+    finite = values[np.isfinite(values) & ~np.isin(values, stand)]
+    signed = kind.kind == "f" and (finite < 0).any()
+    if signed or (kind != np.uint8 and _INVERSE.search(group.pattern.lower())):
+        _tell_ends(values[np.isfinite(values)], facts, stand if kind.kind == "u" else [])
         return
-    told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
+    told = finite[finite > 0]
     if not told.size:
         raise SourceError("depth maps tell no depths", where=str(facts.folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
@@ -372,26 +375,16 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     )
 
 
-def _stand_for_none(values: NDArray[np.float64], kind: np.dtype[Any]) -> list[float]:
-    """Return the values that mark unknown depth."""
-    last = np.iinfo(kind).max if kind.kind == "u" else None
-    stand: list[float] = [0] if (values == 0).any() else []
-    stand += [last] if last and last > 255 and (values == last).any() else []
-    below = values[np.isfinite(values) & (values < 0)]
-    # A value that is always the same is not a measurement.
-    measured = np.unique(values[values > 0]).size > _MEASURED
-    is_mark = below.size > 1 and np.ptp(below) == 0 and measured
-    return [*below[:1].tolist(), *stand] if is_mark else stand
-
-
-def _tell_ends(values: NDArray[np.float64], facts: Facts) -> None:
+def _tell_ends(values: NDArray[np.float64], facts: Facts, missing: list[float]) -> None:
     """Add the ends of depth in neither metres nor levels, such as disparity."""
+    values = values[~np.isin(values, missing)]
     if not values.size:
         raise SourceError("depth maps tell no depths", where=facts.roles["depth"].pattern)
     room = 0.01 * float(np.ptp(values)) or 1.0
     low, high = float(values.min()) - room, float(values.max()) + room
     ends = [float(f"{high:.4g}"), float(f"{low:.4g}")]
-    facts.files |= {"depth_ends": f"{ends} # the nearest, the farthest", "depth_missing": "[]"}
+    facts.files["depth_ends"] = f"{ends} # the nearest, the farthest"
+    facts.files["depth_missing"] = str(missing)
     facts.unit = "levels, linear in the files' values"
     facts.found.append(
         f"depth {facts.roles['depth'].pattern}, neither metres nor levels: {low + room:.4g} to "
@@ -453,14 +446,19 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
     rows = table.rows
     if table.columns:
         facts.files["columns"] = json.dumps(table.columns)
-    if set(BY_IMAGE) & set(rows[0]):
+    if set(BY_IMAGE[:2]) & set(rows[0]):
         return
     in_names = places_in(stack.pattern)
     numeric = [name for name in table.numeric if name not in in_names]
     told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
-    told = told or [name for name in numeric if len({row[name] for row in rows}) == len(rows)][-1:]
-    if not told:
-        facts.open.append("which column tells the focus: focus_distance or focus_depth")
+    others = [name for name in numeric if len({row[name] for row in rows}) == len(rows)]
+    # A heading that says something else is not the focus.
+    told = told or (others[-1:] if table.columns else [])
+    if not told or _DIOPTRES.search(told[0].lower()):
+        facts.open.append(
+            "which column tells the focus: focus_distance, in metres and not dioptres (1 / metres)"
+            ", or focus_depth"
+        )
         return
     name = told[0]
     positive = all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()

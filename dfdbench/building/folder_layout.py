@@ -4,6 +4,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
@@ -12,11 +13,16 @@ from dfdbench.datasets.captured_files import ANY_ENDING, IMAGE
 from dfdbench.errors import InputError, SourceError, reason_of
 
 #: Words in the path of a depth file.
-DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
+DEPTH = re.compile(
+    r"depth|(?<!\.\d)(?<!\.\d\d)dpt|disp|dist|range|lidar|tof|kinect|xtion|truth"
+    r"|(?<![a-z])gt(?![a-z])"
+)
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # The guess is wrong if there are more kinds of depth than this or, without depth, kinds of files.
 _MOST_GROUPS = 10
 _ROLES = 3
+# Scenes with two photographs are few if there are more than so many times as many with one.
+_FEW = 4
 # How many kinds of files we name that are not read.
 _NAMED = 6
 # The scene's name is a whole file name, its start or its end, or a folder's name at some depth.
@@ -34,9 +40,18 @@ _BESIDE = (
     r"(?:.*/)?([A-Za-z][^ _\-./]*[ _\-.])+(?P<scene>\d[^/]*)\.[^./]+",
 )
 _FOLDER = r"(?:[^/]+/){%d}(?P<scene>[^/]+)/.*"
+# Of several frames a place, the scene is the place's folder and the frame's name or folder.
+_FRAMES = (
+    r"(?:[^/]+/){%d}[^/{}]+/(?P<scene>[^/]+/.+)\.[^./]+",
+    r"(?:[^/]+/){%d}(?P<scene>[^/{}]+/[^/]+)/[^/]+",
+    r"(?:[^/]+/){%d}(?P<scene>[^/{}]+/[^/]*[^ _\-./])[ _\-.][A-Za-z][^ _\-./]*\.[^./]+",
+    r"(?:[^/]+/){%d}(?P<place>[^/{}]+)/(?:.*/)?[^/\d]*(?P<scene>\d+)[^/\d]*\.[^./]+",
+)
 
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
 _FEWEST = 3
+#: What to do where files do not tell how they belong together.
+BY_HAND = "rename them, or write the manifest by hand: docs/your_own_data.md"
 _FRACTION = re.compile(
     r"(?P<word>((foc|dist)[a-z]*|(?<![a-z])fd)[ _-]?)?"
     r"(?P<number>\d+\.\d+)(?P<unit>[ _]?(mm|cm|m)(?![a-z]))?",
@@ -175,16 +190,20 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    forms = (*_folders(paths), *_FORMS)
+    forms = (*_folders(paths), *_FORMS, *_folders(paths, _FRAMES))
     whole, with_depth = _best_of(paths, forms, _ROLES)
-    if with_depth > 1:
-        return whole
-    # Photographs with a depth map each are better than three files without, or than one scene.
+    # Photographs with a depth map each are better than three files without, or than few scenes.
     single, with_one = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
+    if with_depth > 1 and _FEW * with_depth >= with_one:
+        return whole
     # If as many others are left over, they may be the sharp photographs.
     if not single or not with_one or len(single.left) >= len(single.scenes):
         return whole or _by_order(paths)
-    either = (whole if with_depth else None, _by_order(paths), single)
+    # Files that have names in common are not matched by their order.
+    in_order = _by_order(paths)
+    if in_order and len(in_order.scenes) <= 2 * len(single.scenes):
+        in_order = None
+    either = (whole if with_depth else None, single, in_order)
     return max(filter(None, either), key=lambda layout: len(layout.scenes))
 
 
@@ -328,9 +347,10 @@ def _table(folder: Path, path: PurePosixPath) -> Table | None:
     return None
 
 
-def _folders(paths: tuple[str, ...]) -> tuple[str, ...]:
+def _folders(paths: tuple[str, ...], forms: tuple[str, ...] = (_FOLDER,)) -> tuple[str, ...]:
+    """Return forms with the folder that they name at every depth."""
     depth = max((path.count("/") for path in paths), default=0)
-    return tuple(_FOLDER % level for level in range(depth))
+    return tuple(form % level for level in range(depth) for form in forms)
 
 
 def _with_depth(groups: tuple[Group, ...], others_each: int = _ROLES - 1) -> int:
@@ -368,7 +388,22 @@ def _layout(
     layout = _sorted(groups, scenes, False, paths, images)
     depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
-    return layout if scenes and len(limited) <= _MOST_GROUPS else None
+    fits = scenes and len(limited) <= _MOST_GROUPS and not _has_frames(layout.groups)
+    return layout if fits else None
+
+
+def _has_frames(groups: tuple[Group, ...]) -> bool:
+    """Return whether a scene has several frames, or what seem kinds are several places."""
+    kinds = Counter((group.is_depth, re.sub(r"\d+", "0", group.pattern)) for group in groups)
+    if {is_depth for (is_depth, _), count in kinds.items() if count > 1} == {False, True}:
+        return True
+    # Photographs and depth maps lie in folders of the same names.
+    depths, others = (
+        zip_longest(*(g.pattern.split("/")[:-1] for g in groups if g.is_depth is depth))
+        for depth in (True, False)
+    )
+    levels = ((set(one), set(other)) for one, other in zip(depths, others, strict=False))
+    return any(one == other and len(one) > 1 for one, other in levels)
 
 
 def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
@@ -379,8 +414,11 @@ def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
         match = re.fullmatch(form, told, re.DOTALL)
         if match and match["scene"] != "{split}":
             start, end = match.span("scene")
-            scene = match["scene"].replace("{split}", split)
-            found[f"{told[:start]}{{scene}}{told[end:]}"][split, scene] = path
+            scene, before = match["scene"].replace("{split}", split), told[:start]
+            if place := match.groupdict().get("place"):
+                first, last = match.span("place")
+                scene, before = f"{place}/{scene}", f"{told[:first]}{{place}}{told[last:start]}"
+            found[f"{before}{{scene}}{told[end:]}"][split, scene] = path
     return _endings_joined(found)
 
 

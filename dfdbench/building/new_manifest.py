@@ -105,7 +105,8 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, F
     there = "; ".join(filter(None, (listed(paths, _NAMED), folder_layout.unread_files(folder))))
     if not there:
         raise InputError("the folder is empty", where=str(folder), fix="name one of photographs")
-    raise InputError(f"{what}, and no stack ({', '.join(SUFFIXES)})", where=str(folder), got=there)
+    what += f", and no stack ({', '.join(SUFFIXES)})"
+    raise InputError(what, where=str(folder), got=there, fix=folder_layout.BY_HAND)
 
 
 def with_found_scenes(manifest: Manifest, folder: Path | None) -> Manifest:
@@ -170,6 +171,8 @@ def _scenes(layout: folder_layout.Layout, facts: Facts) -> list[_Scene]:
         names = {"split": split} if split else {}
         if layout.by_order:
             names |= {role: Path(group.files[key]).stem for role, group in facts.roles.items()}
+        elif any("{place}" in group.pattern for group in facts.roles.values()):
+            names["place"], _, names["file"] = name.rpartition("/")
         elif renamed:
             names["file"] = name
         scenes.append(_Scene(safe[key], split, names))

@@ -1,5 +1,7 @@
 import json
+import re
 import shutil
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +40,18 @@ def test_scenes_are_told_by_what_their_files_share() -> None:
     paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
     paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]
     assert patterns(paths) == ["depth/{scene}.png", "f2/{scene}.*", "f8/{scene}.*"]
+
+
+def test_each_frame_of_a_place_is_a_scene() -> None:
+    forms = ("{0}/{2}/{1}", "{0}/{2}_{1}", "{2}/{0}/{1}", "{0}/{1}_{2}", "{0}/{1}/{2}")
+    for form, kinds in product(forms, (("depth", "rgb"), ("depth", "sharp", "soft"))):
+        frames = product(("desk", "hall"), ("0000", "0001", "0002"), kinds)
+        layout = find_layout(tuple(sorted(f"{form}.png".format(*each) for each in frames)))
+        assert layout is not None
+        assert (len(layout.scenes), len(layout.groups)) == (6, len(kinds))
+        for key in layout.scenes:
+            names = (re.findall(r"desk|hall|\d+", group.files[key]) for group in layout.groups)
+            assert len(set(map(tuple, names))) == 1
 
 
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
     (tmp_path / "two.txt").touch()
     with pytest.raises(InputError, match=r"two\.txt is a file, not a folder"):
         new_manifest(tmp_path / "two.txt")
-    told = r"no scene with a photograph or two.*: got one\.png; not read: 1 \.txt$"
+    told = r"no scene with a photograph or two.*: got one\.png; not read: 1 \.txt\nFix: rename"
     with pytest.raises(InputError, match=told):
         new_manifest(tmp_path)
 

@@ -344,7 +344,7 @@ def _rows(
     if table is None:
         yield from ((path, {IMAGE: number}) for path, number in there.items())
         return
-    rows, where = table
+    rows, where = _with_files_as_images(table[0], there), table[1]
     if numbered and IMAGE not in rows[0] and len(rows) != len(there):
         what = f"the table has {len(rows)} rows, and there are {len(there)} images"
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
@@ -380,6 +380,16 @@ def _rows(
     if lacking:
         what = f"images that the table does not tell of: {listed(lacking, _IMAGES_NAMED)}"
         problems.append(Problem(what, where=where))
+
+
+def _with_files_as_images(rows: Sequence[Row], there: Iterable[str]) -> Sequence[Row]:
+    """Return a table's rows with a column `image`, if another holds nothing but files' names."""
+    names = {PurePosixPath(path).name for path in there}
+    for column in rows[0] if IMAGE not in rows[0] else ():
+        files = [PurePosixPath(row.get(column, "")).name for row in rows]
+        if names.issuperset(files):
+            return [{**row, IMAGE: name} for row, name in zip(rows, files, strict=True)]
+    return rows
 
 
 def _numbered(folder: Path, pattern: str) -> dict[str, str]:

@@ -325,6 +325,28 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
     return np.rot90(np.fliplr(image) if mirrored else image, turns)
 
 
+# More distinct positive values than this are measurements.
+_LAYERS = 16
+
+
+def stand_for_none(values: NDArray[np.float64], kind: np.dtype[Any]) -> list[float]:
+    """Return the values that mark unknown depth: 0, the largest, or a negative one.
+
+    Examples
+    --------
+    >>> stand_for_none(np.array([0, 900, 65535]), np.dtype("uint16"))
+    [0, 65535]
+    """
+    last = np.iinfo(kind).max if kind.kind == "u" else None
+    stand: list[float] = [0] if (values == 0).any() else []
+    stand += [last] if last and last > 255 and (values == last).any() else []
+    below = values[np.isfinite(values) & (values < 0)]
+    # A value that is always the same is not a measurement.
+    measured = np.unique(values[values > 0]).size > _LAYERS
+    is_mark = below.size > 1 and np.ptp(below) == 0 and measured
+    return [*below[:1].tolist(), *stand] if is_mark else stand
+
+
 def likely_bits(greatest: int) -> int | None:
     """Guess the bits used by a 16-bit image from its greatest value; None means all.
 

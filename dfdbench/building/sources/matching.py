@@ -35,7 +35,7 @@ _LEAST_SIDE = 40
 _STEPS, _PRECISION = 200, 1e-6
 # Two views with a lower correlation coefficient do not match.
 _LEAST_CORRELATION = 0.8
-# How far a pair may be moved, as a share of the image's longer side.
+# How far a pair may be moved, as a share of the image's longer side, and how much may it grow.
 _FARTHEST = 0.1
 _PLACES, _ANGLE_PLACES, _SIZE_PLACES = 2, 4, 5
 # Pixels above or below these levels may have been clipped.
@@ -143,6 +143,8 @@ def find_placement(fixed: Image, moved: Image, motion: Motion = "similarity") ->
     turn = complex(linear[0, 0] + linear[1, 1], linear[1, 0] - linear[0, 1]) / 2
     right, down = (-way).tolist()
     degrees = -math.degrees(cmath.phase(turn))
+    if abs(abs(turn) - 1) > _FARTHEST:
+        raise _not_aligned(f"a magnification of {abs(turn):.2f}")
     return Placement(right, down, degrees, round(correlation, 4), abs(turn))
 
 
@@ -170,7 +172,7 @@ def _smooth_grey(image: Image) -> NDArray[np.float32]:
 
 def _not_aligned(got: str) -> InputError:
     what = f"no alignment of the pair's images was found: {got}, not a correlation of "
-    what += f"{_LEAST_CORRELATION} and a move below {_FARTHEST:.0%} of the image's side"
+    what += f"{_LEAST_CORRELATION} and a move or change of size below {_FARTHEST:.0%} of the image"
     return InputError(what, fix='leave the scene out, or set align = "none" for an aligned set')
 
 
@@ -244,6 +246,8 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
 # blurred but aligned, all but the barest are measured with errors below 0.4 pixels, the barest with
 # 0.48, because of noise, JPEG and unequal fall-off of light.
 _STILL, _UNGAINED = 0.5, 0.01
+# A movement has to be this many times its error.
+_CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -321,8 +325,12 @@ def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, li
     def most(**without: float) -> float:
         return max(replace(move, **without).at_corners(shape) for move, shape in moves)
 
-    # In few pixels, strong blur passes for a movement: one pair does not speak for the set.
-    if not moves or np.median([move.at_corners(shape) for move, shape in moves]) <= _STILL:
+    # In few pixels, strong blur passes for a movement: one pair does not speak for the set, and
+    # where one pair grows and another shrinks, that much is error.
+    grown = [(move.magnification - 1) * math.hypot(*shape[:2]) / 2 for move, shape in moves]
+    error = max(min(max(grown), -min(grown)), 0.0) if moves else 0.0
+    median = np.median([move.at_corners(shape) for move, shape in moves]) if moves else 0.0
+    if median <= max(_STILL, _CLEARLY * error):
         return "none", []
     shift, turn = most(degrees=0, magnification=1), most(right=0, down=0, magnification=1)
     rigid, magnified = most(magnification=1), most(right=0, down=0, degrees=0)

@@ -22,7 +22,7 @@ from dfdbench.errors import SourceError
 from dfdbench.system.parallel import Threads
 from tests.conftest import read_rgb
 from tests.made_folder import FOLDER_TOML, SCENES, depth_in_millimetres, make_folder, photograph
-from tests.made_stack_folder import STACK_TOML, make_stacks, write_image
+from tests.made_stack_folder import FOCUS, STACK_TOML, make_stacks, write_image
 
 
 def manifest_of(text: str = FOLDER_TOML) -> Manifest:
@@ -143,6 +143,9 @@ def table(stacks: Path, *rows: str) -> None:
 
 
 def test_a_stack_is_in_focus_first_then_from_far_to_near_or_else_by_number(stacks: Path) -> None:
+    # A table in another order, by the files' names.
+    rows = [f"f_{number:03}.png,{FOCUS[number]}" for number in reversed(FOCUS)]
+    (stacks / "desk/focus.csv").write_text("\n".join(("name,focus_distance", *rows)))
     images = open_source(stack_manifest(), stacks).read("desk")
     assert images.images.shape[:2] == (1, 4)
     assert images.facts.roles == ("infocus", "defocus", "defocus", "defocus")

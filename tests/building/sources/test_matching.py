@@ -104,6 +104,9 @@ def test_one_pair_that_seems_moved_is_asked_about_and_moves_no_other() -> None:
     found = matching_of([*still, ("desk", sharp, odd)])
     assert (found.align, found.found) == ("none", ())
     assert found.open == ("whether 1 of 4 pairs moved, as the others did not: desk by 1.1 pixels?",)
+    # A camera makes all pairs larger, or all smaller.
+    both = [(str(by), sharp, moved(sharp, scale=by).astype(np.uint8)) for by in (0.99, 1.01)]
+    assert matching_of(both).align == "none"
 
 
 def test_a_fall_off_that_several_pairs_share_becomes_a_flat_field() -> None:
