@@ -4,7 +4,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import zip_longest
+from itertools import product, zip_longest
 from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
@@ -14,8 +14,7 @@ from dfdbench.errors import InputError, SourceError, reason_of
 
 #: Words in the path of a depth file.
 DEPTH = re.compile(
-    r"depth|(?<!\.\d)(?<!\.\d\d)dpt|disp|dist|range|lidar|tof|kinect|xtion|truth"
-    r"|(?<![a-z])gt(?![a-z])"
+    r"depth|(?<![^/])dpt|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])"
 )
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # The guess is wrong if there are more kinds of depth than this or, without depth, kinds of files.
@@ -46,6 +45,7 @@ _FRAMES = (
     r"(?:[^/]+/){%d}(?P<scene>[^/{}]+/[^/]+)/[^/]+",
     r"(?:[^/]+/){%d}(?P<scene>[^/{}]+/[^/]*[^ _\-./])[ _\-.][A-Za-z][^ _\-./]*\.[^./]+",
     r"(?:[^/]+/){%d}(?P<place>[^/{}]+)/(?:.*/)?[^/\d]*(?P<scene>\d+)[^/\d]*\.[^./]+",
+    r"(?:[^/]+/){%d}(?P<place>[^/{}]+)/[^/{}]+/(?P<scene>[^/]+)\.[^./]+",
 )
 
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
@@ -388,14 +388,23 @@ def _layout(
     layout = _sorted(groups, scenes, False, paths, images)
     depths = [group for group in layout.groups if group.is_depth]
     limited = depths if _with_depth(layout.groups) else layout.groups
-    fits = scenes and len(limited) <= _MOST_GROUPS and not _has_frames(layout.groups)
+    fits = scenes and len(limited) <= _MOST_GROUPS and not _has_frames(layout)
     return layout if fits else None
 
 
-def _has_frames(groups: tuple[Group, ...]) -> bool:
+def _has_frames(layout: Layout) -> bool:
     """Return whether a scene has several frames, or what seem kinds are several places."""
-    kinds = Counter((group.is_depth, re.sub(r"\d+", "0", group.pattern)) for group in groups)
-    if {is_depth for (is_depth, _), count in kinds.items() if count > 1} == {False, True}:
+    groups, single = layout.groups, len(layout.scenes) == 1
+    numbers: dict[tuple[bool, str], set[tuple[str, ...]]] = defaultdict(set)
+    for group in groups:
+        found = tuple(re.findall(r"\d+", group.pattern))
+        numbers[group.is_depth, re.sub(r"\d+", "0", group.pattern)].add(found)
+    told = [[one for (deep, _), one in numbers.items() if deep is kind] for kind in (True, False)]
+    # Apertures of photographs are no numbers of depth maps, but time stamps may differ.
+    if any(
+        len(depth & other) > 1 or (single and min(len(depth), len(other)) >= _FEWEST)
+        for depth, other in product(*told)
+    ):
         return True
     # Photographs and depth maps lie in folders of the same names.
     depths, others = (

@@ -158,6 +158,7 @@ class _Scene:
     split: str
     names: dict[str, str]
     source: str = "mine"
+    place: str = ""
 
 
 def _scenes(layout: folder_layout.Layout, facts: Facts) -> list[_Scene]:
@@ -175,8 +176,15 @@ def _scenes(layout: folder_layout.Layout, facts: Facts) -> list[_Scene]:
             names["place"], _, names["file"] = name.rpartition("/")
         elif renamed:
             names["file"] = name
-        scenes.append(_Scene(safe[key], split, names))
+        scenes.append(_Scene(safe[key], split, names, place=_place_of(name)))
     return scenes
+
+
+def _place_of(name: str) -> str:
+    """Return the place of a scene whose name has a folder: what its frames have in common."""
+    place, _, frame = name.rpartition("/")
+    # The same word in several folders is the same thing, seen by another camera.
+    return _safe(place if frame[-1:].isdigit() or frame[:1].isdigit() else frame) if place else ""
 
 
 def _safe_name(
@@ -252,7 +260,9 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
         # What did not train is for the test.
         chosen["test"] = chosen.pop(next(name for name in chosen if name != "train"))
     elif "test" not in chosen and len(scenes) > 1:
-        chosen["test"] = [chosen["train"].pop()]
+        last = [scene.name for scene, at in zip(scenes, places, strict=True) if at == places[-1]]
+        chosen["train"] = [name for name in chosen["train"] if name not in last]
+        chosen["test"] = last
     return [
         f'[[splits]]\nname = "{split}"\npartition = "own"\npairs = {len(names)}\n'
         f"scenes = [\n{_rows(names)}]\n"
@@ -262,8 +272,8 @@ def _splits(scenes: list[_Scene], places: list[str]) -> list[str]:
 
 def _places(scenes: list[_Scene]) -> list[str]:
     # Cameras and people number the pictures of a place: Kitchen_1, Kitchen_2.
-    places = [_COUNTED.sub("", scene.name) or scene.name for scene in scenes]
-    alone = len(set(places)) < _TEST
+    places = [scene.place or _COUNTED.sub("", scene.name) or scene.name for scene in scenes]
+    alone = len(set(places)) < (2 if any(scene.place for scene in scenes) else _TEST)
     return [
         scene.name if alone or places.count(place) == 1 else place
         for scene, place in zip(scenes, places, strict=True)

@@ -233,11 +233,11 @@ def _show_store(store: Dataset, format: str) -> None:
     options = ", ".join(_option(*item) for item in attributes["options"].items() if item[1])
     recipe = attributes["recipe"]
     parameters = ", ".join(f"{key} {value}" for key, value in recipe["parameters"].items())
-    missing = attributes.get("missing_pairs", [])
+    missing, size = attributes.get("missing_pairs", []), size_of(store.path)
     lines = [
         f"{store.manifest.title}",
         f"  store        {store.path}",
-        f"  size         {decimal(size_of(store.path))}",
+        f"  size         {decimal(size) if size else 'not known'}",
         f"  fingerprint  {store.fingerprint}",
         f"  manifest     {store.manifest.stem}  sha256 {attributes['manifest_sha256']}",
         f"  recipe       {recipe['name']}: {parameters}"

@@ -200,9 +200,10 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 
 
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
-    if scheduler and workers:
+    # An empty address, as of an unset variable, is refused and not a run on this machine.
+    if scheduler is not None and workers:
         raise InputError("a cluster has its own number of workers", where="--workers")
-    return Cluster(scheduler) if scheduler else None
+    return None if scheduler is None else Cluster(scheduler)
 
 
 #: A longer one is a slip of the unit.

@@ -123,7 +123,10 @@ class StoreWriter:
             "manifest": manifest.toml,
             **attributes,
         }
-        self.scenes = SceneWriter(self.path, self.partial, self._attributes)
+        # A worker elsewhere has another working folder.
+        here = location.is_local(self.path)
+        whole, part = ((p.absolute() if here else p) for p in (self.path, self.partial))
+        self.scenes = SceneWriter(whole, part, self._attributes)
         self._held = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
@@ -171,6 +174,10 @@ class StoreWriter:
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place as a whole; return its fingerprint."""
         fingerprint = combine(digests)
+        if lost := sorted(set(digests) - set(self.waiting)):
+            what = f"{counted(len(lost), 'scene')} that the workers wrote are not here"
+            fix = "name a place that all workers share: --store PATH, or --cache"
+            raise StoreError(what, where=str(self.partial), fix=fix)
         with disk_errors(self.path):
             for stray in set(location.folders_in(self.partial)) - set(digests):
                 location.remove(self.partial / stray)

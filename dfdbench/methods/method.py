@@ -112,9 +112,9 @@ class Method:
             got = " and ".join(map(str, shapes))
             raise MethodError("the images differ in shape", where=self.name, got=got)
         for image in images if len(images) > 1 else ():
-            array = np.asarray(image)
-            if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3:
-                got, fix = f"{array.dtype} {array.shape}", "dfdbench.predict also takes others"
+            kind, shape = getattr(image, "dtype", type(image).__name__), np.shape(image)
+            if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
+                got, fix = f"{kind} {shape}", "dfdbench.predict also takes others"
                 what = "not an RGB image of 8 bits, shape (y, x, 3)"
                 raise MethodError(what, where=self.name, got=got, fix=fix)
         of_stack = len(images) == 1 and not self.takes_stack and self.attribute("from_stack")

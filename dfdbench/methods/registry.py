@@ -212,8 +212,7 @@ def load_method(
     from dfdbench.methods.sources import Sources
 
     if isinstance(name, Method):
-        parameters = {**name.parameters, **parameters}
-        name = name.name if name.name in registered_methods() else name.entry
+        parameters, name = {**name.parameters, **parameters}, _name_of(name)
     shown, entry, target = _found(name)
     sources = Sources()
     with sources.watch():
@@ -245,6 +244,13 @@ def load_method(
         # Fail now, not after the hours of a run.
         method.require_readable()
     return method
+
+
+def _name_of(method: Method) -> str:
+    if method.source_sha256 is None:
+        what = "the method was loaded from an object, and no name leads there"
+        raise MethodError(what, where=method.name, fix="give the object itself")
+    return method.name if method.name in registered_methods() else method.entry
 
 
 def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:

@@ -192,9 +192,8 @@ def checked(
         If shapes differ, values are complex or non-finite, or the mask is invalid.
     """
     given = {"image_true": image_true, "image_test": image_test}
-    fix = "give image.data, and ~image.mask as mask"
-    what = "masked pixels would count"
-    masked = [name for name, image in given.items() if np.ma.is_masked(image)]
+    what, fix = "masked pixels would count", "give ~image.mask as mask, too"
+    masked = [name for name, image in given.items() if mask is None and np.ma.is_masked(image)]
     problems = [Problem(what, where=name, fix=fix) for name in masked]
     truth, test = np.asarray(image_true), np.asarray(image_test)
     problems += [*_wrong("image_true", truth), *_wrong("image_test", test)]

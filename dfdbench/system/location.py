@@ -87,9 +87,10 @@ def folders_in(location: UPath) -> tuple[str, ...]:
 
 
 def size_of(location: UPath) -> int:
-    """Return the total bytes of all files below a place."""
+    """Return the total bytes of all files below a place, as far as their sizes are known."""
     location.fs.invalidate_cache()
-    return sum(item["size"] for item in location.fs.find(location.path, detail=True).values())
+    found = location.fs.find(location.path, detail=True).values()
+    return sum(item["size"] or 0 for item in found)
 
 
 def remove(location: UPath) -> None:

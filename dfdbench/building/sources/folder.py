@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -382,14 +382,16 @@ def _rows(
         problems.append(Problem(what, where=where))
 
 
-def _with_files_as_images(rows: Sequence[Row], there: Iterable[str]) -> Sequence[Row]:
+def _with_files_as_images(rows: Sequence[Row], there: Collection[str]) -> Sequence[Row]:
     """Return a table's rows with a column `image`, if another holds nothing but files' names."""
     names = {PurePosixPath(path).name for path in there}
-    for column in rows[0] if IMAGE not in rows[0] else ():
-        files = [PurePosixPath(row.get(column, "")).name for row in rows]
-        if names.issuperset(files):
-            return [{**row, IMAGE: name} for row, name in zip(rows, files, strict=True)]
-    return rows
+    columns = [] if IMAGE in rows[0] or len(names) < len(there) else [*rows[0]]
+    told = [[row.get(column, "") for row in rows] for column in columns]
+    # If several columns fit, one of them may name the image before or after.
+    fitting = [files for files in told if names.issuperset(files) and len({*files}) == len(files)]
+    if len(fitting) != 1:
+        return rows
+    return [{**row, IMAGE: name} for row, name in zip(rows, fitting[0], strict=True)]
 
 
 def _numbered(folder: Path, pattern: str) -> dict[str, str]:

@@ -300,6 +300,8 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
         problems.append(f"{unlike} of {tried} pairs tried cannot be aligned")
     gain = max(map(abs, gains))
     align, moved = _proposed([*moves.values()])
+    if align == "none":
+        problems, moved = [*problems, *moved], []
     far = {name: move.at_corners(shape) for name, (move, shape) in moves.items()}
     count = sum(corner > _STILL for corner in far.values())
     if align == "none" and 0 < count < len(far):
@@ -309,8 +311,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             f"{far[name]:.1f} pixels?"
         )
     light = replace(find_change(seen), similarity=ViewChange.similarity)
-    # Do not report what needs no correction.
-    found = moved if align != "none" else []
+    found = moved
     if gain > _UNGAINED:
         found.append(f"photographs differ in brightness by up to {100 * gain:.1f} %")
     if light.changes or light.has_shadow:
@@ -320,7 +321,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
 
 
 def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, list[str]]:
-    """Return the alignment to propose, and what was measured."""
+    """Return the alignment to propose, and what was measured or is in doubt."""
 
     def most(**without: float) -> float:
         return max(replace(move, **without).at_corners(shape) for move, shape in moves)
@@ -330,8 +331,11 @@ def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, li
     grown = [(move.magnification - 1) * math.hypot(*shape[:2]) / 2 for move, shape in moves]
     error = max(min(max(grown), -min(grown)), 0.0) if moves else 0.0
     median = np.median([move.at_corners(shape) for move, shape in moves]) if moves else 0.0
-    if median <= max(_STILL, _CLEARLY * error):
+    if median <= _STILL:
         return "none", []
+    if median <= _CLEARLY * error:
+        what = f"whether the photographs moved: by {median:.1f} pixels at the corners, but"
+        return "none", [f"{what} some pairs grew and others shrank by {error:.1f} or more"]
     shift, turn = most(degrees=0, magnification=1), most(right=0, down=0, magnification=1)
     rigid, magnified = most(magnification=1), most(right=0, down=0, degrees=0)
     degrees = max(abs(move.degrees) for move, _ in moves)
