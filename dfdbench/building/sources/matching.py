@@ -349,4 +349,5 @@ def _proposed(moves: list[tuple[Placement, tuple[int, ...]]]) -> tuple[Align, li
         align = "similarity"
     elif rigid > _STILL:
         align = "euclidean" if turn > _STILL else "translation"
-    return align, [moved]
+    # Do not report what needs no correction.
+    return align, [moved] if align != "none" else []
