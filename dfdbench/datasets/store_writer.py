@@ -174,8 +174,8 @@ class StoreWriter:
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place as a whole; return its fingerprint."""
         fingerprint = combine(digests)
-        if lost := sorted(set(digests) - set(self.waiting)):
-            what = f"{counted(len(lost), 'scene')} that the workers wrote are not here"
+        if lost := set(digests) - set(self.waiting):
+            what = f"the workers wrote {counted(len(lost), 'scene')} elsewhere"
             fix = "name a place that all workers share: --store PATH, or --cache"
             raise StoreError(what, where=str(self.partial), fix=fix)
         with disk_errors(self.path):

@@ -102,6 +102,13 @@ def test_check_method_passes_and_fails(dfdbench: Command) -> None:
     assert (bad.status, "NaN" in bad.out) == (1, True)
 
 
+@pytest.mark.slow
+def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Command) -> None:
+    good = dfdbench.fine("check-method local --param window=3")
+    assert "fit for a run" in good.out
+    assert "fit, on two made pairs" in good.out
+
+
 def test_a_network_is_exported_and_runs_from_its_file(dfdbench: Command, tmp_path: Path) -> None:
     for needed in ("torch", "onnxruntime"):
         pytest.importorskip(needed, reason="needs the extras nets and onnx")

@@ -9,9 +9,11 @@ import pytest
 
 from dfdbench import __version__
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.results.record import save_result
 from tests.board.made_boards import make_folder
 from tests.cli.command import Command
 from tests.conftest import rewrite_array
+from tests.made_results import make_demo_result
 
 SVG = ("--figure-format", "svg")
 
@@ -55,6 +57,12 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     dfdbench.refused("has the form that its name says", "report window=5 --format csv", *SVG)
     bare = "run --dataset demo --method constant --no-predictions"
     dfdbench.refused("no figures are drawn with --no-predictions", bare, *SVG)
+
+
+def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command) -> None:
+    save_result(make_demo_result(lambda _: 0.2), Path("v1/result.json"))
+    Path("t.tex").mkdir()
+    dfdbench.refused("(t.tex)", "report v1 --format latex --out t.tex")
 
 
 @pytest.mark.usefixtures("small_demo_built")

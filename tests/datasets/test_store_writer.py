@@ -50,6 +50,19 @@ def test_the_same_store_anywhere(place: Places, build: Build, tiny_store: Datase
     assert (again.scenes_kept, again.fingerprint) == (tiny_store.scenes, tiny_store.fingerprint)
 
 
+def test_scenes_that_workers_wrote_elsewhere_make_no_store(
+    tmp_path: Path, tiny_manifest: Manifest, build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build(tmp_path / "a.zarr")
+    monkeypatch.chdir(tmp_path)
+    found = dict(Dataset(tmp_path / "a.zarr").attributes)
+    with StoreWriter("a.zarr", tiny_manifest, found) as writer:
+        assert str(writer.scenes.partial) == str(tmp_path / "a.zarr.partial")
+        with pytest.raises(StoreError, match="the workers wrote 1 scene elsewhere"):
+            writer.finish({"One": "0" * 64}, [])
+    assert verify_store(Dataset(tmp_path / "a.zarr")).sound
+
+
 def test_two_builds_do_not_mix_on_disk(tmp_path: Path, tiny_manifest: Manifest) -> None:
     with (
         StoreWriter(tmp_path / "a.zarr", tiny_manifest, {}),

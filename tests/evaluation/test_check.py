@@ -108,6 +108,11 @@ def test_what_torch_could_do_without_is_told(tmp_path: Path) -> None:
     assert "a torch module: run with eval() and no_grad()" in told[1]
 
 
+def test_nonsense_is_found_out_everywhere() -> None:
+    for answer in (None, 3):
+        assert len(problems(lambda *_, answer=answer: answer)) >= 9
+
+
 @pytest.mark.slow
 def test_depth_that_grows_with_distance_is_found_out() -> None:
     local = load_method("local", {"window": 3}, {})

@@ -22,6 +22,11 @@ def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> No
     assert inside <= sum(whole)
 
 
+def test_without_a_column_all_else_stays_in_its_place() -> None:
+    table = Table("t", ("a", "std", "b", "std"), (("1", "2", "3", "4"),), "lrlr", ("note",))
+    assert without(table, "std") == Table("t", ("a", "b"), (("1", "3"),), "ll", ("note",))
+
+
 def test_names_are_whole_on_a_narrow_terminal() -> None:
     rows = (("realworld-synthetic", "448", "Real-world set k00-k63 with synthetic blur"),)
     table = without(Table("T", ("name", "pairs", ""), rows, "lrl"), "pairs")
