@@ -11,6 +11,7 @@ REASONS = {
     "dfdbench/api.py": "every public function, each with its docstring",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
     "dfdbench/blur/occlusion.py:_composite": _KERNEL,
+    "dfdbench/building/folder_facts.py": "what photographs, depth maps and tables tell of one set",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

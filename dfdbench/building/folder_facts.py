@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ from dfdbench.building.sources import image_files
 from dfdbench.building.sources.matching import Matching, matching_of
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, Align, places_in
 from dfdbench.errors import InputError, SourceError
-from dfdbench.optics.sharpness import laplacian_energy
+from dfdbench.optics.sharpness import laplacian_energy, to_grey
 from dfdbench.tables.table import counted, listed
 
 # Frames are numbered f01, f02; an f-number has no 0 before another digit (f0.95 is one).
@@ -32,12 +33,17 @@ _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
 _OTHERS = re.compile(r"label|mask|(?<![a-z])seg|segment|semantic|instance|confidence|albedo")
 _INVERSE = re.compile(r"disp|inverse|inv[_-]?depth")
 _DIOPTRES = re.compile(r"diop|(?<![a-z])dpt")
+# Words, and numbers after a word, that tell views of one scene apart.
+_SIDE = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])")
+_VIEW = re.compile(r"(?<![a-z])((im|image|cam|camera|view)[ _-]?)0*[0-3](?![0-9])")
+_AS_SHARP = 1.3
 _NORMALS = re.compile(r"normals|normal_(cam|world|map)|surface_?normal")
 _STACKS, _STACKS_NAMED = 4, 3
 # Bounds must hold for every scene, so more depth maps are read, but only some pixels of each.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
 # Plausible depths of a camera's scenes, in metres: a median in this range is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
+_SMALL, _ALIKE = (16, 16), 0.5  # photographs of one scene correlate, whatever their focus
 _SIDEWAYS = 5  # EXIF orientations from 5 on swap rows and columns
 _SHARE = 0.5  # per cent of the depths that the bounds leave out at each end
 
@@ -102,8 +108,7 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     if len(fitting) > 1:
         _tell_focus(fitting, keys, facts)
     else:
-        facts.roles = {"infocus": fitting[0], **facts.roles}
-        facts.found.append(f"in focus {fitting[0].pattern}, and no other: a recipe blurs it")
+        _tell_sharp(fitting[0], facts)
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
@@ -162,12 +167,7 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     images = {key: layout.images[stack.files[key]] for key in layout.scenes}
     first = Group(stack.pattern, {key: images[key][0] for key in keys})
     _tell_photographs([*likely, first], keys, facts)
-    counts = sorted(set(map(len, images.values())))
-    told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
-    facts.found.append(f"stacks {stack.pattern} of {told} images")
-    usual = Counter(map(len, images.values())).most_common(1)[0][0]
-    if odd := [f"{key[1]} ({len(of)})" for key, of in images.items() if len(of) != usual]:
-        facts.open.append(f"scenes without {usual} images: {listed(odd, _NAMED)}")
+    _tell_images(stack.pattern, images, keys, facts)
     if named:
         facts.found.append(f"in focus all over {named[0].pattern}")
     elif likely:
@@ -178,7 +178,7 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
         facts.roles["depth"] = depths[0]
         _tell_depth(_shared(layout.scenes, depths[0]), facts, metres=True)
     else:
-        facts.open.append(f"depth: {_some_depth(layout)}, so that nothing can be scored")
+        facts.open.append(f"depth: {_some_depth(folder, layout)}, so that nothing can be scored")
     whole = _shared(layout.scenes, *facts.roles.values())
     _tell_table(layout, stack, images[(whole or layout.scenes)[0]], facts)
     if more:
@@ -192,9 +192,31 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     return facts
 
 
-def _some_depth(layout: Layout) -> str:
+def _tell_images(
+    pattern: str, images: dict[Key, tuple[str, ...]], keys: list[Key], facts: Facts
+) -> None:
+    counts = sorted(set(map(len, images.values())))
+    told = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
+    facts.found.append(f"stacks {pattern} of {told} images")
+    usual = Counter(map(len, images.values())).most_common(1)[0][0]
+    if odd := [f"{key[1]} ({len(of)})" for key, of in images.items() if len(of) != usual]:
+        facts.open.append(f"scenes without {usual} images: {listed(odd, _NAMED)}")
+    if unlike := [key[1] for key in keys if not _show_one_scene(key, images[key], facts)]:
+        facts.open.append(f"whether photographs are a stack: they look unlike in {listed(unlike)}")
+
+
+def _show_one_scene(key: Key, images: tuple[str, ...], facts: Facts) -> bool:
+    some = images[:: math.ceil(len(images) / _STACKS)]
+    grey = (to_grey(_photograph(Group(name, {key: name}), key, facts)) for name in some)
+    small = [cv2.resize(each, _SMALL, interpolation=cv2.INTER_AREA).ravel() for each in grey]
+    return float(np.corrcoef(small).min()) > _ALIKE
+
+
+def _some_depth(folder: Path, layout: Layout) -> str:
     some = max((len(group.files) for group in layout.groups if group.is_depth), default=0)
-    return f"in {some} of {counted(len(layout.scenes), 'scene')}" if some else "none was found"
+    if some:
+        return f"in {some} of {counted(len(layout.scenes), 'scene')}"
+    return "; ".join(filter(None, ("none was found", folder_layout.unread_files(folder))))
 
 
 def _also(kinds: list[Group], chosen: list[Group]) -> str:
@@ -298,8 +320,12 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
         what = "no scene has two photographs beside its depth map"
         fix = "put photographs of another blur beside them, named alike in every scene"
         raise InputError(what, where=facts.roles["depth"].pattern, fix=fix)
-    order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
-    order = _smallest_aperture_first(order)
+    sharpness = {g.pattern: float(np.median([*energies[g.pattern].values()])) for g in seen}
+    order = sorted(seen, key=lambda each: -sharpness[each.pattern])
+    order = _smallest_aperture_first(_one_view(order, sharpness, facts))
+    if len(order) == 1:
+        _tell_sharp(order[0], facts)
+        return
     sharp, blurred = order[0], order[-1]
     both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
     sharper = sum(energies[sharp.pattern][key] > energies[blurred.pattern][key] for key in both)
@@ -320,6 +346,30 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
             f"which defocus image to take: {len(order) - 2} more kinds of photographs are there: "
             f"{others}; if they differ in focus, they are a stack: images with {{{IMAGE}}}"
         )
+
+
+def _tell_sharp(sharp: Group, facts: Facts) -> None:
+    facts.roles = {"infocus": sharp, **facts.roles}
+    facts.found.append(f"in focus {sharp.pattern}, and no other: a recipe blurs it")
+
+
+def _one_view(order: list[Group], sharpness: dict[str, float], facts: Facts) -> list[Group]:
+    """Leave out what shows another view, not another blur: the right image of a stereo pair."""
+    first: dict[str, Group] = {}
+    others = []
+    for group in sorted(order, key=lambda each: each.pattern.lower()):
+        name = _SIDE.sub("", group.pattern.lower())
+        numbered = _VIEW.sub(r"\1", name)
+        one, alike = first.setdefault(name, group), first.setdefault(numbered, group)
+        ends = sorted(sharpness[each.pattern] for each in (alike, group))
+        if one is not group or (alike is not group and ends[1] < _AS_SHARP * ends[0]):
+            others.append(group)
+    if others:
+        kept = [group for group in order if group not in others]
+        names = listed((group.pattern for group in others), _NAMED)
+        facts.open.append(f"whether these are other views, which are not read: {names}")
+        order = kept
+    return order
 
 
 def _smallest_aperture_first(order: list[Group]) -> list[Group]:
@@ -429,16 +479,18 @@ def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Fa
     if fractions or (unit and not counted_from_0):
         _tell_distance(IMAGE, unit[1] if unit else "m", facts)
         return
-    facts.open.append(
-        "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
-    )
+    sizes = [f"{table.path} with {counted(len(table.rows), 'row')}" for table in tables]
+    found = f" ({listed(sizes, _STACKS_NAMED)} for {len(images)} images)" * bool(sizes)
+    what = f"focus distances: no table with a row per image was found{found}"
+    facts.open.append(f"{what}; metadata, or [[files.image]]")
 
 
 def _tell_distance(name: str, unit: str, facts: Facts) -> None:
     """Add that a column, or the number of images, is the focus distance in some unit."""
     facts.files["focus_distance"] = f'"{{{name}}}"' + " # in metres" * (unit == "m")
     if unit != "m":
-        facts.files["focus_unit"] = {"mm": "0.001", "cm": "0.01"}[unit] + " # metres"
+        units = {"mm": "0.001 # metres", "cm": "0.01 # metres", "dioptres": '"dioptres"'}
+        facts.files["focus_unit"] = units[unit]
     facts.open.append(f"whether {name} is the focus in {'metres' if unit == 'm' else unit}")
 
 
@@ -453,18 +505,18 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
     told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
     others = [name for name in numeric if len({row[name] for row in rows}) == len(rows)]
     # A heading that says something else is not the focus.
-    told = told or (others[-1:] if table.columns else [])
-    if not told or _DIOPTRES.search(told[0].lower()):
+    dioptres = [name for name in numeric if _DIOPTRES.search(name.lower())]
+    told = dioptres or told or (others[-1:] if table.columns else [])
+    if not told:
         facts.open.append(
-            "which column tells the focus: focus_distance, in metres and not dioptres (1 / metres)"
-            ", or focus_depth"
+            "which column tells the focus: focus_distance and its unit, or focus_depth"
         )
         return
     name = told[0]
     positive = all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()
     if positive:
         unit = re.search("(?<![a-z])(mm|cm)(?![a-z])", name.lower())
-        _tell_distance(name, unit[1] if unit else "m", facts)
+        _tell_distance(name, "dioptres" if dioptres else unit[1] if unit else "m", facts)
         return
     facts.files["focus_depth"] = f'"{{{name}}}" # in the unit of the depth files'
     facts.open.append(f"whether {name} is the focus in the unit of the depth files")

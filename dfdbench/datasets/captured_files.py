@@ -63,8 +63,8 @@ class CapturedFiles(StrictRecord):
     focus_distance, focus_depth, f_number : str or float, optional
         Of the defocus images: a number, or a pattern that becomes one; by default the table's
         column of that name. Focus depths are in the depth file's own unit.
-    focus_unit : float
-        How many metres one unit of a focus distance is.
+    focus_unit : float or "dioptres"
+        How many metres one unit of a focus distance is, or that it is 1 / metres.
     axis_names : dict
         What the files call each value of an axis, by axis and value.
     inside : str, optional
@@ -108,7 +108,7 @@ class CapturedFiles(StrictRecord):
     focus_distance: str | int | float | None = None
     focus_depth: str | int | float | None = None
     f_number: str | int | float | None = None
-    focus_unit: Positive = 1.0
+    focus_unit: Positive | Literal["dioptres"] = 1.0
     axis_names: dict[str, dict[str, str]] = Field(default_factory=dict)
     inside: str | None = None
     depth_unit: Positive | None = None

@@ -23,7 +23,7 @@ def facts_of(folder: Path) -> Facts:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    return make_folder(tmp_path)
+    return make_folder(tmp_path / "mine")
 
 
 def rewrite(folder: Path, name: str, change: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
@@ -127,6 +127,33 @@ def test_in_doubt_the_names_tell_which_is_in_focus(folder: Path) -> None:
     facts = facts_of(folder)
     assert facts.roles["infocus"].pattern == "{scene}/sharp.png"
     assert any("sharpness does not tell" in text for text in facts.open)
+
+
+@pytest.mark.parametrize(
+    ("names", "sigma", "views"),
+    [
+        (("left", "right"), 0.0, True),
+        (("img_L", "img_R"), 2.0, True),
+        (("im0", "im1"), 0.0, True),
+        (("im0", "im1"), 2.0, False),
+    ],
+)
+def test_the_other_view_of_a_stereo_pair_is_no_defocus(
+    folder: Path, names: tuple[str, str], sigma: float, views: bool
+) -> None:
+    for scene in SCENES:
+        (folder / scene / "sharp.png").rename(folder / scene / f"{names[0]}.png")
+        (folder / scene / "blurred.png").unlink()
+        first = np.asarray(cv2.imread(str(folder / scene / f"{names[0]}.png")))
+        other = np.roll(first, 5, axis=1)
+        other = cv2.GaussianBlur(other, (0, 0), sigma) if sigma else other
+        cv2.imwrite(str(folder / scene / f"{names[1]}.png"), other)
+    facts = facts_of(folder)
+    assert facts.roles["infocus"].pattern == f"{{scene}}/{names[0]}.png"
+    assert ("defocus" not in facts.roles) is views
+    told = f"whether these are other views, which are not read: {{scene}}/{names[1]}.png"
+    assert (told in facts.open) is views
+    built(folder)
 
 
 def test_of_several_apertures_the_smallest_is_in_focus(folder: Path) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
-from tests.made_folder import SCENES, built, rearranged
-from tests.made_stack_folder import FOCUS, make_stacks
+from tests.made_folder import SCENES, built, photograph, rearranged
+from tests.made_stack_folder import FOCUS, make_stacks, write_image
 from tests.made_zedd import MOTORS, make_zedd
 
 NAMES = ("desk_1", "door", "x-2")
@@ -137,6 +137,22 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     assert not store.manifest.has_truth
     asked = [text.partition(":")[0] for text in written.open[:3]]
     assert asked == ["whether an image is in focus all over", "depth", "focus distances"]
+
+
+def test_what_may_not_be_a_stack_or_is_not_read_is_told(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        table = folder / scene / "focus.csv"
+        table.write_text("image;lens_dioptres\n1;1\n2;0.5\n3;0.25\n")
+    _, store = built(folder)
+    np.testing.assert_array_equal(store.captures()[0].stack.focus_distance, [np.nan, 4, 2, 1])
+    for number, scene in enumerate(SCENES):
+        write_image(folder / scene / "f_004.png", photograph(10 + number))
+        (folder / scene / "depth.npy").rename(folder / scene / "depth.exr")
+    told = new_manifest(folder).open
+    assert f"whether photographs are a stack: they look unlike in {', '.join(SCENES)}" in told
+    assert any(text.startswith("depth: none was found; not read: 4 .csv, 4 .exr") for text in told)
+    assert any(f"{SCENES[0]}/focus.csv with 3 rows" in text for text in told)
 
 
 def test_stacks_without_the_depth_that_most_have_are_named_or_counted(tmp_path: Path) -> None:

@@ -206,7 +206,8 @@ class FolderScenes(Whole):
             stated = getattr(self._files, name)
             text = values.get(name, "") if stated is None else _filled(str(stated), values)
             facts[name] = _number(name, text) if text else math.nan
-        facts["focus_distance"] = round(facts["focus_distance"] * self._files.focus_unit, 12)
+        told, unit = facts["focus_distance"], self._files.focus_unit
+        facts["focus_distance"] = round(1 / told if unit == "dioptres" else told * unit, 12)
         rig = self._manifest.rig
         focal_length = (rig and rig.focal_length) or 0.0
         if facts["focus_distance"] <= focal_length:
@@ -451,7 +452,7 @@ def _in_another_unit(
         return
     if found[0] > _FAR_OFF * scale.far or found[-1] * _FAR_OFF < scale.near:
         what = f"focused at {found[0]:g} to {found[-1]:g} m, where depths are {scale.near:g} to"
-        fix = "give focus distances in metres, or mend near and far under [depth.scale]"
+        fix = "say their unit, focus_unit under [files], or mend near and far under [depth.scale]"
         yield Problem(f"{what} {scale.far:g} m", where=where, fix=fix)
 
 

@@ -12,7 +12,7 @@ from dfdbench.errors import SourceError
 
 
 def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    r"""Read a table from a file: JSON, or text separated by tabs, commas or blanks.
+    r"""Read a table from a file: JSON, or text separated by tabs, semicolons, commas or blanks.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
 def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
-    between = next((mark for mark in ("\t", ",") if any(mark in line for line in lines)), None)
+    between = next((mark for mark in "\t;," if any(mark in line for line in lines)), None)
     cells = [[cell.strip() for cell in line.split(between)] for line in lines]
     heading = list(columns) or (cells.pop(0) if cells else [])
     for row in cells:

@@ -4,6 +4,11 @@ from dfdbench.building.sources.image_table import read_table
 from dfdbench.errors import SourceError
 
 
+def test_cells_are_told_apart_by_the_first_mark_there() -> None:
+    for text in (b"image;note\n1;a, b", b"image\tnote\n1\ta, b"):
+        assert read_table(text, "a.csv", []) == [{"image": "1", "note": "a, b"}]
+
+
 def test_json_holds_records_lists_or_values_by_file() -> None:
     records = b'[{"image": 3, "focus_distance": 0.5}]'
     assert read_table(records, "a.json", []) == [{"image": "3", "focus_distance": "0.5"}]
