@@ -1,6 +1,7 @@
 """Start the command line quickly: ``dfdbench`` and ``python -m dfdbench``."""
 
 import os
+import signal
 import sys
 
 from dfdbench.statuses import INTERRUPTED, MISTAKE
@@ -13,6 +14,8 @@ error: not enough memory or threads
 def main() -> None:
     """Load and run the command line; Ctrl-C ends it with status 130 at any time."""
     _open_what_is_closed()
+    # What a cluster sends when time is up: finish the pair, and say how to go on.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         # Imported here because it takes a second, during which Ctrl-C must not show a traceback.
         from dfdbench.cli import main as run

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.light import Floats, Image
-from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.compiled import compiled
 from dfdbench.system.vectors import LANES, all_of, load, plus, store, times
@@ -141,7 +141,7 @@ def _gather(rows: Floats, levels: Ints, quadrants: Floats, reach: Ints, channels
     return out
 
 
-def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
+def synthesize(image: Image, depth: Image, recipe: BlurRecipe | str) -> Image:
     """Blur each pixel of an in-focus image by its own depth.
 
     Parameters
@@ -151,8 +151,8 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     depth : ndarray of uint8, shape (y, x)
         Depth levels, below ``recipe.levels``. Level 0, which some sets use for unknown depth, is
         blurred as depth 0.
-    recipe : BlurRecipe
-        See `RECIPES`.
+    recipe : BlurRecipe or str
+        A recipe, or its name in `RECIPES`.
 
     Returns
     -------
@@ -162,7 +162,8 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
     Raises
     ------
     InputError
-        If a dtype or shape is wrong, sizes differ, or the recipe has no level for a depth.
+        If a dtype or shape is wrong, sizes differ, or the recipe has no level for a depth, or is
+        none of ours.
 
     Notes
     -----
@@ -172,14 +173,14 @@ def synthesize(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
 
     Examples
     --------
-    >>> from dfdbench.blur.recipe import RECIPES
     >>> image = np.zeros((5, 5, 3), np.uint8)
     >>> image[2, 2] = 255
-    >>> near = synthesize(image, np.full((5, 5), 255, np.uint8), RECIPES["published"])
-    >>> far = synthesize(image, np.full((5, 5), 0, np.uint8), RECIPES["published"])
+    >>> near = synthesize(image, np.full((5, 5), 255, np.uint8), "published")
+    >>> far = synthesize(image, np.full((5, 5), 0, np.uint8), "published")
     >>> int(near[2, 2, 0]), int(far[2, 2, 0])
     (247, 4)
     """
+    recipe = find_recipe(recipe)
     require_images(image, depth, recipe)
     return rounded(blur_by_recipe(image, depth, recipe))
 

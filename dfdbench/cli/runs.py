@@ -87,6 +87,7 @@ def run(
         words = ["run", "--dataset", dataset, "--split", split, "--method", method]
         words += [word for each in param for word in ("--param", each)]
         given = {"--protocol": protocol, "--fitted": fitted, "--seed": seed or None, "--out": out}
+        given |= {"--workers": workers, "--scheduler": scheduler}
         words += [str(word) for item in given.items() if item[1] is not None for word in item]
         words += ["--no-predictions"] * no_predictions
         then = shlex.join(["dfdbench", *words])

@@ -223,8 +223,9 @@ def of_seed(name: str, seed: int | str | None) -> str:
     if seed is None:
         return name
     if name not in FAMILIES:
+        what = "the name has a seed" if seeded(name) else "the data set is not drawn from a seed"
         fix = f"leave out the seed, or name {' or '.join(FAMILIES)}"
-        raise errors.InputError("the data set is not drawn from a seed", where=name, fix=fix)
+        raise errors.InputError(what, where=name, fix=fix)
     if seeded(f"{name}-{seed}") is None:
         expected = "a whole number from 0 on, of at most 18 digits"
         raise errors.InputError("not a seed", where="seed", expected=expected, got=str(seed))

@@ -37,14 +37,14 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     assert len(Dataset(store).pairs("all")) == 4
 
 
-#: The command, which is sent Ctrl-C once the first scene is written, and writes no second before
+#: The command, which is sent a signal once the first scene is written, and writes no second before
 #: that has come: how fast the machine is makes no difference.
 STOPPED = """
 import os, signal, sys, threading
 from dfdbench.__main__ import main
 from dfdbench.datasets.store_writer import SceneWriter
 
-stopped = threading.Event()
+sent, stopped = getattr(signal, sys.argv.pop()), threading.Event()
 write = SceneWriter.write
 
 def handle(number, frame):
@@ -54,10 +54,11 @@ def handle(number, frame):
 def write_and_stop(self, *given):
     digest = write(self, *given)
     if not stopped.is_set():
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), sent)
         stopped.wait(60)
     return digest
 
+signal.default_int_handler = handle
 signal.signal(signal.SIGINT, handle)
 SceneWriter.write = write_and_stop
 main()
@@ -65,11 +66,14 @@ main()
 
 
 @pytest.mark.slow
-def test_ctrl_c_in_a_build_loses_nothing(tiny_toml: str, tiny_folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM"])
+def test_a_stopped_build_loses_nothing(
+    tiny_toml: str, tiny_folder: Path, tmp_path: Path, sent: str
+) -> None:
     whole = store_of(TINY_TOML, tiny_folder, tmp_path / "whole.zarr")
     store = tmp_path / "tiny.zarr"
     arguments = ["build", tiny_toml, "--store", str(store), "--source", str(tiny_folder)]
-    stopped = python("-c", STOPPED, *arguments, "--workers", "1")
+    stopped = python("-c", STOPPED, *arguments, "--workers", "1", sent)
     assert stopped.returncode == 130
     assert "goes on from here" in stopped.stderr
     assert "Traceback" not in stopped.stderr

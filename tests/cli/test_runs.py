@@ -39,7 +39,9 @@ def test_the_whole_way(
     assert 0 < verdict["constant"]["nrmse"] < verdict["worst"]["nrmse"]
     for form, first in (("markdown", "| exposure |"), ("csv", "exposure,")):
         assert first in dfdbench.fine(f"{again} --format {form}").out
-    plain = dfdbench.fine("run --method constant --dataset", store, "--limit", "1", "--no-figures")
+    plain = dfdbench.fine(
+        f"run --method constant --dataset {store} --workers 1 --limit 1 --no-figures"
+    )
     kept = sorted(path.name for path in Path("results/tiny-test/constant").iterdir())
     assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt tables.md"
     failed = dfdbench("run --method mymodule:nan --no-figures --dataset", store)
@@ -54,7 +56,8 @@ def test_the_whole_way(
     assert then == f"next         dfdbench report {folder}"
     score, then = (plain.err.splitlines()[at] for at in (-2, -1))
     assert score.endswith("(protocol valid, split test, only 1 of 7 pairs)")
-    assert then == f"next         dfdbench run --dataset {store} --split test --method constant"
+    again = f"dfdbench run --dataset {store} --split test --method constant --workers 1"
+    assert then == f"next         {again}"
     one = dfdbench(f"run --method mymodule:nan --dataset {store} --limit 1 --out one")
     assert "1 pair failed; the same command tries it again\n" in one.err
 

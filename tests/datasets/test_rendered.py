@@ -29,5 +29,6 @@ def test_a_set_of_ones_own_may_have_fewer_rooms() -> None:
 def test_what_is_no_seed_or_given_to_a_set_without_is_refused(seed: str) -> None:
     with pytest.raises(InputError, match="not a seed"):
         of_seed("unseen-stack", seed)
-    with pytest.raises(InputError, match="not drawn from a seed"):
-        of_seed("demo", 3)
+    for name, told in (("demo", "not drawn from a seed"), ("unseen-8", "the name has a seed")):
+        with pytest.raises(InputError, match=told):
+            of_seed(name, 3)

@@ -160,7 +160,8 @@ def decode_file(content: bytes, where: str) -> NDArray[Any]:
     kind = next((name for head, name in _FORMATS.items() if content.startswith(head)), None)
     if kind is None:
         got = f"bytes {content[:8]!r}" if content else "an empty file"
-        raise SourceError("not an image file", where=where, expected="PNG, JPEG or TIFF", got=got)
+        expected, fix = "PNG, JPEG or TIFF", "fetch it again; or save it as PNG, raw depths as .npy"
+        raise SourceError("not an image file", where=where, expected=expected, got=got, fix=fix)
     damage = _damage(content)
     found = None if damage else cv2.imdecode(np.frombuffer(content, np.uint8), -1)
     if found is None:
