@@ -513,7 +513,9 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
         )
         return
     name = told[0]
-    positive = all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()
+    positive = dioptres or (
+        all(float(row[name]) > 0 for row in rows) and "disp" not in name.lower()
+    )
     if positive:
         unit = re.search("(?<![a-z])(mm|cm)(?![a-z])", name.lower())
         _tell_distance(name, "dioptres" if dioptres else unit[1] if unit else "m", facts)

@@ -82,7 +82,8 @@ def _errors(run: SavedRun, record: PairResult) -> Errors | None:
         return None
     images, depth = found
     sigma = read_prediction(run.path.parent, images.pair, images.depth.shape, "sigma")
-    return squared_errors(images.truth, depth, sigma, images.valid)
+    known = images.valid
+    return squared_errors(np.where(known, images.truth, 0), depth, sigma, known)
 
 
 def _curve(found: Errors, order: Floats) -> Floats:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+import dfdbench as dfd
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
 from tests.made_folder import SCENES, built, photograph, rearranged
@@ -143,9 +144,11 @@ def test_what_may_not_be_a_stack_or_is_not_read_is_told(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     for scene in SCENES:
         table = folder / scene / "focus.csv"
-        table.write_text("image;lens_dioptres\n1;1\n2;0.5\n3;0.25\n")
+        table.write_text("image;lens_dioptres\n1;1\n2;0.5\n3;0\n")
     _, store = built(folder)
-    np.testing.assert_array_equal(store.captures()[0].stack.focus_distance, [np.nan, 4, 2, 1])
+    stack = store.captures()[0].stack
+    np.testing.assert_array_equal(stack.focus_distance, [np.nan, np.inf, 2, 1])
+    assert np.nanmax(dfd.load_method("shape-from-focus")(stack[1:])) <= 255
     for number, scene in enumerate(SCENES):
         write_image(folder / scene / "f_004.png", photograph(10 + number))
         (folder / scene / "depth.npy").rename(folder / scene / "depth.exr")

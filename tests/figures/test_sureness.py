@@ -12,6 +12,8 @@ from dfdbench.methods.method import Method
 from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import summarise
+from tests.made_folder import built
+from tests.made_stack_folder import make_stacks
 
 
 def sure(infocus: Any, defocus: Any) -> Any:
@@ -49,3 +51,17 @@ def test_the_lines_are_what_the_protocol_scores(tiny_store: Dataset, tmp_path: P
     plain = Method("plain", "m:plain", lambda infocus, defocus: infocus[..., 0] / 2)
     result = run_method(tiny_store, plain, "test", tmp_path / "plain").result
     assert curves_of(SavedRun(tmp_path / "plain" / RESULT, result, tiny_store, ""), "plain") is None
+
+
+def test_metres_that_are_not_known_do_not_count(tmp_path: Path) -> None:
+    def predict(stack: Any) -> Any:
+        return np.full(stack.shape[1:3], 2.0), stack[1, ..., 0] + 1.0
+
+    predict.unit = "metres"  # type: ignore[attr-defined]
+    _, store = built(make_stacks(tmp_path / "mine"))
+    assert np.isnan(store.captures("test")[0].depth).any()
+    method, folder = Method("mine", "m:predict", predict), tmp_path / "run"
+    result = run_method(store, method, "test", folder).result
+    found = curves_of(SavedRun(folder / RESULT, result, store, ""), "mine")
+    assert found is not None
+    assert found.errors[24] == pytest.approx(result.pairs[0].score("sure", "nrmse_50"))

@@ -205,9 +205,11 @@ class FolderScenes(Whole):
         for name in BY_IMAGE:
             stated = getattr(self._files, name)
             text = values.get(name, "") if stated is None else _filled(str(stated), values)
-            facts[name] = _number(name, text) if text else math.nan
-        told, unit = facts["focus_distance"], self._files.focus_unit
-        facts["focus_distance"] = round(1 / told if unit == "dioptres" else told * unit, 12)
+            may_be_0 = name == "focus_distance" and self._files.focus_unit == "dioptres"
+            facts[name] = _number(name, text, may_be_0) if text else math.nan
+        unit, told = self._files.focus_unit, facts["focus_distance"]
+        metres = told * unit if unit != "dioptres" else 1 / told if told else math.inf
+        facts["focus_distance"] = round(metres, 12)
         rig = self._manifest.rig
         focal_length = (rig and rig.focal_length) or 0.0
         if facts["focus_distance"] <= focal_length:
@@ -324,12 +326,13 @@ def _filled(pattern: str, values: Row) -> str:
     return fill(pattern, values)
 
 
-def _number(name: str, text: str) -> float:
+def _number(name: str, text: str, may_be_0: bool) -> float:
     try:
         number = float(text)
     except ValueError:
         number = math.nan
-    if math.isnan(number) or (name != "focus_depth" and number <= 0):
+    below = number < 0 or (number == 0 and not may_be_0)
+    if math.isnan(number) or (name != "focus_depth" and below):
         raise ValueError(f"{name} is {text!r}, and not a number{' above 0' * (name[-1] != 'h')}")
     return number
 
