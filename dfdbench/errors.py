@@ -3,6 +3,7 @@
 import difflib
 import errno
 import re
+import unicodedata
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
@@ -14,8 +15,6 @@ _MOST_SHOWN = 200
 _NO_MEMORY = re.compile(
     "can't start new thread|failed to map segment|not enough memory|cannot allocate memory", re.I
 )
-# All control characters except tab and line feed.
-_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 @dataclass(frozen=True)
@@ -58,18 +57,26 @@ class Problem:
         place = f" ({self.where})" if self.where else ""
         facts = ": " + ", ".join(found) if found else ""
         text = self.what + place + facts + (f"\nFix: {self.fix}" if self.fix else "")
-        return _LONG_WORD.sub(_cut, steering_nothing(text))
+        return _LONG_WORD.sub(_cut, spelt_out(text))
 
 
-def steering_nothing(text: str) -> str:
-    r"""Return a text with its control characters, which a terminal would obey, spelt out.
+def spelt_out(text: str) -> str:
+    r"""Return text with invisible characters as escapes; tabs and line ends stay.
+
+    We show text that others wrote: control characters would move the cursor, direction marks would
+    reorder the text, and zero-width spaces would make two names look the same.
 
     Examples
     --------
-    >>> print(steering_nothing("clear\x1b[2J"))
-    clear\x1b[2J
+    >>> print(spelt_out("local\u200b \x1b[2J"))
+    local\u200b \x1b[2J
     """
-    return _STEERING.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+    return text if text.isprintable() else "".join(map(_spelt, text))
+
+
+def _spelt(letter: str) -> str:
+    shown = letter.isprintable() or letter in "\t\n" or unicodedata.category(letter) == "Zs"
+    return letter if shown else letter.encode("unicode_escape").decode()
 
 
 def writable(text: str) -> str:

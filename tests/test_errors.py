@@ -31,7 +31,7 @@ def test_a_name_that_nobody_could_read_is_cut_and_our_lists_are_not() -> None:
 
 def test_text_of_somebody_elses_file_steers_no_terminal() -> None:
     text = str(DfdbenchError("wrong\x1b[2J", got="a\rb\x9b1m\x00", where="file\n  fix  none"))
-    assert text == "wrong\\x1b[2J (file\n  fix  none): got a\\x0db\\x9b1m\\x00"
+    assert text == "wrong\\x1b[2J (file\n  fix  none): got a\\rb\\x9b1m\\x00"
 
 
 def test_a_lack_of_memory_is_told_from_other_errors() -> None:

@@ -414,8 +414,8 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
     name = row.method.name
     # Asking what packages offer takes a while, and no package takes a built-in name.
     entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
-    if not row.method.scored and entry and wording.without_folder(entry) != row.method.entry:
-        what = f"{row.method.name} is another method here: {wording.without_folder(entry)}"
+    if not row.method.scored and entry and wording.without_folders(entry) != row.method.entry:
+        what = f"{row.method.name} is another method here: {wording.without_folders(entry)}"
         fix = "name the method by its entry: MODULE:NAME"
         yield Problem(what, where=f"{where}: method.entry", fix=fix)
     for trained_on in dict.fromkeys(row.method_of(run).trained_on for run in row.runs):

@@ -21,8 +21,9 @@ from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.wording import without_folder, without_folders
+from dfdbench.results.wording import without_folders
 from dfdbench.system.files import write_whole
+from dfdbench.system.text import differences
 
 
 def require_submittable(limit: int | None) -> None:
@@ -52,7 +53,7 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
         trained on scenes of the test.
     """
     parameters = without_folders(method.parameters)
-    cards.find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
+    cards.find_card(LEADERBOARD, method.name, without_folders(method.entry), parameters)
     require_sound(store)
     saw, where = (method.trained_on, method.weights_sha256), f"--split {split}"
     InputError.raise_if(row_file.training_problems(*saw, store.manifest.stem, split, where))
@@ -127,23 +128,17 @@ def _facts(result: Result) -> dict[str, Any]:
     return facts
 
 
-def _differing(one: Result, other: Result) -> list[tuple[str, Any, Any]]:
-    found, own = _facts(one), _facts(other)
-    return [(name, found.get(name), own[name]) for name in own if found.get(name) != own[name]]
-
-
 def _require_one_method(runs: Sequence[Result]) -> None:
     what = "the runs are not of one method on one split"
     ResultError.raise_if(
         Problem(f"{what}: {value}, not {first}", where=f"{run.dataset.degradation}: {name}")
         for run in runs
-        for name, first, value in _differing(runs[0], run)
+        for name, first, value in differences(_facts(runs[0]), _facts(run))
     )
 
 
 def _require_same_method(there: Result, new: Result, path: Path) -> None:
-    if differing := _differing(there, new):
-        name, found, own = differing[0]
+    for name, found, own in differences(_facts(there), _facts(new)):
         what = f"another method is there: its {name} is {found}, not {own}"
         fix = "give your method a card of another name; if the row is yours, remove its file"
         raise ResultError(what, where=str(path), fix=fix)

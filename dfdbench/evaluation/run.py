@@ -23,7 +23,7 @@ from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
 from dfdbench.results import record, run_folder
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.wording import score_text, without_folder, without_folders
+from dfdbench.results.wording import score_text, without_folders
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -376,7 +376,7 @@ def _method_record(plan: RunPlan) -> record.MethodRecord:
     chosen = method.attribute("chosen")
     return record.MethodRecord(
         name=method.name,
-        entry=without_folder(method.entry),
+        entry=without_folders(method.entry),
         source_sha256=method.source_sha256,
         parameters={name: without_folders(value) for name, value in method.parameters.items()},
         uses=list(method.uses),

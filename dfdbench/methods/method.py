@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import DfdbenchError, MethodError, Problem, steering_nothing, writable
+from dfdbench.errors import DfdbenchError, MethodError, Problem, spelt_out
 from dfdbench.methods.importing import attribute_of, error_of
 from dfdbench.methods.parameters import files_sha256
 from dfdbench.methods.process_state import process_kept, seeded
@@ -282,7 +282,7 @@ class Method:
 
 def _shown(said: Any) -> str:
     # Results keep it and terminals show it.
-    return steering_nothing(writable(str(said)))
+    return spelt_out(str(said))
 
 
 @dataclass(frozen=True)

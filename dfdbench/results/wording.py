@@ -200,7 +200,7 @@ def knew_blur(method: MethodRecord, degradation: str) -> bool:
 
 
 def without_folders(value: Any) -> Any:
-    """Return a parameter as results show it: for a file only its name, as in entries."""
+    """Return a parameter or an entry as results show it: for a file only its name."""
     if isinstance(value, list):
         return [without_folders(part) for part in value]
     if isinstance(value, dict):
@@ -213,17 +213,3 @@ def without_answers(count: int) -> str:
     """Say what it means for a run that so many pairs lack answers."""
     pairs = f"{counted(count, 'pair')} without an answer for every pixel"
     return f"{pairs}: no mean and no rank except under protocol {SURE}"
-
-
-def without_folder(entry: str) -> str:
-    """Return a method's entry as results show it: only the file name of an absolute path.
-
-    Where a file is on one machine does not concern readers of the result.
-
-    Examples
-    --------
-    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
-    ('mine.py:predict', 'mine.py:predict')
-    """
-    place, _, attribute = entry.rpartition(":")
-    return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

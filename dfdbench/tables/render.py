@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from dfdbench.tables.table import Format, Link, Marked, Table
+from dfdbench.errors import spelt_out
+from dfdbench.tables.table import Format, Link, Marked, Table, least_width
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -40,7 +41,7 @@ _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 _LETTERS = {*map(chr, range(0xC0, 0x100))} - {*"ÐðÞþ×÷"} | {*"œłıŒŁčćěńřšžČĆĚŃŘŠŽ"}
 
 
-def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
+def render(tables: Sequence[Table], format: Format) -> str:
     r"""Render tables in one of the forms.
 
     Parameters
@@ -49,8 +50,6 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         The tables to show, in this order. CSV has one heading with the columns of all of them.
     format : Format
         The form.
-    width : int, optional
-        The terminal's width in characters, for `Format.table`; by default as wide as needed.
 
     Examples
     --------
@@ -62,7 +61,8 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         from rich.console import Console
 
         # The output is captured, so there is no terminal that lines have to fit.
-        console = Console(file=io.StringIO(), width=width or 400, color_system=None)
+        width = max(map(least_width, tables), default=0)
+        console = Console(file=io.StringIO(), width=max(width, 400), color_system=None)
         with console.capture() as captured:
             for table in tables:
                 for part in as_rich(table):
@@ -327,22 +327,3 @@ def _letter(letter: str) -> str:
         return " "
     plain = letter.isascii() or letter in _LETTERS
     return letter if plain else f"{{[}}U+{ord(letter):04X}{{]}}"
-
-
-def spelt_out(text: str) -> str:
-    r"""Return text with invisible characters as escapes; tabs and line ends stay.
-
-    We show text that others wrote: control characters would move the cursor, direction marks would
-    reorder the text, and zero-width spaces would make two names look the same.
-
-    Examples
-    --------
-    >>> print(spelt_out("local\u200b \x1b[2J"))
-    local\u200b \x1b[2J
-    """
-    return text if text.isprintable() else "".join(map(_spelt, text))
-
-
-def _spelt(letter: str) -> str:
-    shown = letter.isprintable() or letter in "\t\n" or unicodedata.category(letter) == "Zs"
-    return letter if shown else letter.encode("unicode_escape").decode()
