@@ -295,14 +295,14 @@ def run(
 
 def run_tracks(
     method: str | Callable[..., Any],
-    dataset: str,
+    dataset: Dataset | str,
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
     tracks: Sequence[str] | None = None,
     given_blur: bool = False,
     protocol: str = "valid",
-    source: Path | None = None,
+    source: Path | str | None = None,
     fresh: bool = False,
     seed: int = 0,
     out: Path | str | None = None,
@@ -317,15 +317,15 @@ def run_tracks(
     ----------
     method, split, parameters, fresh, seed, out, for_board, cache
         As for `run`. Depth maps are not kept.
-    dataset : str
-        The name of a data set with synthetic blur, without a track.
+    dataset : Dataset or str
+        A data set with synthetic blur, without a track, or its name.
     tracks : sequence of str, optional
         The tracks to run on; by default all.
     given_blur : bool
         Give the method each track's blur; the row then has no rank.
     protocol : str
         The protocol of the run's table.
-    source : Path, optional
+    source : Path or str, optional
         The data set's files, needed if a track is not built yet.
     on_result : callable
         Called with each label, ``clean`` or ``TRACK-SEVERITY``, and its result.
@@ -344,6 +344,7 @@ def run_tracks(
     >>> found = run_tracks("local", "demo", tracks=["noise"])  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
+    dataset = dataset.manifest.short if isinstance(dataset, Dataset) else dataset
     check = _check_for_board(split) if for_board else None
     plain = evaluate.without_track(dataset, cache)
     plain.scenes_of(split)
@@ -658,6 +659,11 @@ def open_run(path: Path | str, dataset: str | None = None) -> Run:
     dataset : str, optional
         The store's path, if it is not where the run found it.
 
+    Returns
+    -------
+    Run
+        Of a run on tracks, those of the same method, parameters and seed as on the clean images.
+
     Raises
     ------
     ResultError
@@ -669,6 +675,11 @@ def open_run(path: Path | str, dataset: str | None = None) -> Run:
     """
     folder = Path(path)
     if (folder / CLEAN / RESULT).is_file():
-        labels = [CLEAN, *sorted(p.parent.name for p in folder.glob(f"*-[1-9]/{RESULT}"))]
-        return Run({label: open_saved_run(folder / label, dataset) for label in labels})
+        there = (label for label in evaluate.labels_of(None) if (folder / label / RESULT).is_file())
+        runs = {label: open_saved_run(folder / label, dataset) for label in there}
+        from dfdbench.board.submission import facts_of
+
+        # On tracks that were not run again, an earlier run may be of another method.
+        whose = facts_of(runs[CLEAN].result)
+        return Run({label: run for label, run in runs.items() if facts_of(run.result) == whose})
     return Run({CLEAN: open_saved_run(path, dataset)})

@@ -58,6 +58,15 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
         dfdbench.open_run(tmp_path)
 
 
+def test_of_tracks_the_runs_of_one_method_are_opened(
+    done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
+) -> None:
+    for label in ("clean", "noise-2", "clean.previous-2", "noise-2.previous-2"):
+        done.save(tmp_path / label)
+    dfdbench.run("constant", tiny_store, out=tmp_path / "noise-1")
+    assert list(dfdbench.open_run(tmp_path).results) == ["clean", "noise-2"]
+
+
 def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) -> None:
     found = dfdbench.compare(done, dfdbench.run("constant", tiny_store), protocol="thesis")
     assert found.figure() is not None  # the second run lasts as long as what compares it

@@ -171,8 +171,9 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
     problems = []
     for pair in result.evaluated:
         depth, valid = store.read_levels(pair.pair)
-        prediction = read_prediction(folder, pair.pair, depth.shape)
-        sigma = read_prediction(folder, pair.pair, depth.shape, "sigma")
+        of_pair, unit = (folder, pair.pair, depth.shape), store.manifest.depth.kind
+        prediction = read_prediction(*of_pair, "depth", unit)
+        sigma = read_prediction(*of_pair, "sigma", unit)
         if prediction is None:
             problems.append(("no prediction was kept", pair.id))
         elif answer_digest(prediction, sigma) != pair.prediction_sha256:

@@ -19,6 +19,7 @@ from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.tables import ranking_table, records_of
 from dfdbench.datasets.rendered import seeded
 from dfdbench.errors import Problem, ResultError, unknown_name
+from dfdbench.metrics.protocol import find_protocol
 from dfdbench.results.frame import scores_of
 from dfdbench.results.record import Line
 from dfdbench.results.wording import method_label
@@ -141,7 +142,7 @@ class Board:
             data = board.result.dataset
             if dataset in (data.name, data.short) and data.split == split and board.suite == suite:
                 found.setdefault(board.protocol, board)
-        wanted = protocol or next(iter(found), "")
+        wanted = find_protocol(protocol).label if protocol else next(iter(found), "")
         if wanted not in found:
             there = {
                 " ".join((b.result.dataset.name, b.result.dataset.split, b.suite, b.protocol))

@@ -418,6 +418,10 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
         what = f"{row.method.name} is another method here: {wording.without_folders(entry)}"
         fix = "name the method by its entry: MODULE:NAME"
         yield Problem(what, where=f"{where}: method.entry", fix=fix)
+    for fitted_on in dict.fromkeys(row.method_of(run).fitted_on for run in row.runs):
+        if seen := scenes_seen(fitted_on or "", row.manifest, row.split):
+            what = f"the method was fitted on scenes of the test, {', '.join(seen)}"
+            yield Problem(what, where=where, fix="leave out --fitted: it is then fitted here")
     for trained_on in dict.fromkeys(row.method_of(run).trained_on for run in row.runs):
         yield from training_problems(
             trained_on, row.method.weights_sha256, row.dataset, row.split, where

@@ -109,7 +109,7 @@ def _suites(labels: set[str]) -> list[str]:
     return whole or begun[:1] or [next(iter(SUITES))]
 
 
-def _facts(result: Result) -> dict[str, Any]:
+def facts_of(result: Result) -> dict[str, Any]:
     """Return what two runs of one method on one split have in common."""
     method, dataset = result.method, result.dataset
     facts = {
@@ -133,12 +133,12 @@ def _require_one_method(runs: Sequence[Result]) -> None:
     ResultError.raise_if(
         Problem(f"{what}: {value}, not {first}", where=f"{run.dataset.degradation}: {name}")
         for run in runs
-        for name, first, value in differences(_facts(runs[0]), _facts(run))
+        for name, first, value in differences(facts_of(runs[0]), facts_of(run))
     )
 
 
 def _require_same_method(there: Result, new: Result, path: Path) -> None:
-    for name, found, own in differences(_facts(there), _facts(new)):
+    for name, found, own in differences(facts_of(there), facts_of(new)):
         what = f"another method is there: its {name} is {found}, not {own}"
         fix = "give your method a card of another name; if the row is yours, remove its file"
         raise ResultError(what, where=str(path), fix=fix)

@@ -162,7 +162,8 @@ def _predict_pair(
     if figure:
         from dfdbench.figures.runs import predicted_figure
 
-        save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
+        of_depth = estimate.depth, predictor.unit, predictor.grows_with
+        save_figure(predicted_figure(sharp, blurred, *of_depth), figure)
 
 
 def _predict_folder(

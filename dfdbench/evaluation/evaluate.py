@@ -1,6 +1,5 @@
 """Run a method on a data set and its tracks, tune its parameters, or score maps made elsewhere."""
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -9,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.building.sources import is_made
@@ -21,16 +20,29 @@ from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.pair import PairEvaluator, blank_record, record_of
-from dfdbench.evaluation.plan import RunOptions, protocol_on, protocols_on, require_what_was_built
+from dfdbench.evaluation.plan import (
+    RunOptions,
+    protocol_on,
+    protocols_on,
+    require_truth,
+    require_what_was_built,
+)
 from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
 from dfdbench.methods.calling import SMALL_LEVEL
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction, teach
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import SURE, Unit, find_protocol, ranked_by
-from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
+from dfdbench.results.record import (
+    RESULT,
+    SCORED,
+    MethodRecord,
+    PairResult,
+    Parameters,
+    save_result,
+)
 from dfdbench.results.run_folder import Predictions, keep_store_place, open_run_folder
-from dfdbench.results.wording import plain, score_text
+from dfdbench.results.wording import plain, score_text, without_folders
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Pool, Shown, one_by_one
 from dfdbench.tables.table import Table, grouped
@@ -66,8 +78,8 @@ def evaluate(
         check(loaded, store)
     for key, value in loaded.parameters.items():
         try:
-            json.dumps(value)
-        except TypeError as error:
+            TypeAdapter(Parameters).validate_python({key: without_folders(value)})
+        except ValidationError as error:
             what, where, got = "no result can keep this", f"parameter {key}", f"{value!r:.80}"
             fix = "give numbers, texts or lists, or the name of a file that the method reads"
             raise MethodError(what, where=where, got=got, fix=fix) from error
@@ -129,7 +141,7 @@ def labels_of(tracks: Iterable[str] | None) -> list[str]:
 
 
 def built_track(
-    dataset: str, label: str, source: Path | None, cache: Path | str | None, shown: Shown
+    dataset: str, label: str, source: Path | str | None, cache: Path | str | None, shown: Shown
 ) -> Dataset:
     """Open a data set on a track, or build it if its files are generated or at hand.
 
@@ -147,7 +159,7 @@ def built_track(
     # Imported here: a run on a built set does not need it.
     from dfdbench.building.obtaining import build_dataset
 
-    build_dataset(name, source, cache=cache, shown=shown)
+    build_dataset(name, Path(source) if source else None, cache=cache, shown=shown)
     return open_dataset(name, cache=cache)
 
 
@@ -197,6 +209,7 @@ def score_predictions(
         cannot be written.
     """
     method = _method_record(name, unit)
+    require_truth(store)
     require_what_was_built(store, split)
     found = find_predictions(predictions, store, split, unit)
     with writing_folder(folder, "run"):
@@ -274,7 +287,9 @@ def cross_validate(
     # Invalid parameters fail before anything is run.
     methods = [load_for(store, method, {**parameters, **trial}, seed) for trial in trials]
     every = [pair for fold in folds for pair in fold]
-    scored = set(every[:: -(-len(every) // (limit or len(every)))])
+    # At random: every n-th capture may be of one illumination.
+    chosen = np.random.default_rng(seed).permutation(len(every))[:limit]
+    scored = {every[place] for place in chosen}
     total = len(scored) * len(trials)
     rows: list[dict[str, Any]] = []
     done = 0
@@ -288,19 +303,25 @@ def cross_validate(
             evaluator = PairEvaluator(store, ready, seed, [rule])
             for pair in (pair for pair in fold if pair in scored):
                 record, _ = evaluator(pair)
-                where = f"{pair.id} with {words(trial)}"
-                if record.error:
-                    raise MethodError(record.error, where=where)
-                if record.lacks_answers(rule.label):
-                    what = "pixels have no answer, and no score compares those that have one"
-                    raise MethodError(what, where=where, fix=f"--protocol {SURE}")
+                _require_score(record, rule.label, f"{pair.id} with {words(trial)}")
                 found.append(record.scores[rule.label])
                 done += 1
                 if on_pair:
                     on_pair(done, total)
         rows.append({**trial, **pd.DataFrame(found).mean()})
-    tried = pd.DataFrame(rows).set_index(list(ranges))
+    # As they were given: a column of whole numbers and others would make all of them fractions.
+    given = {name: pd.Series([one[name] for one in trials], dtype=object) for name in ranges}
+    tried = pd.DataFrame(rows).assign(**given).set_index(list(ranges))
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
+
+
+def _require_score(record: PairResult, label: str, where: str) -> None:
+    if record.error:
+        raise MethodError(record.error, where=where)
+    if record.lacks_answers(label, ranked_by(label)[0]):
+        what = f"too many pixels have no answer for a score by protocol {label}"
+        fix = "leave these values out" if label == SURE else f"--protocol {SURE}"
+        raise MethodError(what, where=where, fix=fix)
 
 
 def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
@@ -333,7 +354,8 @@ def best_words(tried: pd.DataFrame) -> str:
 
 def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
     shown = tried.index.to_frame(index=False).astype(object)
-    return [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
+    rows = shown.where(shown.notna(), None).to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in rows]
 
 
 def folds_of(store: Dataset) -> list[list[Pair]]:

@@ -76,8 +76,8 @@ def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, di
     said = others.pop("images", None)
     if said is None:
         return None, others
-    numbers = re.findall(r"\d+", str(said))
-    if len(numbers) != 2:
+    numbers = re.findall(r"-?[\d.]+", str(said))
+    if len(numbers) != 2 or not all(map(str.isdecimal, numbers)):
         raise MethodError(
             "not two images", where="images", expected="two numbers from 0, as 0,4", got=str(said)
         )

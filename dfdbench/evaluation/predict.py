@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError
 from dfdbench.evaluation.fitting import camera_note, fit_again, require_run_of
-from dfdbench.evaluation.lens import is_lens, lens_law
+from dfdbench.evaluation.lens import RIG, given_by_lens, is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.photographs import Image, read_images, read_stack, size_of
 from dfdbench.evaluation.plan import identity_of
@@ -129,9 +129,7 @@ class DepthPredictor:
                 require_run_of(method, find_entry(method), result.method, fitted)
             method = method or result.method.name
             given = {**result.method.parameters, **given}
-            self._of_run(result, fitted)
-            if "recipe" in result.method.uses:
-                given["recipe"] = result.dataset.recipe["parameters"]
+            given = self._of_run(result, fitted, given)
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
             raise InputError("no such run", where=str(camera), fix="name the folder of a run")
         elif camera is not None:
@@ -153,8 +151,8 @@ class DepthPredictor:
             self._restore(fitted)
         self.unit: Unit = self.method.answers_in("levels")
 
-    def _of_run(self, result: Result, folder: Path) -> None:
-        """Take over what is known of a run's data set: what levels are, how pairs were matched."""
+    def _of_run(self, result: Result, folder: Path, given: dict[str, Any]) -> dict[str, Any]:
+        """Take over what levels are and how pairs were matched; return the method's parameters."""
         name, known = result.dataset.name, list[Manifest]()
         # The store may be on another machine, and a user's own set has no manifest here.
         with contextlib.suppress(DfdbenchError):
@@ -168,6 +166,14 @@ class DepthPredictor:
             self._files = files if files and not files.images else None
         elif not result.dataset.recipe["name"]:
             self._unknown = name
+        if "recipe" in result.method.uses:
+            return {**given, "recipe": result.dataset.recipe["parameters"]}
+        if given.get("recipe") == RIG and self._store is not None:
+            return given_by_lens(self._store.manifest, given)[0]
+        if "recipe" in given:
+            given["recipe"], scale = _blur(given["recipe"])
+            self._scale = scale or self._scale
+        return given
 
     @functools.cached_property
     def _matched_already(self) -> frozenset[bytes]:
@@ -193,12 +199,18 @@ class DepthPredictor:
         raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
 
     @property
+    def grows_with(self) -> Literal["nearness", "distance"]:
+        """What its depth grows with, as in a manifest."""
+        scale = self._scale
+        turned = scale is not None and scale.far_level > scale.near_level
+        return "distance" if turned or self.unit == "metres" else "nearness"
+
+    @property
     def meaning(self) -> str:
         """What the depth means, in words."""
         if self.unit == "metres":
             return "distances in metres"
-        scale = self._scale
-        turned = scale is not None and scale.far_level > scale.near_level
+        scale, turned = self._scale, self.grows_with == "distance"
         levels = f"depth levels from 0 ({'near' if turned else 'far'}) to 255 "
         levels += "(far)" if turned else "(near)"
         if scale is None:

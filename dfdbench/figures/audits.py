@@ -123,8 +123,10 @@ def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -
     verdicts = ListedColormap(["white", style.ORANGE, style.PINK])
     for record, axes in zip(rows, grid, strict=True):
         depth, valid = store.read_levels(record.pair)
-        prediction = read_prediction(folder, record.pair, depth.shape)
+        about = store.manifest.depth
+        prediction = read_prediction(folder, record.pair, depth.shape, "depth", about.kind)
         assert prediction is not None
+        prediction = about.exact_levels(prediction)
         kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
         kind = np.ma.masked_where(~valid, kind)
         known = np.ma.masked_where(~valid, np.abs(prediction - depth))

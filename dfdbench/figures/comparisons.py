@@ -51,7 +51,8 @@ def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figur
 def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     """Draw the seconds per pair of each method as boxes on a logarithmic axis."""
     times = [
-        (run.label, [pair.seconds for pair in run.result.pairs if pair.seconds]) for run in runs
+        (run.label, [p.seconds for p in run.result.evaluated if p.seconds and p.timed_alone])
+        for run in runs
     ]
     timed = [(label, seconds) for label, seconds in times if seconds]
     if not timed:

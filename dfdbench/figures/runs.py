@@ -5,7 +5,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ from dfdbench.datasets.manifest import Scene
 from dfdbench.errors import InputError, ResultError
 from dfdbench.figures import style, sureness
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.metrics.protocol import Unit, metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.saved_run import SavedRun
@@ -170,12 +170,13 @@ def draw_by_scene(
 
 def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
-    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
+    truth, found, about = np.zeros(LEVELS), np.zeros(LEVELS), store.manifest.depth
+    unit = about.kind
     for pair in [record.pair for record in result.evaluated]:
         depth, valid = store.read_levels(pair)
-        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+        if (prediction := read_prediction(folder, pair, depth.shape, "depth", unit)) is not None:
             counts = valid & ~np.isnan(prediction)
-            answered = np.rint(store.manifest.depth.exact_levels(prediction[counts]))
+            answered = np.rint(about.exact_levels(prediction[counts]))
             truth += np.bincount(depth[counts], minlength=LEVELS)
             found += np.bincount(answered.astype(np.int64), minlength=LEVELS)
     if not truth.any():
@@ -405,18 +406,25 @@ def draw_pair(
 
 
 def predicted_figure(
-    infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], depth: NDArray[np.floating[Any]]
+    infocus: NDArray[np.uint8],
+    defocus: NDArray[np.uint8],
+    depth: NDArray[np.floating[Any]],
+    unit: Unit,
+    grows_with: Literal["nearness", "distance"],
 ) -> Figure:
-    """Draw two photographs, shape (y, x, 3), and the depth levels estimated from them."""
+    """Draw two photographs, shape (y, x, 3), and the depth estimated from them: near is bright."""
     rows, columns = depth.shape
     figure = Shown(figsize=(9, 3 * rows / columns + 0.4), layout="constrained")
     axes = figure.subplots(1, 3)
     for axis, head, image in zip(axes, HEADS, (infocus, defocus), strict=False):
         axis.set_title(head, fontsize=10)
         axis.imshow(image)
-    low, high = style.depth_span(np.asarray(depth, np.float64))
-    shown = axes[2].imshow(depth, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
+    whole = LAST_LEVEL if unit == "levels" else float(np.nanmax(depth))
+    low, high = style.depth_span(np.asarray(depth, np.float64), whole)
+    colours = "viridis" if grows_with == "nearness" else "viridis_r"
+    shown = axes[2].imshow(depth, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
     axes[2].set_title("depth", fontsize=10)
     style.without_ticks(axes, "0.75")
-    figure.colorbar(shown, ax=axes[2], label="depth level (brighter is nearer)", fraction=0.05)
+    label = f"{style.DEPTH_LABELS[unit]} (brighter is nearer)"
+    figure.colorbar(shown, ax=axes[2], label=label, fraction=0.05)
     return figure

@@ -81,8 +81,8 @@ def _errors(run: SavedRun, record: PairResult) -> Errors | None:
     if found is None:
         return None
     images, depth = found
-    sigma = read_prediction(run.path.parent, images.pair, images.depth.shape, "sigma")
-    known = images.valid
+    shape, known = images.depth.shape, images.valid
+    sigma = read_prediction(run.path.parent, images.pair, shape, "sigma")
     return squared_errors(np.where(known, images.truth, 0), depth, sigma, known)
 
 

@@ -371,7 +371,7 @@ class Transfer:
     def worst(self) -> float:
         """Return the highest cost of a foreign fit: its score over that of the set's own fit."""
         means = self.table().to_numpy()
-        return float((means / np.diag(means)).max())
+        return float((means / np.diag(means))[~np.eye(len(means), dtype=bool)].max())
 
     def as_table(self) -> Table:
         """Return the means as a table for the command line."""

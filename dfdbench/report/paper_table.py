@@ -102,7 +102,7 @@ def _cells(board: ScoreBoard, name: str) -> list[str]:
 
 def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:
     notes = []
-    if any(standing.rank and standing.rank > 1 for standing in board.standings):
+    if sum(standing.rank is not None for standing in board.standings) > 1:
         notes.append("Best bold, second underlined.")
     if SECONDS in names:
         notes.append(SECONDS_NOTE)

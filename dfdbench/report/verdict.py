@@ -97,7 +97,12 @@ def _score(result: Result, protocol: str) -> Line:
 def _means(pairs: Sequence[PairResult], protocol: str) -> tuple[dict[str, float | None], str]:
     """Return the means of evaluated pairs, by metric, and their text."""
     metrics = metrics_of(protocol)
-    means = {name: mean_of(pair.score(protocol, name) for pair in pairs) for name in metrics}
+    means = {
+        name: None
+        if any(pair.lacks_answers(protocol, name) for pair in pairs)
+        else mean_of(pair.score(protocol, name) for pair in pairs)
+        for name in metrics
+    }
     texts = (f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
     return means, "  ".join(texts)
 

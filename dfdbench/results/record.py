@@ -134,6 +134,15 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     return record
 
 
+def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
+    # Parameters appear in file names and tables.
+    json.dumps(parameters, ensure_ascii=False, allow_nan=False).encode()
+    return parameters
+
+
+#: A method's parameters, as far as a file can keep them.
+Parameters = Annotated[dict[str, JsonValue], AfterValidator(_as_utf8)]
+
 #: A protocol's definition, whose name may become part of a path.
 ProtocolRecord = Annotated[dict[str, Any], AfterValidator(_with_safe_name)]
 RecipeRecord = Annotated[dict[str, Any], AfterValidator(_with_name)]
@@ -194,12 +203,6 @@ class DatasetRecord(Record):
         return self.groups.get(scene, scene)
 
 
-def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
-    # Parameters appear in file names and tables.
-    json.dumps(parameters, ensure_ascii=False, allow_nan=False).encode()
-    return parameters
-
-
 class MethodRecord(Record):
     """Which method was run, and how.
 
@@ -213,7 +216,7 @@ class MethodRecord(Record):
     name: Line
     entry: Line
     source_sha256: Sha256 | None
-    parameters: Annotated[dict[str, JsonValue], AfterValidator(_as_utf8)]
+    parameters: Parameters
     uses: list[str]
     trained_on: str | None
     paper: str | None

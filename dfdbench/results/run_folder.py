@@ -16,6 +16,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import ResultError
+from dfdbench.metrics.protocol import Unit
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import whole_files, write_whole
@@ -188,7 +189,11 @@ class Predictions:
 
 
 def read_prediction(
-    folder: Path, pair: Pair, shape: tuple[int, int], name: Literal["depth", "sigma"] = "depth"
+    folder: Path,
+    pair: Pair,
+    shape: tuple[int, int],
+    name: Literal["depth", "sigma"] = "depth",
+    unit: Unit = "levels",
 ) -> NDArray[np.float32] | None:
     """Return a depth map that a run kept, shape (y, x), or None if there is none.
 
@@ -202,6 +207,8 @@ def read_prediction(
         The rows and columns that it must have: those of the images.
     name : {"depth", "sigma"}
         Depth, NaN where there is no answer, or its standard deviation according to the method.
+    unit : {"levels", "metres"}
+        The data set's. Levels end at 255.
 
     Raises
     ------
@@ -224,7 +231,7 @@ def read_prediction(
             raise ValueError(f"{array}")
         found = np.asarray(array[index])
         there = found[~np.isnan(found)]
-        most = LAST_LEVEL if name == "depth" else np.finfo(np.float32).max
+        most = LAST_LEVEL if name == "depth" and unit == "levels" else np.finfo(np.float32).max
         if not ((there >= 0) & (there <= most)).all():
             raise ValueError(f"{name} outside 0 to {most:g}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:

@@ -83,7 +83,7 @@ class SavedRun:
         if self.store is None:
             return None
         of_pair = self.path.parent, pair.pair, self.store.shape_of(pair.scene)
-        prediction = run_folder.read_prediction(*of_pair)
+        prediction = run_folder.read_prediction(*of_pair, "depth", self.store.manifest.depth.kind)
         if prediction is None or pair.prediction_sha256 is None:
             return None
         sigma = run_folder.read_prediction(*of_pair, "sigma")
@@ -117,7 +117,8 @@ class SavedRun:
             images, prediction = found
             (infocus, _), *others = images.thumbnails()
             scores = ", ".join(map(" ".join, wording.titled_scores(pair, protocol)))
-            depth = depth_map(prediction, ~np.isnan(prediction), f"prediction: {scores}")
+            answered, levels = ~np.isnan(prediction), images.about.levels_of(prediction)
+            depth = depth_map(levels, answered, f"prediction: {scores}")
             rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
         worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
         return as_html(run_tables.run_score_table(summary.summarise(self.result, protocol))) + worst

@@ -1,5 +1,6 @@
 """Means, spreads and intervals over a result's pairs."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,6 @@ from dfdbench.metrics.intervals import group_interval, interval_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.wording import machine_of
 from dfdbench.tables.table import grouped
 
 
@@ -162,7 +162,7 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
     """
     first_by, ties_by = ranked_by(protocol)
     keys = [
-        (first, pair.score(protocol, ties_by), pair.id, pair)
+        (first, math.inf if (tie := pair.score(protocol, ties_by)) is None else tie, pair.id, pair)
         for pair in result.evaluated
         if (first := pair.score(protocol, first_by)) is not None
     ]
@@ -178,8 +178,9 @@ def median_seconds(results: Iterable[Result]) -> float | None:
     pairs = [pair for run in runs for pair in run.pairs]
     seconds = [pair.seconds for pair in pairs if pair.seconds is not None]
     alone = all(pair.timed_alone for pair in pairs)
-    one_machine = len({machine_of(run) for run in runs}) == 1
-    return float(np.median(seconds)) if seconds and alone and one_machine else None
+    places = (run.environments[pair.machine] for run in runs for pair in run.evaluated)
+    machines = {(place.cpu, place.cpu_count, place.gpu) for place in places}
+    return float(np.median(seconds)) if seconds and alone and len(machines) == 1 else None
 
 
 def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:

@@ -171,7 +171,7 @@ def given_to(result: Result) -> str:
     if recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe):
         parts.append("the lens")
     elif recipe is not None:
-        same = recipe == dataset.recipe["name"]
+        same = recipe in (dataset.recipe["name"], dataset.recipe.get("parameters"))
         parts.append("the blur" if same else "another blur")
     elif method.fitted_on:
         # We do not know what somebody else's fit measures.

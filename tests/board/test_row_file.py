@@ -104,6 +104,13 @@ def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) 
         problems(tmp_path)
 
 
+def test_a_fit_that_saw_the_test_is_told(tmp_path: Path) -> None:
+    for fitted_on, told in (("demo-1, split train", ""), ("demo-1, all but Attic", "Kitchen")):
+        method = edited(make_demo_result(lambda pair: 0.1).method, fitted_on=fitted_on)
+        found = problems(tmp_path, method=method)
+        assert (f"fitted on scenes of the test, {told}" in found) is bool(told)
+
+
 def test_scenes_that_weights_were_trained_on_are_named() -> None:
     for trained_on, dataset, split, scenes in (
         ("demo-1, split train", "demo-1", "all", "Attic, Barn, Cabin, Depot, Forge, Garage"),

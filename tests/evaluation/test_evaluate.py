@@ -11,7 +11,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
-from dfdbench.evaluation.evaluate import score_predictions
+from dfdbench.evaluation.evaluate import best_words, score_predictions
 from dfdbench.evaluation.predict import DepthPredictor
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
@@ -80,6 +80,15 @@ def test_what_has_no_name_is_run_with_its_facts_and_parameters(tiny_store: Datas
     thing = evaluate(Level(90.0), tiny_store, "One")
     assert thing.result.averages != mean
     assert thing.result.method.uses == []
+
+
+@pytest.mark.parametrize("value", [{1: 2}, {"a": {1: 2}}, (1.0, float("nan")), object()])
+def test_what_no_result_can_keep_is_refused_before_the_run(tiny_store: Dataset, value: Any) -> None:
+    def predict(infocus: Any, defocus: Any, value: Any) -> Any:
+        raise AssertionError
+
+    with pytest.raises(MethodError, match="no result can keep this"):
+        evaluate(predict, tiny_store, parameters={"value": value})
 
 
 def test_a_changed_function_is_another_run_which_never_passes_for_the_first(
@@ -263,12 +272,37 @@ def test_no_capture_is_scored_by_its_own_group(few_demo: Dataset, off: str, tmp_
 
 
 def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: str) -> None:
-    ranges: dict[str, Any] = {"off": np.array([5, 0]), "peek": [np.False_]}
+    ranges: dict[str, Any] = {"off": np.array([30, 0]), "peek": [np.False_]}
     seen: list[int] = []
     given: Any = {"limit": 6, "on_pair": lambda *numbers: seen.extend(numbers)}
     tried = dfdbench.tune(off, few_demo, ranges, parameters={"log": "/dev/null"}, **given)
-    assert tried.index.tolist() == [(0, False), (5, False)]
+    assert tried.index.tolist() == [(0, False), (30, False)]
     assert seen[-2:] == [12, 12]
+    ranges = {"off": [2, 0.5], "peek": [None]}
+    tried = dfdbench.tune(off, few_demo, ranges, parameters={"log": "/dev/null"}, limit=1)
+    assert best_words(tried) in [f"--param off={off} --param peek=null" for off in (2, 0.5)]
+
+
+def test_few_captures_are_of_every_illumination(demo_store: Dataset, tmp_path: Path) -> None:
+    def grey_of(infocus: Any, defocus: Any, power: int) -> Any:
+        seen.add(int(infocus.sum()))
+        return infocus.mean(axis=2) ** power
+
+    seen = set[int]()
+    dfdbench.tune(grey_of, demo_store, {"power": [1]}, limit=18)
+    every = {int(each.infocus.sum()): each.pair.at for each in demo_store.captures("train")}
+    assert {every[image]["illumination"] for image in seen} == {1, 2, 3}
+    assert {every[image]["exposure"] for image in seen} == {0, 1, 2}
+
+
+def test_leaving_pixels_out_wins_nothing(few_demo: Dataset) -> None:
+    def some(infocus: Any, defocus: Any, share: float) -> Any:
+        depth = infocus.mean(axis=2)
+        depth[: round(share * len(depth))] = np.nan
+        return depth
+
+    with pytest.raises(MethodError, match=r"too many pixels have no answer.*\nFix: leave these"):
+        dfdbench.tune(some, few_demo, {"share": [0.8]}, protocol="sure", limit=2)
 
 
 def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, off: str) -> None:

@@ -8,7 +8,7 @@ from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import MethodError, StoreError
-from dfdbench.evaluation.loading import load_for, training_mean
+from dfdbench.evaluation.loading import images_in, load_for, training_mean
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.wording import knew_blur
@@ -28,6 +28,13 @@ def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_p
     with pytest.raises(StoreError, match=r"(?s)no split train.*--param training_mean"):
         load_for(store, "constant", {})
     assert load_for(store, "constant", {"training_mean": 90}).uses == ()
+
+
+@pytest.mark.parametrize("images", [(0, -1), 0.5, "0,1.5", "1"])
+def test_what_names_no_two_images_is_refused(images: Any) -> None:
+    assert images_in({"images": "0,4", "window": 9}) == ((0, 4), {"window": 9})
+    with pytest.raises(MethodError, match="not two images"):
+        images_in({"images": images})
 
 
 class Asking:

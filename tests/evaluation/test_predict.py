@@ -166,6 +166,17 @@ def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path:
     assert predictor(*pair[:2]).depth.shape == pair[2].shape
 
 
+def test_a_run_that_was_given_a_lens_lends_it(few_demo: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "lens.toml").write_text(LENS)
+    given, run = {"recipe": str(tmp_path / "lens.toml")}, tmp_path / "run"
+    dfdbench.run("local", few_demo, limit=1, parameters=given, out=run)
+    images = few_demo.captures("test")[0]
+    lent, named = (DepthPredictor("local", camera) for camera in (run, tmp_path / "lens.toml"))
+    assert lent.meaning == named.meaning
+    pair = images.infocus, images.defocus
+    np.testing.assert_array_equal(lent(*pair).depth, named(*pair).depth)
+
+
 def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:
     (tmp_path / "stack.json").write_text('{"attributes": {"unit": "metres"}}')
     predictor = DepthPredictor("shape-from-focus")

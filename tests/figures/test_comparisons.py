@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from dfdbench.figures import comparisons
 from dfdbench.figures.style import plain_text
 from dfdbench.results.saved_run import SavedRun
-from tests.made_results import limited, make_result
+from tests.made_results import edited, limited, make_result
 
 VALUES: dict[tuple[str, int, int, int], float | None] = {
     (scene, view, i, e): 0.1 for scene in "ab" for view in (1, 5) for i in (1, 2) for e in (0, 1)
@@ -59,6 +59,8 @@ def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
     figure = comparisons.time_figure([run("one"), run("two")])
     assert figure is not None
     assert figure.axes[0].get_xscale() == "log"
+    together = edited(make_result(VALUES), pairs={"timed_alone": False})
+    assert comparisons.time_figure([SavedRun(Path("r.json"), together, None, "")]) is None
     saved = SavedRun(Path("r.json"), limited(make_result(VALUES), 0), None, "")
     assert comparisons.time_figure([saved]) is None
     assert comparisons.lighting_figures([saved], "thesis") == {}

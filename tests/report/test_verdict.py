@@ -56,6 +56,19 @@ def test_where_no_row_is_given_as_little_the_best_of_all_is_named(demo_store: df
     assert "worst" not in found
 
 
+def test_a_mean_that_the_run_lacks_is_not_said(tiny_store: dfd.Dataset) -> None:
+    whole = {int(each.infocus.sum()) for each in tiny_store.captures("test")[:3]}
+
+    def some(infocus: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+        depth = infocus.mean(2)
+        depth[: 0 if int(infocus.sum()) in whole else round(0.8 * len(depth))] = np.nan
+        return np.asarray(depth)
+
+    done = dfd.run(some, tiny_store, protocol="sure")
+    assert done.verdict_facts()["score"]["nrmse_50"] is None
+    assert "surest 50 % –" in lines(done)["score"]
+
+
 def test_a_run_that_failed_everywhere_says_so(tiny_store: dfd.Dataset, tmp_path: Path) -> None:
     done = dfd.run(lambda infocus, defocus: 1 / 0, tiny_store, out=tmp_path / "run")
     told = "score        none: only 0 of 7 pairs were evaluated  (protocol valid, split test)"

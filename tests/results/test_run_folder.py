@@ -34,6 +34,8 @@ def test_depth_maps_that_are_something_else_are_told(tiny_store: Dataset, tmp_pa
         assert run_folder.read_prediction(folder, pair, shape) is not None
         with pytest.raises(ResultError, match="not a run's depth maps"):
             run_folder.read_prediction(folder, pair, (shape[0] + 1, shape[1]))
+        run_folder.Predictions(folder, tiny_store.manifest).keep(pair, 99 * nine)
+        assert run_folder.read_prediction(folder, pair, shape, unit="metres") is not None
         spoil(folder / run_folder.PREDICTIONS / pair.scene)
         with pytest.raises(ResultError, match="not a run's depth maps"):
             run_folder.read_prediction(folder, pair, shape)

@@ -39,6 +39,10 @@ def test_rank_is_by_nrmse_and_ties_by_nmae() -> None:
     second = edited(second, scores={"thesis": {"nrmse": 0.1, "nmae": 0.09, "ssim": 1.0}})
     order = ranked(edited(result, pairs=[first, second, third]), "thesis")
     assert [pair.scene for pair in order] == ["c", "b", "a"]
+    # What has no NMAE comes last among equals.
+    second = edited(second, scores={"thesis": {"nrmse": 0.1, "nmae": None, "ssim": 1.0}})
+    order = ranked(edited(result, pairs=[first, second, third]), "thesis")
+    assert [pair.scene for pair in order] == ["c", "b", "a"]
 
 
 def test_an_undefined_score_is_counted_and_in_no_mean() -> None:
@@ -87,4 +91,8 @@ def test_one_slow_pair_does_not_move_the_seconds() -> None:
 def test_seconds_of_several_machines_or_of_pairs_run_together_are_none() -> None:
     assert median_seconds([with_seconds(1.0), with_seconds(1.0, cpu="two")]) is None
     assert median_seconds([with_seconds(1.0, alone=False)]) is None
+    moved, other = with_seconds(1.0, 9.0), with_seconds(1.0, cpu="two").environment
+    first, second = moved.pairs
+    pairs = [first, edited(second, machine=1)]
+    assert median_seconds([edited(moved, pairs=pairs, other_environments=[other])]) is None
     assert median_seconds([with_seconds()]) is None

@@ -1,5 +1,6 @@
 from typing import Any
 
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.results.wording import given_to
 from tests.made_results import edited, make_demo_result
 
@@ -12,6 +13,7 @@ def test_a_row_says_what_its_method_was_told() -> None:
         ({"uses": ["recipe"], "fitted_on": "demo-1@law-2, split train"}, "training pairs"),
         ({"entry": "dfdbench.methods.sgm:X", "fitted_on": "demo-1, split train"}, "blur fitted"),
         ({"parameters": {"recipe": "published"}}, "the blur"),
+        ({"parameters": {"recipe": RECIPES["published"].as_dict()}}, "the blur"),
         ({"parameters": {"recipe": "text"}}, "another blur"),
         ({"uses": ["training_mean"], "trained_on": "demo-1, split train"}, "mean depth"),
         ({"trained_on": "demo-1, split train"}, "trained on demo-1"),
