@@ -378,6 +378,7 @@ class Transfer:
         means = self.table()
         rows = tuple((str(own), *map(wording.score_text, row)) for own, row in means.iterrows())
         note = f"The worst foreign fit has {self.worst():.2f} times the score of the set's own."
+        note = note if np.isfinite(self.worst()) else "A run lacks a mean, so no fit is the worst."
         columns = ("fitted on", *map(str, means.columns))
         return Table(self.title, columns, rows, "l", (note,))
 

@@ -8,8 +8,10 @@ from PIL import Image
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError, InputError
+from dfdbench.report.objects import Transfer
 from tests.conftest import TINY_TOML
 from tests.evaluation.made_methods import write_mean
+from tests.made_results import make_result
 
 
 @pytest.fixture
@@ -20,6 +22,14 @@ def dark_store(tiny_folder: Path, tmp_path: Path) -> Dataset:
     manifest = tmp_path / "dark-1.toml"
     manifest.write_text(TINY_TOML.replace('"tiny"', '"dark"'))
     return dfdbench.build(str(manifest), tiny_folder, store=tmp_path / "dark.zarr")
+
+
+@pytest.mark.parametrize(("other", "told"), [(0.18, "0.90 times"), (None, "lacks a mean")])
+def test_the_worst_is_a_foreign_fit(other: float | None, told: str) -> None:
+    scores = {("a", "a"): 0.1, ("b", "a"): 0.09, ("a", "b"): other, ("b", "b"): 0.2}
+    place = ("a", 1, 1, 0)
+    results = {pair: make_result({place: score}) for pair, score in scores.items()}
+    assert told in Transfer(results, "thesis", Path()).as_table().notes[0]
 
 
 @pytest.mark.slow

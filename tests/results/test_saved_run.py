@@ -1,15 +1,24 @@
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from dfdbench.api import run as evaluate
+from dfdbench.audit.coverage import compare_depths
+from dfdbench.audit.run_errors import join_errors
+from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
+from dfdbench.figures.audits import mask_figure
 from dfdbench.results.record import save_result
 from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run
+from dfdbench.system.thumbnails import depth_map
+from tests.made_folder import SHAPE, built
 from tests.made_results import make_demo_result, make_result
+from tests.made_stack_folder import make_stacks
 
 
 def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
@@ -55,6 +64,21 @@ def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:
     assert places == sorted(places)
     assert text.count("<img") == 3 * 4
     assert "prediction: NRMSE" in text
+
+
+def test_metres_are_shown_as_bright_as_they_are_near(tmp_path: Path) -> None:
+    def predict(stack: Any) -> Any:
+        return np.where(np.arange(SHAPE[1]) < 9, 4.0, 1.0) * np.ones((SHAPE[0], 1))
+
+    predict.unit = "metres"  # type: ignore[attr-defined]
+    _, store = built(make_stacks(tmp_path / "mine"))
+    levels = np.where(np.arange(SHAPE[1]) < 9, 1, 255) * np.ones((SHAPE[0], 1))
+    shown, _ = depth_map(levels.astype(np.uint8), np.ones(SHAPE, bool), "")
+    run = evaluate(predict, store)
+    assert shown in run._repr_html_()
+    join = join_errors(store, run.result, run.folder, compare_depths(*sides_of(store)))
+    drawn = mask_figure(store, run.result, run.folder, join).axes[1].images[0].get_array()
+    np.testing.assert_allclose(np.asarray(drawn), levels, atol=1e-3)
 
 
 def test_runs_of_one_label_are_told_apart_by_places() -> None:
