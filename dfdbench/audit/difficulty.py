@@ -14,8 +14,9 @@ from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.methods.blurred import blurred_by, information_at
 from dfdbench.methods.calibration import calibrate
@@ -156,9 +157,7 @@ def split_difficulty(
     found = {}
     for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
-        far = manifest.depth.grows_with == "distance"
-        depth = LAST_LEVEL - images.levels if far else images.levels
-        found[pair] = smallest_step(images.infocus, depth, images.valid, recipe, noise)
+        found[pair] = smallest_step(images.infocus, images.levels, images.valid, recipe, noise)
     return found
 
 
@@ -264,7 +263,8 @@ class Bound:
     Parameters
     ----------
     told : ndarray of float64, shape (y, x)
-        Each pixel's information on its level, from `information_at`; 0 if the depth is unknown.
+        Each pixel's information on its depth, from `information_at`; 0 if the depth is unknown.
+        As below, a level is a 255th of the set's range: of metres, if it is in metres.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known.
     spread : float
@@ -314,10 +314,13 @@ class Bound:
         }
 
 
-def bound_of(law: BlurLaw, capture: TrainingPair, spread: float) -> Bound:
+def bound_of(law: BlurLaw, capture: Capture, spread: float) -> Bound:
     """Return the bound of a capture under a law, at its true depth."""
     blurred = blurred_by(law, capture.infocus, capture.defocus)
     told = information_at(blurred, capture.levels.astype(np.intp))
+    # Level 0 is no depth, and as far as level 1.
+    steps = np.gradient(_scored(capture.about)[1:])
+    told = told / np.square(np.r_[steps[0], steps][capture.levels])
     return Bound(np.where(capture.valid, told, 0), capture.valid, spread)
 
 
@@ -344,13 +347,21 @@ def split_bounds(
     return law, found
 
 
+def _scored(about: Depth) -> NDArray[np.float64]:
+    """Return each level's depth in 255ths of the set's range: metres are not linear in levels."""
+    levels = np.arange(LEVELS, dtype=np.float64)
+    if about.kind == "levels" or about.scale is None:
+        return levels
+    return about.scale.to_metres(levels) * LAST_LEVEL / about.span
+
+
 def _spread(store: Dataset, pairs: Sequence[Pair]) -> float:
-    """Return the standard deviation of depth levels, with equal weight for each capture."""
+    """Return the standard deviation of depths, with equal weight for each capture."""
     moments = []
     for pair in pairs:
         levels, valid = store.read_levels(pair)
         if valid.any():
-            known = levels[valid].astype(np.float64)
+            known = _scored(store.manifest.depth)[levels[valid]]
             moments.append((known.mean(), np.square(known).mean()))
     if not moments:
         raise InputError("no pair with known depth", where=str(store.path))

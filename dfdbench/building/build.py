@@ -296,7 +296,7 @@ def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict
         # A track does not reveal how its images were made.
         track = {"track_version": find_degradation(manifest.degradation).track.version}
     elif made_by:
-        recipe = {"name": made_by, "parameters": find_recipe(made_by).as_dict()}
+        recipe = {"name": made_by, "parameters": manifest.depth.own_recipe(made_by).as_dict()}
     return {
         "recipe": recipe,
         "degradation": manifest.degradation,

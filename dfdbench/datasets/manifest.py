@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dfdbench.blur.recipe import BlurRecipe
     from dfdbench.metrics.protocol import Unit
 
 ALL_PAIRS = "all"
+_INFINITY = 1e9  # metres
 #: Precedes the found scenes in a manifest's text.
 FOUND = "\n# Found where the set was built.\n\n"
 #: The reader of sets that are described by their manifest alone.
@@ -89,6 +91,13 @@ class Depth(StrictRecord):
         """How far apart the ends are: 255 levels, or a distance in metres."""
         return abs(self.ends[0] - self.ends[1])
 
+    def own_recipe(self, name: str) -> BlurRecipe:
+        """Return a blur recipe for these levels: a build turns those that grow with distance."""
+        from dfdbench.blur.recipe import find_recipe  # numpy
+
+        made = find_recipe(name)
+        return made if self.grows_with == "nearness" else replace(made, invert=not made.invert)
+
     def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return distances in metres as depths of this kind; NaN stays, and without a scale all."""
         import numpy as np
@@ -97,8 +106,8 @@ class Depth(StrictRecord):
             return distance
         if self.scale is None:
             return np.full_like(distance, np.nan)
-        levels = self.scale.to_exact_levels(np.where(np.isfinite(distance), distance, 1.0))
-        return np.where(np.isfinite(distance), levels, np.nan)
+        known = np.where(np.isnan(distance), 1.0, np.minimum(distance, _INFINITY))
+        return np.where(np.isnan(distance), np.nan, self.scale.to_exact_levels(known))
 
     def of_unit(self, depth: NDArray[np.float32], unit: Unit) -> NDArray[np.float32]:
         """Return depth in levels or metres in this kind; `scale` says how, if they differ.

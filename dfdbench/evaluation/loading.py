@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.trained_on import coverage_warnings
-from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError, MethodError, StoreError
@@ -112,7 +112,7 @@ def _formation_of(store: Dataset) -> Blur | None:
     if formation.planes:
         what, fix = "nobody is given the blur of a focal stack", "leave out --given-blur"
         raise MethodError(what, where=manifest.stem, fix=fix)
-    return given_law(find_recipe(manifest.recipe), formation)
+    return given_law(manifest.depth.own_recipe(manifest.recipe), formation)
 
 
 def _recipe_of(store: Dataset) -> BlurRecipe:

@@ -26,10 +26,11 @@ from dfdbench.audit.difficulty import (
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.captures import LEVELS, Capture
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.calibration import calibrate
 from tests.made_results import limited, make_demo_result
@@ -149,11 +150,16 @@ def looks(infocus: NDArray[np.uint8], levels: Floats, window: int) -> Floats:
 
 
 def looked_at(
-    infocus: NDArray[np.uint8], spread: float, noise: float, infocus_noise: float = 0.0
+    infocus: NDArray[np.uint8],
+    spread: float,
+    noise: float,
+    infocus_noise: float = 0.0,
+    about: Depth = LEVELS,
 ) -> Bound:
     law = BlurLaw(tuple(SIGMAS), noise=(noise,), infocus_noise=infocus_noise)
-    depth = np.full(infocus.shape[:2], LEVEL, np.float32)
-    capture = Capture(Pair("One", ()), np.stack([infocus] * 2), depth)
+    level = np.full(infocus.shape[:2], LEVEL, np.float32)
+    depth = about.of_unit(level, "levels")
+    capture = Capture(Pair("One", ()), np.stack([infocus] * 2), depth, about=about)
     return bound_of(law, capture, spread)
 
 
@@ -195,6 +201,17 @@ def test_noise_of_the_infocus_image_counts_as_much_as_blur_leaves_of_it() -> Non
         errors.append(gaussian_filter(seen, (sigma, sigma, 0))[6, 6] + random.normal(0, noise, 3))
     values = looks(infocus, np.array([float(LEVEL)]), 1) + np.stack(errors)
     assert most_likely(values, shown, levels).std() == pytest.approx(wanted, rel=0.06)
+
+
+def test_in_metres_a_level_counts_as_far_as_it_reaches() -> None:
+    scale = DepthScale(near=0.5, far=4.0)
+    about = LEVELS.model_copy(update={"unit": "metres", "scale": scale})
+    given = noisy_grey(10), 1e6, 2.0, 0.0
+    # From z = 1 / (1/far + (level - 1) (1/near - 1/far) / 254), in 255ths of far - near.
+    rate = (1 / 0.5 - 1 / 4.0) / 254
+    reach = rate / (1 / 4.0 + (LEVEL - 1) * rate) ** 2 * 255 / 3.5
+    ratio = least(looked_at(*given, about=about), 7) / least(looked_at(*given), 7)
+    assert ratio == pytest.approx(reach, rel=1e-3)
 
 
 def test_what_is_known_before_is_weighed_as_bayes_does() -> None:

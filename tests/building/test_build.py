@@ -16,7 +16,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
-from tests.conftest import ON_SERVERS, TINY_TOML
+from tests.conftest import ON_SERVERS, TINY_TOML, store_of
 from tests.made_source import MadeSource
 
 # Sets are versioned: another fingerprint would be another data set, and no row is of it.
@@ -79,7 +79,9 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     assert not (tmp_path / "s.zarr.partial").exists()
 
 
-def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
+def test_depth_that_grows_with_distance_is_inverted_before_the_blur(
+    tiny_folder: Path, tmp_path: Path
+) -> None:
     # Eq. 7.1 of the thesis: depth_inv = 255 - depth.
     text = TINY_TOML.replace('grows_with = "nearness"', 'grows_with = "distance"')
     manifest = parse_manifest(text.encode(), "tiny-1.toml")
@@ -91,6 +93,10 @@ def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
     expected = synthesize(infocus[1, 0, 1], 255 - depth[1], RECIPES["published"])
     assert np.array_equal(scene["images"].values[1, 0, 1, 1], expected)
     assert np.array_equal(np.nan_to_num(scene["depth"].values), depth)
+    # Methods are given the blur of the levels that they answer in.
+    given = store_of(text, tiny_folder, tmp_path / "far.zarr").recipe
+    assert given is not None
+    assert np.array_equal(synthesize(infocus[1, 0, 1], depth[1], given), expected)
 
 
 def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:

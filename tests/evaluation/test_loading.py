@@ -86,6 +86,17 @@ def test_told_a_method_gets_a_track_s_law_and_says_so(tiny_folder: Path, tmp_pat
     assert among.pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
 
 
+def test_the_law_given_is_of_levels_that_grow_with_distance(
+    tiny_folder: Path, tmp_path: Path
+) -> None:
+    text = TINY_TOML.replace('grows_with = "nearness"', 'grows_with = "distance"')
+    manifest = with_track(parse_manifest(text.encode(), "tiny-1.toml"), "psf-3")
+    store = store_of(manifest, tiny_folder, tmp_path / "psf.zarr")
+    asked: Any = load_for(store, Asking, {}, given_blur=True).predict
+    # As in the published images, the near is sharp.
+    assert asked.recipe.sigmas[0] < asked.recipe.sigmas[255]
+
+
 def test_where_there_is_nothing_to_tell_that_is_said(tiny_store: Dataset) -> None:
     assert load_for(tiny_store, "local", {}, given_blur=True).uses == ("recipe",)
     for method, given in (("constant", {}), ("local", {"recipe": "text"})):

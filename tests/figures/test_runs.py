@@ -106,7 +106,8 @@ def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
 def test_a_depth_map_of_photographs_is_bright_where_it_is_near() -> None:
     image, metres = np.zeros((8, 9, 3), np.uint8), np.full((8, 9), 2.0)
     metres[0] = 0.5
-    figure = predicted_figure(image, image, metres, "metres", "distance")
+    figure = runs.predicted_figure(image, image, metres, "metres", "distance")
     shown, bar = figure.axes[2].images[0], figure.axes[3]
-    assert np.mean(shown.to_rgba(0.5)) > np.mean(shown.to_rgba(2.0))
+    near, far = shown.to_rgba(np.array([0.5, 2.0]))
+    assert near.mean() > far.mean()
     assert (shown.get_clim(), bar.get_ylabel()) == ((0.5, 2), "metres (brighter is nearer)")
