@@ -20,7 +20,7 @@ from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_folder import answer_digest, read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, counted, grouped, percent
+from dfdbench.tables.table import Table, counted, grouped, listed, percent
 
 #: An evaluated pair, its depth levels, a mask of known and answered pixels, and the answer.
 Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
@@ -411,6 +411,11 @@ def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors])
         "over the pixels of known depth of all pairs together, by their true depth; the level "
         f"grows with {store.manifest.depth.grows_with}"
     )
+    counts = {one.name: int(one.levels.pixels.sum()) for one in found}
+    most = max(counts.values())
+    fewer = [f"{name} {percent(n / most)}" for name, n in counts.items() if n < most]
+    if fewer:
+        note += f"; errors over fewer pixels, for want of answers: {listed(fewer)} of the others'"
     scale = store.manifest.depth.scale
     errors = {one.name: one.levels for one in found}
     tables = [_table(f"{what}, in levels", errors, scale, note, 2)]

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -142,6 +143,11 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
     assert levels.rows[-1][3] == f"{found[0].levels.mean():.2f}"
     untold = run_errors.depth_error_tables(tiny_store, "test", found)
     assert [table.columns for table in untold] == [("levels", "of all", "a", "b")]
+    half = replace(found[1].levels, pixels=found[1].levels.pixels // 2)
+    some = [found[0], replace(found[1], levels=half)]
+    gaps = run_errors.depth_error_tables(tiny_store, "test", some)
+    assert "for want of answers: b " in gaps[0].notes[0]
+    assert "for want of answers" not in untold[0].notes[0]
     fewer = run.result.model_copy(update={"pairs": run.result.pairs[1:]})
     found[1] = run_errors.depth_errors(store, fewer, run.folder, "b")
     with pytest.raises(ResultError, match="different pairs"):
