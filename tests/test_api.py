@@ -31,8 +31,10 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
         assert row[pair.id] == pair.scores["thesis"]["nrmse"]
     assert set(scores["protocol"]) == set(result.protocol_names)
     assert done.table("thesis-networks").equals(done.table("thesis-networks-2"))
-    means = row.mean(), done.to_frame("thesis")["nrmse"].mean()
-    assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 2)  # type: ignore[index]
+    last = done.table("thesis").iloc[-1]
+    means = row.mean(), done.to_frame("thesis")["nrmse"].mean(), last["nrmse"]
+    assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 3)  # type: ignore[index]
+    assert (last.name, *done.table().index.names) == (("all", "all"), "exposure", "illumination")
     regions = done.regions
     assert list(regions) == ["edges", "flat", "far", "near"]
     assert regions.loc[result.pairs[0].id, "far"] == result.pairs[0].regions["far"]
@@ -71,6 +73,8 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
     found = dfdbench.compare(done, dfdbench.run("constant", tiny_store), protocol="thesis")
     assert found.figure() is not None  # the second run lasts as long as what compares it
     assert set(found.scores["run"]) == {0, 1}
+    one, other = (each.result.mean("thesis", "nrmse") for each in found.runs)
+    assert found.table()["difference"].iloc[0] == pytest.approx((other or 0) - (one or 0))
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
     with pytest.raises(InputError, match=r"not a run .*: got list\n.*compare\(\*runs\)"):

@@ -130,6 +130,7 @@ class Run:
         -------
         DataFrame
             A row per group of pairs, a column per metric; for a run on tracks, a row per track.
+            NaN where not every pair of the group was evaluated.
 
         Raises
         ------
@@ -139,7 +140,10 @@ class Run:
         shown = self._asked(protocol)
         first = summary.summarise(self.result, shown)
         if not self._on_tracks:
-            return _as_frame(run_score_table(first))
+            found, data = pd.DataFrame(run_score_table(first).records), self.result.dataset
+            axes = [axis for axis in dict.fromkeys((data.blocks, data.rows)) if axis in found]
+            groups: pd.Series[float] = found.set_index([*axes, "metric"])["mean"]
+            return pd.DataFrame(groups.unstack(sort=False))[list(metrics_of(shown))]
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
         return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
 
@@ -311,7 +315,7 @@ class Comparison:
 
     def table(self) -> pd.DataFrame:
         """Return the mean differences from the first run, with their intervals."""
-        frames = {label: _as_frame(tables[0]) for label, tables in self.tables.items()}
+        frames = {label: pd.DataFrame(tables[0].records) for label, tables in self.tables.items()}
         return pd.concat(frames, names=["run"])
 
     def figure(self, most: int = 4) -> Any:
@@ -321,10 +325,6 @@ class Comparison:
         one, other = self.runs[:2]
         found = differences.changes_to_show(one.result, other.result, self.protocol, most)
         return change_figure(one, other, found, ranked_by(self.protocol)[0])
-
-
-def _as_frame(table: Table) -> pd.DataFrame:
-    return pd.DataFrame(table.rows, columns=list(table.columns))
 
 
 class Transfer:
