@@ -203,7 +203,7 @@ def _try_again(method: Method, pair: Capture, first: Prediction) -> Check:
     # Twice: a method that remembers its last pair gives its first answer again only then.
     for _ in range(2):
         again = _answer(method, pair)
-        if differs := difference(first.depth, again.depth):
+        if differs := _unlike(first, again):
             return Check(_AGAIN, again.seconds, f"{differs}: {_SEEDED}")
     return Check(_AGAIN, again.seconds)
 
@@ -224,9 +224,14 @@ def _try_elsewhere(
         (there,) = Processes(1).map(answer, [pair])
     except DfdbenchError as raised:
         return Check(_ELSEWHERE, 0, " ".join(str(raised).split()))
-    differs = difference(first.depth, there.depth)
+    differs = _unlike(first, there)
     error = there.error or (f"{differs}: {_SEEDED}" if differs else "")
     return Check(_ELSEWHERE, there.seconds, error)
+
+
+def _unlike(one: Prediction, other: Prediction) -> str:
+    sigma = difference(one.sigma, other.sigma)
+    return difference(one.depth, other.depth) or f"its sigma {sigma}" * bool(sigma)
 
 
 def _awkward_pairs(method: Method) -> dict[str, Capture]:

@@ -130,7 +130,7 @@ def differences_from(
     now = dict(identity)
     used = before.get("used")
     if not isinstance(used, dict) or not used:
-        return ["its record is damaged"]
+        return ["it scored other maps" if before.get("scored") else "its record is damaged"]
     used_now = now.pop("used")
     said = [
         f"{name.removeprefix('software.')} was {_short(one)} and is {_short(other)}"

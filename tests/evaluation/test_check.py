@@ -50,6 +50,10 @@ def test_chance_writing_and_printing_are_found_out() -> None:
         infocus[:] = 0
         return random.uniform(0, 255, infocus.shape[:2])
 
+    def unsure(infocus: Any, defocus: Any) -> Any:
+        return infocus.mean(2), random.uniform(1, 9, infocus.shape[:2])
+
+    assert "its sigma differs in" in problems(unsure)["the same pair again"]
     found = problems(careless)
     assert "of 76800 pixels, by up to" in found["the same pair again"]
     assert "changes the images" in found["leaves its input alone"]
