@@ -89,7 +89,7 @@ def export_onnx(
         )
     write_whole(path, content.getvalue())
     description = path.with_suffix(".toml")
-    text = _DESCRIPTION.format(method=method, multiple=multiple, seen=json.dumps(card.trained_on))
+    text = _DESCRIPTION.format(method=method, multiple=multiple, seen=json.dumps(card.saw))
     write_whole(description, text)
     return description
 
