@@ -237,12 +237,13 @@ class _Network:
         about, node = self._about, self._inputs[name]
         if about.colour == "grey":
             grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]
-            images = np.stack(grey)[..., np.newaxis].astype(np.uint8)
+            images = np.asarray(np.stack(grey)[..., np.newaxis], images.dtype)
         elif about.colour == "bgr":
             images = images[..., ::-1]
         below, right = (-length % about.multiple for length in images.shape[1:3])
         padded = np.pad(images, ((0, 0), (0, below), (0, right), (0, 0)), mode="reflect")
-        scaled = padded.astype(np.float32) * np.float32(about.largest / 255)
+        most = np.iinfo(images.dtype).max  # photographs of 8 or of 16 bits
+        scaled = padded.astype(np.float32) * np.float32(about.largest / most)
         normal = (scaled - np.array(about.mean, "f4")) / np.array(about.std, "f4")
         sizes = dict(zip("SHWC", normal.shape, strict=True)) | {"N": 1}
         letters = [letter for letter in about.layout if letter in "SHWC"]

@@ -131,6 +131,8 @@ def test_a_stack_goes_in_by_focus_distance(tmp_path: Path) -> None:
         weights = 2 * np.arange(1, 5)[:, None, None]
         expected = (images[[2, 3, 0, 4], ..., 0] * weights).sum(0) / 100
         np.testing.assert_allclose(method(stack), expected, rtol=1e-5)
+        deep = stack.astype(np.uint16) * np.uint16(257)
+        np.testing.assert_allclose(method(deep), expected, rtol=1e-5)
     with pytest.raises(MethodError, match="focus distances are not known"):
         method(stack.assign_coords(focus_distance=(axis, np.full(5, np.nan))))
 
