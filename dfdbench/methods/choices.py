@@ -73,6 +73,7 @@ def choose(
     smooth: bool,
     readouts: bool = True,
     change: ViewChange | None = None,
+    window: int = 0,
 ) -> Chosen:
     """Choose the prior's weight, smoothing and readout by cross-validation over training pairs.
 
@@ -96,6 +97,8 @@ def choose(
         Whether the method has a volume of costs, from which a median can be read.
     change : ViewChange, optional
         The change of the defocus image, which is undone before parts are cut out.
+    window : int, optional
+        The side of the user's window, which must fit into the parts.
     """
     count = len(captures)
     if count < FEWEST:
@@ -109,7 +112,7 @@ def choose(
         shares[place] = shares_of(capture)
         named.append(str(getattr(capture, "group", "")))
         if place in looked_at:
-            parts[place] = _part(capture, looked_at[place], change)
+            parts[place] = _part(capture, looked_at[place], change, max(_SIDE, window))
     groups = np.array(named if all(named) else [str(index * FOLDS // count) for index in read])
     if len(set(groups)) == 1:
         return AS_USUAL
@@ -184,8 +187,8 @@ class _Search:
         return float(np.sqrt(np.square(off).mean())) if off.size else 0.0
 
 
-def _part(capture: TrainingPair, turn: int, change: ViewChange | None) -> Part:
-    region = rows, columns = part_of(capture.levels.shape, turn, _SIDE)
+def _part(capture: TrainingPair, turn: int, change: ViewChange | None, side: int) -> Part:
+    region = rows, columns = part_of(capture.levels.shape, turn, side)
     defocus = capture.defocus
     if change and change.changes:
         defocus = np.rint(change.undone(defocus)).astype(np.uint8)

@@ -79,8 +79,9 @@ class Choosing(ABC):
             trial.chosen = chosen
             return trial._solve(part.infocus, [part.defocus])
 
-        smooth = self.smooths and not self._given_window
-        found = choose(solve, captures, self._with_prior, smooth, self.reads_out, change)
+        window = self._given_window or 0
+        how = (self._with_prior, self.smooths and not window, self.reads_out, change, window)
+        found = choose(solve, captures, *how)
         return learned | found.as_learned()
 
 

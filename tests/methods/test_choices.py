@@ -8,9 +8,10 @@ from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.datasets.captures import Capture
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import made_pair
 from dfdbench.methods.choices import Part, choose, energy_of
-from dfdbench.methods.fitted import Solver
+from dfdbench.methods.fitted import Choosing, Solver
 from dfdbench.methods.law_cost import add_energy
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.readout import AS_USUAL, Chosen, read_out
@@ -91,6 +92,19 @@ def test_a_few_bare_walls_do_not_outweigh_all_else(walls: int) -> None:
 
     found = choose(solve, captures, prior=False, smooth=True)
     assert found.smoothing == (1 if walls == 2 else 4)
+
+
+class Wide(Choosing):
+    def _solve(self, infocus: NDArray[np.uint8], images: object) -> NDArray[np.float32]:
+        return np.full(infocus.shape[:2], self.window_in(infocus)[0], np.float32)
+
+
+def test_a_window_wider_than_the_usual_parts_is_tried_on_wider_ones() -> None:
+    flat, depth = np.zeros((210, 220, 3), np.uint8), np.full((210, 220), 90, np.uint8)
+    captures = [made_pair(flat, flat, depth, depth > 0)] * 4
+    assert Wide(201, prior=True)._with_choices({}, captures)["smoothing"] == 1
+    with pytest.raises(MethodError, match="larger than the image, 211 of 210 x 211"):
+        Wide(211, prior=True)._with_choices({}, captures)
 
 
 def test_what_a_level_costs_is_added_up_to_the_limit() -> None:
