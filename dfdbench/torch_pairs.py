@@ -18,10 +18,11 @@ __all__ = ["TorchPairs"]
 class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     """Pairs as tensors, whole or cropped at random places.
 
-    Items are dictionaries: ``infocus`` and ``defocus``, uint8 (channel, y, x); ``depth``, uint8
-    (y, x), depth levels; ``valid``, bool (y, x), True where the depth is known. A ``DataLoader``
-    may have any number of workers, persistent ones too: the crops do not depend on them. To batch
-    whole images of different sizes, pass ``collate_fn=TorchPairs.collate``.
+    Items are dictionaries: ``infocus`` and ``defocus``, uint8 (channel, y, x), or, of focal stacks,
+    ``images``, (image, channel, y, x), and what is known of each; ``depth``, float32 (y, x), in
+    levels or metres; ``valid``, bool (y, x), True where it is known. A ``DataLoader`` may have any
+    number of workers, persistent ones too: the crops do not depend on them. To batch whole images
+    of different sizes, pass ``collate_fn=TorchPairs.collate``.
 
     Parameters
     ----------
@@ -111,8 +112,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         Returns
         -------
         dict of str to Tensor
-            ``infocus`` and ``defocus``, (item, channel, y, x); ``depth`` and ``valid``,
-            (item, y, x); ``size``, int64 (item, 2), each item's own rows and columns.
+            What an item holds, with a first axis for the items, and ``size``, int64 (item, 2),
+            each item's own rows and columns.
 
         Examples
         --------
@@ -127,6 +128,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         rows, columns = (max(extent) for extent in zip(*sizes, strict=True))
 
         def filled(values: torch.Tensor) -> torch.Tensor:
+            if values.ndim < 2:  # a number for each image
+                return values
             below, right = rows - values.shape[-2], columns - values.shape[-1]
             return torch.nn.functional.pad(values, (0, right, 0, below))
 

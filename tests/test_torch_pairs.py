@@ -72,3 +72,15 @@ def test_whole_images_of_several_sizes_make_a_batch(tiny_store: Dataset) -> None
         for name, values in data[number].items():
             assert torch.equal(batch[name][number][..., :rows, :columns], values)
             assert not batch[name][number][..., columns:].any()
+
+
+def test_focal_stacks_of_several_sizes_make_a_batch_too() -> None:
+    images, depth, focus = torch.ones(4, 3, 2, 5), torch.ones(2, 5), torch.arange(4.0)
+    small = {"images": images, "depth": depth, "valid": depth > 0, "focus_distance": focus}
+    large = small | {
+        name: small[name].repeat_interleave(2, -1) for name in ("images", "depth", "valid")
+    }
+    batch = TorchPairs.collate([small, large])
+    assert batch["images"].shape == (2, 4, 3, 2, 10)
+    assert batch["images"].sum((1, 2, 3, 4)).tolist() == [120, 240]
+    assert torch.equal(batch["focus_distance"], torch.stack([focus, focus]))
