@@ -55,6 +55,9 @@ def test_what_a_particle_describes_is_a_choice() -> None:
         read_configuration("published", {"first_activation": "sigmoid", "activations": kinds})
     none = read_configuration("published", {"normalized": False}).architecture("dfd-net")
     assert none["normalized"] == [False] * 9
+    for kernel in (0, -1, 2, 11, [3, 4]):
+        with pytest.raises(InputError, match="kernels"):
+            read_configuration("published", {"kernels": [kernel, *[3] * 13]})
     for name, value in (("kernels", [3] * 13), ("activations", ["swish"] * 9), ("crop", 11)):
         with pytest.raises(InputError, match=name):
             read_configuration("published", {name: value})
