@@ -334,15 +334,20 @@ class LevelLoss:
             self._entropy = torch.special.entr(self._targets).sum(1)
 
     def __call__(self, logits: Tensor, levels: Tensor) -> Tensor:
-        """Return the loss for logits, float (n, 256, y, x), and levels, int64 (n, y, x)."""
+        """Return the loss for logits, float (n, 256, y, x), and levels, int64 (n, y, x).
+
+        It is 0 if no pixel is known.
+        """
         # One row per pixel: channels are last in memory already, so this copies nothing.
         rows = logits.float().permute(0, 2, 3, 1).reshape(-1, LEVELS)
         flat = levels.flatten()
+        known = flat != IGNORED
+        if not bool(known.any()):
+            return 0 * rows.sum()  # a mean over no pixel is NaN, and would end the training
         if self._targets is None:
             loss: Tensor = functional.cross_entropy(rows, flat, ignore_index=IGNORED)
             return loss
-        if bool((flat == IGNORED).any()):
-            known = flat != IGNORED
+        if not bool(known.all()):
             rows, flat = rows[known], flat[known]
         crossed: Tensor = _CrossEntropy.apply(rows, self._targets, flat)  # type: ignore[no-untyped-call]
         level_loss: Tensor = crossed - self._entropy[flat].mean()

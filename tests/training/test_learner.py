@@ -49,6 +49,15 @@ def test_without_width_it_is_cross_entropy_of_known_pixels() -> None:
     assert torch.allclose(LevelLoss(0, CPU)(logits, levels), expected)
 
 
+@pytest.mark.parametrize("width", [0.0, 3.0])
+def test_where_no_pixel_is_known_nothing_is_learned(width: float) -> None:
+    logits = torch.randn(2, 256, 3, 3, requires_grad=True)
+    loss = LevelLoss(width, CPU)(logits, torch.full((2, 3, 3), IGNORED))
+    (gradient,) = torch.autograd.grad(loss, logits)
+    assert loss.item() == 0
+    assert not gradient.any()
+
+
 def test_its_gradient_is_that_of_its_definition() -> None:
     torch.manual_seed(0)
     levels = torch.randint(0, 256, (2, 4, 5))
