@@ -15,7 +15,7 @@ from dfdbench.cli.screen import progress, save_figure, say, show
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
-from dfdbench.system.packages import needed
+from dfdbench.system.packages import PACKAGE_VERSION, needed
 from dfdbench.tables.table import Table
 
 if TYPE_CHECKING:
@@ -137,10 +137,12 @@ def _on_cameras(
             trained_on = f"{stem}, split {trained}"
         else:
             resumed = "the same command goes on, at most a camera back"
+            # Another version, or the other network, makes other examples of the same names.
+            kept = folder.parent / "examples" / f"{method}-{PACKAGE_VERSION}"
             with progress("rendering rooms", resumed) as bar:
-                examples = course.of_rooms(folder.parent / "examples", bar)
+                examples = course.of_rooms(kept, bar)
             trained_on = course.rooms
-        return cameras.CameraLearner(course, examples, trained_on, seed, steps, start)
+        return cameras.CameraLearner(course, examples, trained_on, seed, steps, start, store)
 
     return f"{store.path.stem}-{split or 'train'}" if store else "rooms", make
 

@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.networks.weights import weights_sha256
@@ -220,6 +221,8 @@ class CameraLearner(Trainee, Generic[E]):
         The steps until the learning rate is 0; it also falls with the time spent.
     start : Path, optional
         Weights to start from, in place of random ones.
+    store : Dataset, optional
+        The data set of the examples, where they are no rendered rooms.
 
     Raises
     ------
@@ -237,6 +240,7 @@ class CameraLearner(Trainee, Generic[E]):
         seed: int = 0,
         steps: int | None = None,
         start: Path | None = None,
+        store: Dataset | None = None,
     ) -> None:
         self._held = {name: part for name, part in examples.items() if name in course.held_out}
         self._course, self._trained_on, self._seed = course, trained_on, seed
@@ -253,9 +257,11 @@ class CameraLearner(Trainee, Generic[E]):
         averaged = copy.deepcopy(network)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=_DECAY, fused=True)
-        self._total = steps or course.steps
+        self._total, self._fingerprint = steps or course.steps, store.fingerprint if store else ""
         identity = {
             "method": course.method,
+            "manifest_sha256": store.manifest.sha256 if store else "",
+            "fingerprint": self._fingerprint,
             "trained_on": trained_on,
             "seed": seed,
             "steps": self._total,
@@ -300,7 +306,7 @@ class CameraLearner(Trainee, Generic[E]):
             "architecture": dict(course.architecture),
             "trained_on": self._trained_on,
             "dataset": self._trained_on,
-            "fingerprint": "",
+            "fingerprint": self._fingerprint,
             "recipe": course.recipe,
             "configuration": {**chosen, "steps": self._total},
             "seed": self._seed,

@@ -1,7 +1,10 @@
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from dfdbench.cli import training
 from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import QUICK, Command
 
@@ -92,3 +95,26 @@ def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None
     ):
         dfdbench.refused(message, f"train volume-net {arguments}")
     assert not Path("training").exists()
+
+
+def test_each_network_and_version_keeps_its_own_rendered_rooms(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dfdbench.training import stacks, volumes
+
+    asked: list[Path] = []
+
+    def of_rooms(folder: Path, _: object) -> dict[str, list[Any]]:
+        asked.append(folder)
+        raise InterruptedError
+
+    for method, module in (("stack-net", stacks), ("volume-net", volumes)):
+        name = method.replace("-", "_").upper()
+        monkeypatch.setattr(module, name, replace(getattr(module, name), of_rooms=of_rooms))
+        for version in ("1.0", "1.1"):
+            monkeypatch.setattr(training, "PACKAGE_VERSION", version)
+            make = training._on_cameras(method, None, None, None, 0, {}, None)[1]
+            with pytest.raises(InterruptedError):
+                make(tmp_path / method)
+    assert len(set(asked)) == 4
+    assert {folder.parent for folder in asked} == {tmp_path / "examples"}

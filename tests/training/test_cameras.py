@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 import torch
 
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
 from dfdbench.training.cameras import CameraLearner, Course, loss_of
@@ -44,6 +46,20 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     assert after.losses == log.losses
     before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
     assert all(torch.equal(before[name], again[name]) for name in before)
+
+
+def test_a_training_does_not_go_on_with_data_that_have_changed(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
+    def trained() -> trainer.TrainingOutcome:
+        made = {"lens-00": [example(0)]}
+        learner = CameraLearner(VOLUME_NET, made, "made", steps=1, store=tiny_store)
+        return trainer.train(learner, tmp_path / "t")
+
+    assert trained().card.fingerprint == tiny_store.fingerprint
+    tiny_store.attributes["fingerprint"] = "0" * 64
+    with pytest.raises(InputError, match=r"of another training(.|\n)*fingerprint"):
+        trained()
 
 
 def test_depths_may_lie_unevenly_and_differ_between_captures() -> None:
