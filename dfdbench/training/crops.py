@@ -45,7 +45,7 @@ class TrainingImages:
         """Read pairs of a store; a depth map that several pairs share is kept once."""
         pixels = []
         levels: list[Tensor] = []
-        kept: dict[bytes, Tensor] = {}
+        kept: dict[tuple[tuple[int, ...], bytes], Tensor] = {}
         for pair in pairs:
             images = store.read(pair)
             both = np.concatenate([images.infocus, images.defocus], axis=2)
@@ -53,7 +53,8 @@ class TrainingImages:
             depth = images.levels.astype(np.int16)
             if ignore_unknown:
                 depth[~images.valid] = IGNORED
-            levels.append(kept.setdefault(depth.tobytes(), torch.from_numpy(depth)))
+            key = depth.shape, depth.tobytes()
+            levels.append(kept.setdefault(key, torch.from_numpy(depth)))
         return cls(pixels, levels)
 
     def channel_means(self) -> list[float]:

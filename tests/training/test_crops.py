@@ -1,5 +1,7 @@
 import hashlib
 from collections import Counter
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.evaluation.check import made_pair
 from dfdbench.training import crops
 from dfdbench.training.configuration import Expansion
 
@@ -41,6 +44,17 @@ def test_images_are_those_of_the_store(tiny_store: Dataset, images: crops.Traini
     found = crops.TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[2].numpy()
     assert (found[~pair.valid] == crops.IGNORED).all()
     assert (found[pair.valid] == pair.levels[pair.valid]).all()
+
+
+def test_only_depth_maps_of_one_shape_are_shared() -> None:
+    made = {}
+    for shape in ((20, 30), (30, 20)):
+        image, depth = np.zeros((*shape, 3), np.uint8), np.full(shape, 9, np.uint8)
+        made[shape] = made_pair(image, image, depth, depth > 0)
+    store: Any = SimpleNamespace(read=made.get, manifest=SimpleNamespace(pair_images=None))
+    pairs: Any = tuple(made)
+    read = crops.TrainingImages.read(store, pairs, ignore_unknown=False)
+    assert [levels.shape for levels in read.levels] == [*made]
 
 
 def test_a_patch_comes_in_eight_orientations_depth_alike(images: crops.TrainingImages) -> None:
