@@ -47,7 +47,7 @@ class TrainingImages:
         levels: list[Tensor] = []
         kept: dict[tuple[tuple[int, ...], bytes], Tensor] = {}
         for pair in pairs:
-            images = store.read(pair)
+            images = store.read(pair).two_of(store.manifest.pair_images)
             both = np.concatenate([images.infocus, images.defocus], axis=2)
             pixels.append(torch.from_numpy(np.ascontiguousarray(both.transpose(2, 0, 1))))
             depth = images.levels.astype(np.int16)

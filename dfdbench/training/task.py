@@ -232,7 +232,7 @@ def mean_scores(
     predict = Predictor(copy.deepcopy(network).eval(), device, readout=readout)
     found: dict[str, list[dict[str, float]]] = {protocol.label: [] for protocol in protocols}
     for pair in pairs:
-        images = store.read(pair)
+        images = store.read(pair).two_of(store.manifest.pair_images)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
         at = tuple(
             slice(max(0, (side - most) // 2), max(0, (side - most) // 2) + most)

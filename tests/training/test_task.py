@@ -13,12 +13,17 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import build_network
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.training import task as tasks
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.crops import TrainingImages
+from dfdbench.training.reduction import counts, reduce
+from tests.conftest import store_of
+from tests.made_stack_folder import STACK_TOML, make_stacks
 from tests.methods.made_weights import save_small
 from tests.methods.networks.test_architectures import SMALL
 
@@ -111,6 +116,36 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
     assert network.training
     after = network.state_dict()
     assert all(torch.equal(before[name], after[name]) for name in before)
+
+
+def test_a_network_gets_the_two_images_of_a_stack_that_a_run_gives_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    toml = STACK_TOML.replace("[axes]", "pair_images = [2, 3]\n\n[axes]")
+    manifest = parse_manifest(toml.encode(), "mine-1.toml")
+    store = store_of(manifest, make_stacks(tmp_path / "mine"), tmp_path / "mine.zarr")
+    pairs, seen = store.pairs("all")[:1], list[Any]()
+    read = TrainingImages.read(store, pairs, ignore_unknown=False).pixels[0]
+    seen.append(read.permute(1, 2, 0).numpy())
+
+    def watch(infocus: Any, defocus: Any) -> Any:
+        seen.append(np.concatenate([infocus, defocus], axis=2))
+        return np.zeros(infocus.shape[:2])
+
+    for module in (tasks, reduce):
+        monkeypatch.setattr(module, "Predictor", lambda *_, **__: watch)
+    tasks.mean_scores(torch.nn.Identity(), store, pairs, torch.device("cpu"))
+    reduce.seconds_an_image({"mine": save_small(tmp_path / "w.safetensors")}, store, "cpu")
+
+    def tap(network: Any, infocus: Any, defocus: Any, where: str) -> dict[int, Any]:
+        watch(infocus, defocus)
+        return {}
+
+    monkeypatch.setattr(counts, "tap", tap)
+    counts.count_clusters(torch.nn.Identity(), store, pairs)
+    expected = np.concatenate(list(store.read(pairs[0]).images[2:4]), axis=2)
+    assert len(seen) == 13
+    assert all(np.array_equal(images, expected) for images in seen)
 
 
 def test_threads_are_as_many_afterwards_whatever_happens() -> None:

@@ -131,7 +131,7 @@ def count_clusters(
     found: dict[int, list[int]] = {layer: [] for layer in TAPS}
     noise: dict[int, list[int]] = {layer: [] for layer in TAPS}
     for number, pair in enumerate(one_by_one(samples, on_sample)):
-        images = store.read(pair)
+        images = store.read(pair).two_of(store.manifest.pair_images)
         tapped = tap(network, images.infocus, images.defocus, f"{pair.id}, ")
         for layer, (products, pixels) in tapped.items():
             filters[layer] = len(products)

@@ -132,7 +132,11 @@ def reduce_weights(
     )
     base = tuple(int(width) for width in card.architecture["filters"])
     by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}
-    found = iterative_rows(by_statistic, level, base) if level else ensemble_rows(by_statistic)
+    found = (
+        iterative_rows(by_statistic, level, base)
+        if level is not None
+        else ensemble_rows(by_statistic)
+    )
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
     # Keep everything else of the network: a row has the same layers, only narrower ones.
     kept = {
@@ -330,7 +334,7 @@ def seconds_an_image(weights: Mapping[str, Path], store: Dataset, device: str) -
     networks = {
         name: Predictor(load_weights(path, "dfd-net")[0], found) for name, path in weights.items()
     }
-    images = store.read(store.pairs("all")[0])
+    images = store.read(store.pairs("all")[0]).two_of(store.manifest.pair_images)
     seconds = dict.fromkeys(networks, math.inf)
     for turn in range(_TURNS + 1):
         for name, predict in networks.items():
