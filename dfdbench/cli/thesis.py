@@ -142,7 +142,8 @@ def reduce(
         str, Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
     level: Annotated[
-        int | None, Option(help="Iterative rows F of level 1, 2 or 3, not ensemble rows B.")
+        int | None,
+        Option(min=1, max=3, help="Iterative rows F of this level, not ensemble rows B."),
     ] = None,
     rounds: Annotated[
         Literal["H", "L"] | None, Option(help="Round to multiples of 8, up or down.")

@@ -18,6 +18,9 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
         dfdbench.refused(message, *sizes)
     assert not Path("training").exists()
     dfdbench.refused("did you mean noise", "thesis experiment nose", *store)
+    for level in "04":
+        reduce = ("thesis reduce --weights demo --level", level, *store)
+        dfdbench.refused("Invalid value for '--level'", *reduce)
 
 
 @pytest.mark.slow

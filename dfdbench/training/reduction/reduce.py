@@ -132,11 +132,9 @@ def reduce_weights(
     )
     base = tuple(int(width) for width in card.architecture["filters"])
     by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}
-    found = (
-        iterative_rows(by_statistic, level, base)
-        if level is not None
-        else ensemble_rows(by_statistic)
-    )
+    found = ensemble_rows(by_statistic)
+    if level is not None:
+        found = iterative_rows(by_statistic, level, base)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
     # Keep everything else of the network: a row has the same layers, only narrower ones.
     kept = {

@@ -7,7 +7,7 @@ from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import Card, build_network, count_parameters, save_weights
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
-from dfdbench.training.reduction import reduce
+from dfdbench.training.reduction import counts, reduce
 from dfdbench.training.reduction.counts import STATISTICS, Statistic
 from leaderboard.published import load_published
 from tests.methods.made_weights import card, save_small
@@ -37,6 +37,16 @@ def test_weights_become_narrower_configurations(tiny_store: Dataset, tmp_path: P
         parameters = dict(zip(found.rows, found.tables[1].rows, strict=True))[name][-1]
         assert f"{count_parameters(built):,}" == parameters
     assert "counted on tiny-1, split test" in (folder / "B-01-01.toml").read_text()
+
+
+def test_there_is_no_level_0(
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    none = counts.Counts({}, {}, {}, ())
+    monkeypatch.setattr(counts, "count_clusters", lambda *_: none)
+    small = save_small(tmp_path / "w.safetensors")
+    with pytest.raises(InputError, match="there is no level 0"):
+        reduce.reduce_weights(small, tiny_store, TrainingConfiguration(), level=0)
 
 
 def test_layers_stay_as_they_are_and_rounding_adds_rows(
