@@ -10,7 +10,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
-from dfdbench.cli.screen import progress, say, show, writing
+from dfdbench.cli.screen import progress, say, show
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import MISTAKE
@@ -169,8 +169,7 @@ def new_dataset(
     if path.exists():
         what = f"a {'folder' if path.is_dir() else 'file'} of that name is there"
         raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
-    with writing(path):
-        write_whole(path, written.toml)
+    write_whole(path, written.toml)
     then = shlex.join(["dfdbench", "build", str(path), "--source", str(folder)])
     lines = ("found:", *(f"  {line}" for line in written.found))
     lines += ("say yourself:", *(f"  {line}" for line in written.open))

@@ -76,8 +76,7 @@ def report(
         from dfdbench.system.files import write_whole
         from dfdbench.tables.render import render
 
-        with screen.writing(out):
-            write_whole(out, render(tables, Format(format)))
+        write_whole(out, render(tables, Format(format)))
         screen.show("json" if format == "json" else None, text=str(out), file=out)
     else:
         screen.show(format, tables)
@@ -105,14 +104,13 @@ def _write_page(
 ) -> None:
     from dfdbench.report.page import write_html, write_markdown
 
-    with screen.writing(folder):
-        # Before the drawing, which takes a while.
-        folder.mkdir(parents=True, exist_ok=True)
-        if format == "html":
-            with screen.progress("drawing pairs", "the same command draws them anew") as step:
-                path = write_html(runs, protocol, folder, step, also)
-        else:
-            path = write_markdown(runs, protocol, folder, also)
+    # Before the drawing, which takes a while.
+    folder.mkdir(parents=True, exist_ok=True)
+    if format == "html":
+        with screen.progress("drawing pairs", "the same command draws them anew") as step:
+            path = write_html(runs, protocol, folder, step, also)
+    else:
+        path = write_markdown(runs, protocol, folder, also)
     for run in runs:
         if run.without:
             screen.say(f"no pictures of {run.label}: {run.without}")

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from dfdbench.building.registering import Registered, register_scenes
 from dfdbench.cli.options import LARGEST_PIXEL, Facts, Printed, parse_length
-from dfdbench.cli.screen import progress, save_figure, say, show, writing
+from dfdbench.cli.screen import progress, save_figure, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Recording
 from dfdbench.errors import InputError, SourceError, UnknownNameError, unknown_name
@@ -285,7 +285,7 @@ def simulate_realworld(
     )
     count = len(settings.steps) * len(settings.exposures) * settings.frames
     say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
-    with writing(out), progress("simulating scenes") as step:
+    with progress("simulating scenes") as step:
         made = board_scene.write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
     truth = out / "truth"
@@ -300,8 +300,7 @@ def simulate_lens(
 ) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)
-    with writing(out):
-        count = board_scene.write_lens_test(out)
+    count = board_scene.write_lens_test(out)
     show(format, text=f"simulated {count} images\ncaptures     {out}", images=count, captures=out)
     say(f"next         dfdbench rig optics sharpness {out}")
 

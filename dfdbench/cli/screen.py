@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from typer import Exit
 
-from dfdbench.errors import InputError, ResultError, reason_of
+from dfdbench.errors import InputError
 from dfdbench.statuses import DONE, INTERRUPTED
 from dfdbench.tables.table import Format, Table, least_width, without
 
@@ -112,22 +112,6 @@ def show(format: str | None, tables: Sequence[Table] = (), text: str = "", **fac
         print(text)
 
 
-@contextmanager
-def writing(place: Path) -> Iterator[None]:
-    """Tell as a user's mistake where the block cannot write to a place.
-
-    Raises
-    ------
-    ResultError
-        Where it cannot: a file in the way, no permission, no room.
-    """
-    try:
-        yield
-    except OSError as error:
-        what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
-        raise ResultError(what, where=where, fix="choose another place") from error
-
-
 def require_picture(path: Path) -> None:
     """Do nothing where a file's name is that of a figure.
 
@@ -145,17 +129,15 @@ def save_figure(figure: Figure, path: Path) -> None:
 
     Raises
     ------
-    InputError, ResultError
-        Where the file is to be something else, or cannot be written.
+    InputError
+        Where the file is to be something else.
     """
     from dfdbench.figures.style import write_figure
     from dfdbench.results.output_place import output_place
 
     require_picture(path)
     output_place(path, option="")
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_figure(figure, path)
+    write_figure(figure, path)
     say(f"figure       {path}")
 
 
@@ -243,25 +225,18 @@ def give(
         By name, the whole answer as JSON first.
     verdict : str
         A last line below the tables; may be empty.
-
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written.
     """
     from dfdbench.figures.style import write_figure
     from dfdbench.system.files import write_whole
 
     replaced = False
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            path = folder / name
-            if isinstance(content, str):
-                replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
-                write_whole(path, content)
-            else:
-                write_figure(content, path)
+    for name, content in files.items():
+        path = folder / name
+        if isinstance(content, str):
+            replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
+            write_whole(path, content)
+        else:
+            write_figure(content, path)
     if format is Format.json:
         print(next(iter(files.values())), end="")
     else:

@@ -10,7 +10,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
-from dfdbench.cli.screen import progress, save_figure, say, show, writing
+from dfdbench.cli.screen import progress, save_figure, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError
@@ -178,8 +178,7 @@ def reduce(
         found = reduce_weights(
             place, store, configuration, split, level, rounds, seed, tuning, on, bar
         )
-    with writing(folder):
-        found.write(folder)
+    found.write(folder)
     show(format, found.tables, folder=folder, networks=list(found.files))
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")

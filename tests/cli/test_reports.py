@@ -36,8 +36,8 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert heading == "metric,pairs,difference,low,high,wins,losses,ties,p,verdict"
     assert not any(line.startswith(",") for line in lines)
     for words, told in (
-        ("report window=5 --out mymodule.py", "cannot write the answer"),
-        ("compare window=5 window=9 --out mymodule.py/a.png", "cannot write the answer"),
+        ("report window=5 --out mymodule.py", "exists (mymodule.py)\nFix: choose another place"),
+        ("compare window=5 window=9 --out mymodule.py/a.png", "exists (mymodule.py)\nFix: choose"),
         ("compare window=5 window=9 --out mymodule.py", "not a picture's name"),
         ("compare window=5 window=5/result.json", "one run is given twice"),
     ):

@@ -87,7 +87,7 @@ def test_a_mistake_is_told_and_nothing_printed(dfdbench: Command) -> None:
         ("build realworld --source none --pair 141", "voltage steps (--pair): expected as 141,129"),
         (f"{BLUR} --pixel 4.8m", "1mm at most"),
         (f"{BLUR} {PIXEL} --range 4 1", "the range is empty"),
-        (f"{BLUR} {PIXEL} --out /proc/no/blur.png", "cannot write the answer"),
+        (f"{BLUR} {PIXEL} --out /proc/no/blur.png", "directory (/proc/no)\nFix: choose"),
         (f"{BLUR} {PIXEL} --range 5mm 8mm", "within the focal length"),
         (f"{BLUR} {PIXEL} --focus 1mm", "focus_distance"),
         ("rig optics pairs --lens none.csv", "cannot read the lens table"),
