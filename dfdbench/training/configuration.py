@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal, Self
 import torch
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from dfdbench.blur.recipe import KernelSize
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
@@ -25,9 +24,8 @@ _NARROWEST = 128
 _ONE_A_FILTER = Field(min_length=len(SIZED), max_length=len(SIZED))
 _ONE_A_SITE = Field(min_length=len(SITES), max_length=len(SITES))
 _Beta = Annotated[float, Field(ge=0, lt=1)]
-#: Rows and columns of a filter, or one number for both, odd.
-_Side = Annotated[KernelSize, Field(le=9)]
-_Size = _Side | tuple[_Side, _Side]
+#: Rows and columns of a filter, or one number for both.
+_Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
 _OF_DFD_NET = ("sampling_size", "first_activation", "kernels", "activations")
 #: Processors without one of these emulate bf16, and training takes twenty times as long.
@@ -164,6 +162,9 @@ class TrainingConfiguration(Record):
                 raise ValueError(f"tracks: any of {', '.join(OF_PATCHES)}, got {name}")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
+        for size in self.kernels or ():
+            if not {*(size if isinstance(size, tuple) else (size,))} <= {1, 3, 5, 7, 9}:
+                raise ValueError(f"kernels: odd numbers from 1 to 9, got {size}")
         if self.activations and self.first_activation != "prelu":
             raise ValueError("activations and first_activation both say what comes first")
         return self

@@ -56,7 +56,7 @@ def test_what_a_particle_describes_is_a_choice() -> None:
     none = read_configuration("published", {"normalized": False}).architecture("dfd-net")
     assert none["normalized"] == [False] * 9
     for kernel in (0, -1, 2, 11, [3, 4]):
-        with pytest.raises(InputError, match="kernels"):
+        with pytest.raises(InputError, match="kernels: odd numbers from 1 to 9"):
             read_configuration("published", {"kernels": [kernel, *[3] * 13]})
     for name, value in (("kernels", [3] * 13), ("activations", ["swish"] * 9), ("crop", 11)):
         with pytest.raises(InputError, match=name):
