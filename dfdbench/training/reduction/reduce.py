@@ -131,10 +131,8 @@ def reduce_weights(
         network, store, counting.samples_of(store, split), seed, tuning, on_sample
     )
     base = tuple(int(width) for width in card.architecture["filters"])
-    by_statistic = {name: counts.widths(name) for name in counting.STATISTICS}
-    found = ensemble_rows(by_statistic)
-    if level is not None:
-        found = iterative_rows(by_statistic, level, base)
+    clusters = {name: counts.widths(name) for name in counting.STATISTICS}
+    found = ensemble_rows(clusters) if level is None else iterative_rows(clusters, level, base)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
     # Keep everything else of the network: a row has the same layers, only narrower ones.
     kept = {
