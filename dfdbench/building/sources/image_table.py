@@ -1,5 +1,6 @@
 """Read a table with a row per image: JSON, or text."""
 
+import csv
 import json
 import math
 from collections.abc import Sequence
@@ -43,7 +44,7 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
     try:
         text = content.decode("utf-8")
         rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         fix = "a text without a heading needs `columns` under [files]" * (not columns)
         fix = "mend the JSON there, or fetch the file again" if is_json else fix
         raise SourceError(f"no table of the images: {error}", where=where, fix=fix) from error
@@ -55,8 +56,10 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
 def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
-    between = next((mark for mark in "\t;," if any(mark in line for line in lines)), None)
-    cells = [[cell.strip() for cell in line.split(between)] for line in lines]
+    between = next((mark for mark in "\t;," if any(mark in line for line in lines)), " ")
+    lines = [" ".join(line.split()) for line in lines] if between == " " else lines
+    read = csv.reader(lines, delimiter=between, skipinitialspace=True)
+    cells = [[cell.strip() for cell in row] for row in read]
     heading = list(columns) or (cells.pop(0) if cells else [])
     for row in cells:
         if len(row) != len(heading):
