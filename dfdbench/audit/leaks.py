@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.catalog import find_manifest, part_name
 from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.errors import DfdbenchError, Problem
@@ -90,7 +91,7 @@ class Leak(Record):
         return Problem(what, where=f"{self.train} and {self.test}", fix=fix)
 
 
-def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def image_hash(image: NDArray[np.uint8 | np.uint16]) -> NDArray[np.bool_]:
     """Return the perceptual hash of an RGB image: 256 signs of its lowest frequencies.
 
     Examples
@@ -103,7 +104,7 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     import imagehash
     from PIL import Image
 
-    found = imagehash.phash(Image.fromarray(image), hash_size=_HASH_SIDE)
+    found = imagehash.phash(Image.fromarray(eight_bits(image)), hash_size=_HASH_SIDE)
     return np.asarray(found.hash.ravel(), bool)
 
 

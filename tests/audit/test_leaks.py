@@ -12,7 +12,7 @@ from tests.conftest import store_of
 from tests.made_folder import photograph
 
 
-def distance(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
+def distance(one: NDArray[np.uint8], other: NDArray[np.uint8 | np.uint16]) -> int:
     return int((likeness.image_hash(one) != likeness.image_hash(other)).sum())
 
 
@@ -28,6 +28,11 @@ def test_one_image_in_another_guise_is_found_and_another_image_is_not(seed: int)
     for name, guise in guises.items():
         assert distance(image, np.asarray(guise, np.uint8)) <= likeness.NEAR_DUPLICATE_BITS, name
     assert distance(image, photograph(seed + 100)) > 80
+
+
+def test_an_image_of_16_bits_has_the_hash_of_its_8() -> None:
+    image = photograph(0)
+    assert distance(image, image.astype(np.uint16) * 257) == 0
 
 
 def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
