@@ -367,7 +367,7 @@ def _swapped(read: list[tuple[Image, str]]) -> tuple[str, ...]:
 
 
 def misordered(
-    name: str, found: CapturedImages, told: Sequence[Mapping[str, float]], in_metres: bool
+    name: str, found: CapturedImages, told: Sequence[Mapping[str, float]], rises: bool
 ) -> tuple[str, ...]:
     """Return a warning if a stack is sharp where its depth map says that it is out of focus.
 
@@ -379,12 +379,12 @@ def misordered(
         The stack, and its depth.
     told : sequence of mapping of str to float
         What is known of each image: its ``focus_depth`` or ``focus_distance``.
-    in_metres : bool
-        Whether depth is in metres; levels grow with nearness.
+    rises : bool
+        Whether depth grows with distance; levels may grow with nearness.
     """
     focus = np.array([image["focus_depth"] for image in told])
     if np.isnan(focus).all():
-        focus = np.array([image["focus_distance"] for image in told]) * (1 if in_metres else -1)
+        focus = np.array([image["focus_distance"] for image in told]) * (1 if rises else -1)
     stack = found.images[np.isfinite(focus)]
     if len(stack) < _FEWEST:
         return ()

@@ -153,7 +153,8 @@ class FolderScenes(Whole):
         warnings: tuple[str, ...] = ()
         for pair, found in captured.items():
             told = [image.facts for image in taken[pair]]
-            odd = made.misordered(pair.id, found, told, depth.kind == "metres")
+            rises = depth.kind == "metres" or depth.grows_with == "distance"
+            odd = made.misordered(pair.id, found, told, rises)
             warnings += (*found.warnings, *odd)
         roles = tuple(image.role for image in next(iter(taken.values())))
         return SceneImages(

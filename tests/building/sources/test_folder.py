@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import dfdbench as dfd
+from dfdbench.blur.formation import form_stack
 from dfdbench.blur.light import decode
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import SceneError, open_source
@@ -271,6 +273,27 @@ def test_images_of_16_bits_are_kept_and_those_of_8_join_them(stacks: Path) -> No
     np.testing.assert_array_equal(images[0, 2, ..., 0], deep)
     eight = read_rgb(stacks / "desk/sharp.png").astype(np.uint16)
     np.testing.assert_array_equal(images[0, 0], eight * 257)
+
+
+def test_the_order_of_a_stack_is_judged_by_what_greater_levels_mean(stacks: Path) -> None:
+    grown = (
+        ('unit = "metres"', 'unit = "levels"'),
+        ('grows_with = "nearness"', 'grows_with = "distance"'),
+        ("[depth.scale]", "[depth.scale]\nnear_level = 1\nfar_level = 255"),
+        ("[files]", "[files]\ndepth_unit = 1"),
+        WITHOUT_INFOCUS,
+    )
+    scale = stack_manifest().depth.scale
+    assert scale is not None
+    levels = np.tile(np.linspace(2, 254, 96).astype(np.uint8), (72, 1))
+    np.save(stacks / "desk/depth.npy", scale.to_metres(levels).astype(np.float32))
+    sharp = photograph(0)[8:-8, 8:-8]
+    for number, image in enumerate(form_stack(sharp, levels, RECIPES["published"], 3), 1):
+        write_image(stacks / f"desk/f_{number:03}.png", image[..., ::-1])
+    for rows, warnings in ((("1,5", "2,0.9", "3,0.5"), 0), (("1,0.5", "2,0.9", "3,5"), 1)):
+        table(stacks, *rows)
+        for manifest in (stack_manifest(WITHOUT_INFOCUS), stack_manifest(*grown)):
+            assert len(open_source(manifest, stacks).read("desk").warnings) == warnings
 
 
 def test_captures_of_a_scene_have_images_alike(stacks: Path) -> None:
