@@ -397,7 +397,7 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     finite = values[np.isfinite(values) & ~np.isin(values, stand)]
     signed = kind.kind == "f" and (finite < 0).any()
     if signed or (kind != np.uint8 and _INVERSE.search(group.pattern.lower())):
-        _tell_ends(values[np.isfinite(values)], facts, stand if kind.kind == "u" else [])
+        _tell_ends(values[np.isfinite(values)], facts, [] if signed else stand)
         return
     told = finite[finite > 0]
     if not told.size:

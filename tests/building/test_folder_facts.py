@@ -79,6 +79,12 @@ def test_one_negative_value_stands_for_depth_that_is_not_known(folder: Path) -> 
     facts = facts_of(folder)
     assert facts.files["depth_missing"] == "[-1.0]"
     assert facts.files["depth_unit"] == "1.0 # metres"
+    for scene in SCENES:
+        (folder / scene / "depth.npy").unlink()
+        np.save(folder / scene / "disparity.npy", np.where(metres > 0, 40 / metres, 0))
+    facts = facts_of(folder)
+    assert facts.files["depth_missing"] == "[0]"
+    assert float(facts.files["depth_ends"].split("]")[0].split(",")[1]) > 19
 
 
 def test_depth_of_the_size_of_turned_photographs_asks_to_turn_them(folder: Path) -> None:
