@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -234,7 +235,11 @@ def capture_of(stack: xarray.DataArray) -> Capture:
     )
     about = LEVELS
     if stack.attrs.get("unit") == "metres":
-        scale = DepthScale(near=float(stack.attrs["near"]), far=float(stack.attrs["far"]))
+        near, far = (float(stack.attrs.get(end) or "nan") for end in ("near", "far"))
+        if not 0 < near < far < math.inf:
+            expected, got = "0 < near < far, in metres", f"near {near:g}, far {far:g}"
+            raise InputError("a stack without ends of depth", expected=expected, got=got)
+        scale = DepthScale(near=near, far=far)
         about = LEVELS.model_copy(update={"unit": "metres", "scale": scale})
         # In metres a distance is the depth.
         facts = replace(facts, focus_depth=by_image.get("focus_depth", facts.focus_distance))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,18 +11,21 @@ from numpy.typing import NDArray
 
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources import image_files
-from dfdbench.datasets.captured_files import CapturedFiles
+from dfdbench.building.sources.captured_images import in_one
+from dfdbench.datasets.captured_files import OF_CAMERA, CapturedFiles
 from dfdbench.datasets.captures import ROLES
 from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, reason_of
+from dfdbench.system.text import parse_json
 
 if TYPE_CHECKING:
     import xarray
 
+_NUMBERS = "near", "far", *OF_CAMERA
 Image = NDArray[np.uint8]
 
 
 def read_images(
-    images: Iterable[Image | Path | str], files: CapturedFiles | None = None
+    images: Iterable[Image | Path | str], files: CapturedFiles | None = None, deep: bool = False
 ) -> list[Image]:
     """Read images that are files, as `read_image` does; return arrays as they are.
 
@@ -35,15 +37,17 @@ def read_images(
     found, problems = list[Image](), list[Problem]()
     for image in images:
         try:
-            found.append(read_image(Path(image), files) if isinstance(image, str | Path) else image)
+            if isinstance(image, str | Path):
+                image = read_image(Path(image), files, deep)
+            found.append(image)
         except DfdbenchError as error:
             problems += error.problems
     SourceError.raise_if(problems)
     return found
 
 
-def read_image(path: Path, files: CapturedFiles | None = None) -> Image:
-    """Read a photograph: RGB, uint8 of shape (y, x, 3).
+def read_image(path: Path, files: CapturedFiles | None = None, deep: bool = False) -> Image:
+    """Read a photograph: RGB, uint8 of shape (y, x, 3), or as `deep` uint16 if the file has it.
 
     It is upright according to its EXIF data, unless its data set's `files` say otherwise.
 
@@ -57,7 +61,7 @@ def read_image(path: Path, files: CapturedFiles | None = None) -> Image:
     try:
         bits, rotation = (files.image_bits, files.exif_rotation) if files else (None, None)
         content = path.read_bytes()
-        return image_files.read_photograph(content, str(path), bits, rotation or "apply")
+        return image_files.read_photograph(content, str(path), bits, rotation or "apply", deep)
     except OSError as error:
         raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
@@ -73,8 +77,8 @@ def read_stack(place: Path) -> xarray.DataArray:
     import xarray
 
     try:
-        said = json.loads((place / STACK_FILE).read_text("utf-8"))
-        images = read_images(place / name for name in said["images"])
+        said = parse_json((place / STACK_FILE).read_text("utf-8"))
+        images = read_images((place / name for name in said["images"]), deep=True)
         if len({image.shape for image in images}) > 1:
             sizes = ", ".join(dict.fromkeys(size_of(image) for image in images))
             raise InputError("images of a stack differ in size", where=str(place), got=sizes)
@@ -84,10 +88,11 @@ def read_stack(place: Path) -> xarray.DataArray:
         }
         dimensions = ("image", "y", "x", "channel")
         attributes = {
-            name: np.nan if value is None else value for name, value in said["attributes"].items()
+            name: float("nan" if value is None else value) if name in _NUMBERS else value
+            for name, value in said["attributes"].items()
         }
-        return xarray.DataArray(np.stack(images), coordinates, dimensions, attrs=attributes)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return xarray.DataArray(in_one(images), coordinates, dimensions, attrs=attributes)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"the stack cannot be read: {reason_of(error)}"
         raise InputError(what, where=str(place / STACK_FILE)) from error
 
@@ -99,10 +104,13 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
     -------
     dict of str to tuple of Path
         For a pair, the in-focus and the defocus image, ``PAIR/infocus.png`` and
-        ``PAIR/defocus.png``; for a stack, its folder, which has a ``stack.json``.
+        ``PAIR/defocus.png``; for a stack, its folder, which has a ``stack.json``. What lies in
+        `folder` itself has its name.
     """
     return {
-        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
+        name: (found[STACK_FILE].parent,)
+        if STACK_FILE in found
+        else tuple(found[role] for role in ROLES)
         for name, found in _images_in(folder).items()
         if STACK_FILE in found or found.keys() >= set(ROLES)
     }
@@ -123,7 +131,8 @@ def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
     for path in sorted(folder.rglob("*")):
         images = path.suffix.lower() in image_files.SUFFIXES and path.stem in ROLES
         if images or path.name == STACK_FILE:
-            name = path.parent.relative_to(folder).as_posix()
+            own = path.parent == folder
+            name = folder.resolve().name if own else path.parent.relative_to(folder).as_posix()
             there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
     return there
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -41,6 +40,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_folder import read_store_place
+from dfdbench.system.text import parse_json
 from dfdbench.tables.table import counted
 
 if TYPE_CHECKING:
@@ -272,7 +272,7 @@ class DepthPredictor:
             # What cannot be read gets no depth map.
             with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
                 text = "{}" if len(paths) == 2 else (paths[0] / STACK_FILE).read_text("utf-8")
-                in_metres = json.loads(text).get("attributes", {}).get("unit") == "metres"
+                in_metres = parse_json(text).get("attributes", {}).get("unit") == "metres"
                 kinds.add("metres" if in_metres else "levels")
         units = {self.method.answers_in(kind) for kind in kinds}
         if len(units) > 1:

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import cv2
@@ -69,6 +70,25 @@ def test_every_pair_is_tried_and_all_that_fails_named(dfdbench: Command, tmp_pat
     Path("far.py").write_text("from mymodule import dim\n\n" + far)
     dfdbench.refused("4 problems", *words, "out.zip", "--method", "far:Far")
     assert not Path("out.zip").exists()
+
+
+def test_a_stack_that_cannot_be_read_is_named_beside_the_others(
+    dfdbench: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "in").mkdir()
+    photographs(tmp_path / "in")
+    for name, attributes in (("far", {"unit": "metres"}), ("list", [])):
+        write_png(tmp_path / "in" / name / "a.png", np.zeros((64, 80, 3), np.uint8))
+        said = {"images": ["a.png", "a.png"], "coordinates": {}, "attributes": attributes}
+        (tmp_path / "in" / name / "stack.json").write_text(json.dumps(said))
+    words = ("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--no-align")
+    told = dfdbench(*words, "--out", "out")
+    assert told.status == 2
+    assert "without ends of depth (far)" in told.err
+    assert (
+        f"the stack cannot be read: 'list' object has no attribute 'items' ({tmp_path}" in told.err
+    )
+    assert [path.name for path in Path("out").glob("*.np?")] == ["in.npy"]
 
 
 def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:

@@ -1,8 +1,11 @@
 import numpy as np
+import pytest
+import xarray
 
-from dfdbench.datasets.captures import Capture, ImageFacts, Role
+from dfdbench.datasets.captures import Capture, ImageFacts, Role, capture_of
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
+from dfdbench.errors import InputError
 
 SCALE = DepthScale(law="inverse", near=0.5, far=5.0)
 METRES = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=SCALE)
@@ -27,3 +30,19 @@ def test_metres_have_levels_and_two_images_of_a_stack_are_a_pair() -> None:
     assert [pair, capture].index(again) == 1
     assert len({pair, capture, again}) == 2
     assert pair.stack["focus_distance"].values[1] == 2.0
+
+
+def test_a_stack_in_metres_says_where_its_depths_end() -> None:
+    images, dims = np.zeros((2, 4, 5, 3), np.uint8), ("image", "y", "x", "channel")
+    ends: tuple[dict[str, float | None], ...] = (
+        {},
+        {"near": None, "far": 2},
+        {"near": np.nan, "far": 2},
+        {"near": 2, "far": 1},
+    )
+    for wrong in ends:
+        stack = xarray.DataArray(images, dims=dims, attrs={"unit": "metres", **wrong})
+        with pytest.raises(InputError, match="without ends of depth"):
+            capture_of(stack)
+    stack.attrs |= {"near": 1, "far": 2}
+    assert capture_of(stack).about.ends == (1, 2)

@@ -224,7 +224,7 @@ def captured_images(
     known = np.where(covered, found, np.float32(np.nan))[kept]
     if depth is not None and not np.isfinite(known).any():
         raise SourceError("no depth is known inside the crop", where=depth[1])
-    return CapturedImages(_in_one(laid)[:, *kept], known, told, warnings)
+    return CapturedImages(in_one(laid)[:, *kept], known, told, warnings)
 
 
 def _laid_on_the_first(
@@ -353,8 +353,8 @@ def _rounded(image: Image, dtype: np.dtype[Any]) -> Image:
     return np.clip(np.rint(image), 0, np.iinfo(dtype).max).astype(dtype)
 
 
-def _in_one(images: list[Image]) -> Image:
-    # If bit depths differ, convert to the deeper one: 255 becomes 65535.
+def in_one(images: list[Image]) -> Image:
+    """Return the images of a stack, those of 8 bits as 16 if others have 16: 255 becomes 65535."""
     deeper = np.result_type(*images)
     return np.stack([i if i.dtype == deeper else i * np.uint16(257) for i in images])
 
