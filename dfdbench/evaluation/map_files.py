@@ -32,6 +32,7 @@ from dfdbench.tables.table import listed
 MAPS = (".npy", ".npz", ".png")
 # Hidden, because `dfdbench score` takes every other file of the folder for a depth map.
 _RECORD = ".predicted.json"
+_MOST_16, _TOO_FAR = 65535, "are farther than 65.535 m"
 
 
 def require_map(path: Path) -> None:
@@ -58,7 +59,7 @@ def write_depth(
     ------
     InputError
         If the file has another suffix or cannot be written, or if it is a PNG file and pixels have
-        no answer.
+        no answer or are farther than 65.535 m.
     """
     file = io.BytesIO()
     if path.suffix == ".npy":
@@ -67,11 +68,12 @@ def write_depth(
         arrays: dict[str, Any] = {"depth": depth} | ({} if sigma is None else {"sigma": sigma})
         np.savez_compressed(file, **arrays)
     elif path.suffix == ".png":
-        if gaps := np.count_nonzero(np.isnan(depth)):
-            what = f"{gaps} of {depth.size} pixels have no answer, which a PNG file cannot say"
-            raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
-        whole = np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
-        Image.fromarray(whole).save(file, "png")
+        whole = np.rint(depth * SIXTEEN_BIT[unit])
+        for wrong, said in ((np.isnan(whole), "have no answer"), (whole > _MOST_16, _TOO_FAR)):
+            if count := np.count_nonzero(wrong):
+                what = f"{count} of {depth.size} pixels {said}, which a PNG file cannot say"
+                raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
+        Image.fromarray(whole.astype(np.uint16)).save(file, "png")
     else:
         require_map(path)
     _write_content(path, file.getvalue(), "depth map")

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import ResultError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.map_files import KeptMaps, find_predictions, write_depth
 from dfdbench.evaluation.plan import identity_of
 from dfdbench.methods.registry import load_method
@@ -23,6 +23,11 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
     assert np.array_equal(np.load(tmp_path / "a.npy"), depth)
     read = np.asarray(cv2.imread(str(tmp_path / "deep/a.png"), cv2.IMREAD_UNCHANGED))
     assert (str(read.dtype), (read / 256).tolist()) == ("uint16", depth.tolist())
+    write_depth(tmp_path / "a.png", np.full((2, 2), 65.5, np.float32), "metres")
+    for far in (65.6, np.inf):
+        with pytest.raises(InputError, match="1 of 4 pixels are farther than"):
+            write_depth(tmp_path / "b.png", np.array([[1, far], [2, 3]], np.float32), "metres")
+    assert not (tmp_path / "b.png").exists()
 
 
 def test_a_folder_s_maps_are_taken_over_from_the_same_method_and_images(tmp_path: Path) -> None:
