@@ -427,7 +427,8 @@ def open_dataset(
     Raises
     ------
     StoreError
-        If it is not built; the message says how to build it.
+        If it is not built, or was built before its manifest was edited; the message says how to
+        build it.
     UnknownNameError
         If there is no such data set.
 
@@ -450,14 +451,18 @@ def open_dataset(
         kind = "folder" if Path(name).is_dir() else "file"
         fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
         raise errors.StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
+    more = " --source DIR" * bool(manifest.files)
     if not (default := default_store(manifest, cache)).exists():
         typed = name if name.endswith(".toml") else manifest.short
-        more = " --source DIR" * bool(manifest.files)
         if manifest.short != "demo":
             more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
         what = f"data set {manifest.short} is not built"
         raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
-    return Dataset(default)
+    found = Dataset(default)
+    if found.manifest.written_sha256 != manifest.written_sha256:
+        what = f"{name} was edited after the set was built"
+        raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {name}{more}")
+    return found
 
 
 def _not_ours(location: UPath) -> errors.StoreError:

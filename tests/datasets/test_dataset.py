@@ -10,6 +10,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, StoreError
+from tests.conftest import TINY_TOML
 
 
 def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
@@ -45,6 +46,19 @@ def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
     (tmp_path / "file.zarr").write_text("x")
     with pytest.raises(StoreError):
         Dataset(tmp_path / "file.zarr")
+
+
+def test_a_set_whose_manifest_was_edited_is_to_be_built_again(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "stores").mkdir()
+    tiny_store.path.rename(tmp_path / "stores/tiny-1.zarr")
+    own = tmp_path / "tiny.toml"
+    own.write_text(TINY_TOML)
+    assert open_dataset(own, cache=tmp_path).manifest.name == "tiny"
+    own.write_text(TINY_TOML + "# better\n")
+    with pytest.raises(StoreError, match=r"edited after the set was built[^$]*dfdbench build "):
+        open_dataset(own, cache=tmp_path)
 
 
 def test_pairs_are_read_when_they_are_asked_for(tiny_store: Dataset) -> None:
