@@ -16,6 +16,7 @@ from zarr.abc.buffer import Buffer
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import combine, open_scene, scene_digests, signed
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import DfdbenchError, Problem, StoreError, reason_of, room_or
 from dfdbench.system import location
 from dfdbench.system.files import hold
@@ -127,7 +128,7 @@ class StoreWriter:
         here = location.is_local(self.path)
         whole, part = ((p.absolute() if here else p) for p in (self.path, self.partial))
         self.scenes = SceneWriter(whole, part, self._attributes)
-        self._held = contextlib.ExitStack()
+        self._manifest, self._held = manifest, contextlib.ExitStack()
 
     def __enter__(self) -> Self:
         fix = "wait for it, or build elsewhere with --store PATH"
@@ -164,11 +165,17 @@ class StoreWriter:
             If finishing would lose pairs.
         """
         found = _attributes_of(self.path)
-        lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
+        lost = set(missing) - set(found.get("missing_pairs", missing))
+        if self._manifest.find_scenes and "missing_pairs" in found:
+            # Scenes that are not found this time are missing from no list.
+            with contextlib.suppress(DfdbenchError):
+                before = parse_manifest(found["manifest"].encode(), str(self.path))
+                gone = {p.id for p in before.pairs() if p.scene not in self._manifest.scene_names}
+                lost |= gone - set(found["missing_pairs"])
         if lost:
             what = f"the store there holds {counted(len(lost), 'pair')} that this build lacks"
             fix = "build elsewhere with --store PATH, or delete that store; nothing was changed"
-            problem = Problem(f"{what}: {listed(lost, 3)}", where=str(self.path), fix=fix)
+            problem = Problem(f"{what}: {listed(sorted(lost), 3)}", where=str(self.path), fix=fix)
             raise StoreError.of([*why, problem])
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:

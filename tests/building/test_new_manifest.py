@@ -57,6 +57,11 @@ def test_idfd_is_built_with_the_scenes_that_are_found(tmp_path: Path) -> None:
     assert np.nanmax(store.captures("test")[0].depth) == pytest.approx(4)
     assert datasheet_of(store.manifest) is not None
     assert store.manifest == manifest
+    for path in folder.rglob("Lab 4_1.*"):
+        path.unlink()
+    fewer = with_found_scenes(find_manifest("idfd"), folder)
+    with pytest.raises(StoreError, match=r"holds 1 pair that this build lacks: Lab-4_1/"):
+        build_store(fewer, open_source(fewer, folder), tmp_path / "one.zarr")
     # With other bounds it is not idfd, whatever scenes are found.
     text = find_manifest("idfd").toml.replace("far = 10.0", "far = 9.0")
     edited = with_found_scenes(parse_manifest(text.encode(), "idfd-1.toml"), folder)
