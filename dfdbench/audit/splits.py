@@ -201,12 +201,14 @@ def _all_tests(scenes: Scenes, size: int) -> Iterator[Group]:
 def _drawn_tests(scenes: Scenes, size: int, seed: int) -> Iterator[Group]:
     random = np.random.default_rng(seed)
     for _ in range(EXHAUSTIVE_LIMIT):
-        groups: list[Group] = []
+        groups, left = list[Group](), size
         for number in random.permutation(len(scenes.groups)):
-            if sum(map(len, groups)) + len(scenes.groups[number]) <= size:
+            if len(scenes.groups[number]) <= left:
                 groups.append(scenes.groups[number])
-        if sum(map(len, groups)) == size:
-            yield _in_order(scenes, groups)
+                left -= len(scenes.groups[number])
+            if not left:
+                yield _in_order(scenes, groups)
+                break
 
 
 def _in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
@@ -219,7 +221,7 @@ def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
 
     All folds of the given sizes are tried. If there are too many, we judge the scene alone under
     the thesis's criterion: a companion only adds to the test and takes from training, so an
-    uncovered level stays uncovered.
+    uncovered level stays uncovered. Its share is least beside the largest companions.
     """
     rankings = [rank_tests(scenes, size) for size in sorted(sizes)]
     exhaustive = all(ranking.exhaustive for ranking in rankings)
@@ -228,11 +230,14 @@ def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
         for candidate in ranking.candidates:
             for name in candidate.test:
                 least[name] = min(least[name], candidate.uncovered)
-    found = []
-    for name in scenes.names:
+    found, by_size = [], np.sort(scenes.counts.sum(axis=1))[::-1]
+    for name, own in zip(scenes.names, scenes.counts, strict=True):
         by_count = scenes.alone(name, Criterion.thesis)
         proven = scenes.rule.criterion is not Criterion.density and by_count.any()
-        if least[name] > scenes.rule.allowed_share if exhaustive else proven:
+        if not exhaustive:
+            most = int(own.sum() + by_size[: max(sizes) - 1].sum())
+            least[name] = float(own[by_count].sum() / most) if proven else 0.0
+        if least[name] > scenes.rule.allowed_share:
             levels = by_count if proven else scenes.alone(name)
             found.append(Hopeless(name, as_ranges(levels), least[name]))
     return found
@@ -354,9 +359,11 @@ def folds_table(
     )
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
     if published:
-        ahead = sum(cost(proposal) < cost(published) for proposal in proposals)
         score = _score("published folds", published)
-        notes.append(f"{score}: {ahead} of {len(proposals)} found are better")
+        if len(published) == len(best):
+            ahead = sum(cost(proposal) < cost(published) for proposal in proposals)
+            score += f": {ahead} of {len(proposals)} found are better"
+        notes.append(score)
     if hopeless:
         largest = max(len(fold.test) for fold in best)
         notes.append(

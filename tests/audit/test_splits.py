@@ -1,10 +1,12 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dfdbench.audit import splits
 from dfdbench.audit.coverage import USUAL, Rule
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
 
 
@@ -99,6 +101,19 @@ def test_a_scene_that_no_fold_covers_is_named(monkeypatch: pytest.MonkeyPatch) -
     assert found.least > 0
     # Where there are too many choices to try, the scene alone is the proof.
     monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 10)
-    assert [item.scene for item in splits.hopeless_scenes(scenes, {2})] == ["C"]
+    (proven,) = splits.hopeless_scenes(scenes, {2})
+    assert (proven.scene, 0 < proven.least <= found.least) == ("C", True)
+    lenient = replace(scenes, rule=Rule(allowed_share=0.3))
+    assert splits.hopeless_scenes(lenient, {2}) == []
     uncovered_folds = [fold for fold in splits.propose_folds(scenes, 3)[0] if not fold.covered]
     assert [("C" in fold.test) for fold in uncovered_folds] == [True]
+
+
+def test_folds_are_compared_with_as_many_published_ones_only() -> None:
+    counts = np.full((6, 256), 100, np.int64)
+    scenes = splits.Scenes(tuple("ABCDEF"), counts, tuple((name,) for name in "ABCDEF"))
+    proposals = splits.propose_folds(scenes, 3)
+    for number, compared in ((3, True), (6, False)):
+        published = splits.propose_folds(scenes, number)[0]
+        table = splits.folds_table(find_manifest("demo"), proposals, [], published)
+        assert any("found are better" in note for note in table.notes) == compared
