@@ -1,6 +1,6 @@
 """The verbs of `audit`: coverage, depths, split, difficulty."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -68,15 +68,17 @@ def depths(
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
-    runs = [(_folder_of(place), load_result(place)) for place in places]
-    labels = [method_label(result.method) for _, result in runs]
-    found = []
-    for (folder, result), label in zip(runs, labels, strict=True):
-        # Two runs of one method are told apart by their folders.
-        name = f"{label}, {folder.name}" if labels.count(label) > 1 else label
-        found.append(run_errors.depth_errors(store, result, folder, name))
-    first = runs[0][1]
-    if _CONSTANT not in labels:
+    results = [load_result(place) for place in places]
+    runs = [
+        (method_label(result.method), _folder_of(place), result)
+        for place, result in zip(places, results, strict=True)
+    ]
+    found = [
+        run_errors.depth_errors(store, result, folder, name)
+        for name, folder, result in _told_apart(runs)
+    ]
+    first = results[0]
+    if all(label != _CONSTANT for label, *_ in runs):
         found += _constant(store, first)
     tables = run_errors.depth_error_tables(store, first.dataset.split, found)
     if figure is not None:
@@ -85,6 +87,13 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
             audits.depth_error_figure(title, found, store.manifest.depth.scale), figure
         )
     return tables
+
+
+def _told_apart(runs: Sequence[tuple[str, Path, Result]]) -> Iterator[tuple[str, Path, Result]]:
+    """Yield runs under their names; those of one name get their folders', too."""
+    labels = [label for label, *_ in runs]
+    for label, folder, result in runs:
+        yield f"{label}, {folder}" if labels.count(label) > 1 else label, folder, result
 
 
 def _folder_of(result: Path) -> Path:
@@ -165,7 +174,7 @@ def _answer_bound(
 
 def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result]:
     """Return results by name that are of a split of this very store: of runs, of a board's rows."""
-    runs: dict[str, Result] = {}
+    runs: list[tuple[str, Path, Result]] = []
     for place in places:
         if place.is_file() or (place / RESULT).is_file():
             result = load_result(place)
@@ -173,16 +182,16 @@ def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result
         else:
             rows = {path.stem: read_row(path) for path in sorted(place.glob("*.json"))}
             named = [(name, result) for name, row in rows.items() for result in row.results]
-        own = {
-            name: result
+        own = [
+            (name, _folder_of(place), result)
             for name, result in named
             if (result.dataset.fingerprint, result.dataset.split) == (store.fingerprint, split)
-        }
+        ]
         if not own:
             what = f"no run of split {split} of this {store.manifest.stem}"
             raise InputError(what, where=str(place), fix="name a run's folder, or rows of a board")
-        runs |= own
-    return runs
+        runs += own
+    return {name: result for name, _, result in _told_apart(runs)}
 
 
 def _ends_and_middle(pairs: Iterable[Pair], size: Callable[[Pair], float]) -> list[Pair]:

@@ -1,4 +1,5 @@
 import json
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -68,8 +69,11 @@ def test_the_bound_stands_beside_runs_of_a_store(dfdbench: Command, demo_store: 
     demo = str(demo_store.path)
     for name, method in (("good", "s-transform"), ("bad", "constant")):
         dfdbench.fine("run --split Market --dataset", demo, "--method", method, "--out", name)
-    bound = ("audit difficulty", demo, "--split", "Market", "--bound")
+    shutil.copytree("bad", "more/bad")
+    bound = ("audit difficulty", demo, "--split", "Market", "--bound", "--result", "more/bad")
     shown = dfdbench.fine(*bound, "--result", "bad", "--result", "good/result.json", "--out", "out")
+    assert "constant, bad" in shown.out
+    assert "constant, more/bad" in shown.out
     assert shown.out.index("least error") < shown.out.index("s-transform")
     assert shown.out.index("s-transform") < shown.out.index("constant")
     kept = json.loads(Path("out/bound.json").read_text())
