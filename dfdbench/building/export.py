@@ -1,4 +1,4 @@
-"""Export a store's pairs as PNG files."""
+"""Export a store's pairs as PNG files, and depth that they cannot hold as arrays."""
 
 import io
 import json
@@ -31,15 +31,15 @@ def export_png(
     on_pair: OnDone | None = None,
     images_only: bool = False,
 ) -> int:
-    """Write each pair's in-focus image, defocus image and depth map as PNG files.
+    """Write each pair's in-focus image, defocus image and depth map as files.
 
     The in-focus image is named after the pair, ``SCENE/exposure_ms10.png``, and the depth map after
-    its own axes, ``SCENE/depth.png``. Pairs by view, illumination and exposure get Middlebury's
-    names, ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The defocus image is beside the
-    in-focus one. It is named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published`` as in
-    the thesis; if it was captured, ``exposure_ms10_defocus.png``; on a track,
-    ``view1_camera-2.png``. Decoded, the files equal the store's arrays. Files that already have
-    this content are kept.
+    its own axes, ``SCENE/depth.png``, or ``.npy`` if it is in metres or has fractions. Pairs by
+    view, illumination and exposure get Middlebury's names, ``SCENE/Illum1/Exp2/view1.png`` and
+    ``SCENE/disp1.png``. The defocus image is beside the in-focus one. It is named after its recipe,
+    ``view1_lin_0.32_2.88.png`` for ``published`` as in the thesis; if it was captured,
+    ``exposure_ms10_defocus.png``; on a track, ``view1_camera-2.png``. Decoded, the files equal the
+    store's arrays. Files that already have this content are kept.
 
     Parameters
     ----------
@@ -76,7 +76,8 @@ def export_png(
     blurred = blur_name(store.recipe) if store.recipe else captured
     pairs = store.some_pairs(split)
     for pair in pairs if images_only else ():
-        places = (f"{pair.scene}/{_names(store.manifest, pair)[1]}", f"{pair.id}/{_STACK_DEPTH}")
+        usual = Path(pair.scene, _names(store.manifest, pair)[1])
+        places = (usual, usual.with_suffix(".npy"), Path(pair.id, _STACK_DEPTH))
         if there := next((place for place in places if (folder / place).exists()), None):
             what = "a depth map lies there, which methods must not see"
             raise StoreError(what, where=str(folder / there), fix="export into another folder")
@@ -91,7 +92,10 @@ def export_png(
             sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
             _write(sharp, images.infocus)
             _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
-            _write(depth, images.levels)
+            if images.truth.dtype == np.uint8:
+                _write(depth, images.levels)
+            else:
+                _write(depth.with_suffix(".npy"), images.depth)
     return len(pairs)
 
 
@@ -107,9 +111,7 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
     said = {"images": names, "coordinates": coordinates, "attributes": attributes}
     write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
     if not images_only:
-        content = io.BytesIO()
-        np.save(content, capture.depth)
-        write_whole(folder / _STACK_DEPTH, content.getvalue())
+        _write(folder / _STACK_DEPTH, capture.depth)
 
 
 def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:
@@ -135,14 +137,19 @@ def blur_name(recipe: BlurRecipe) -> str:
 
 def _write(path: Path, image: NDArray[Any]) -> None:
     stored = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    _, encoded = cv2.imencode(".png", stored)
+    is_array, file = path.suffix == ".npy", io.BytesIO()
+    if is_array:
+        np.save(file, image)
+    content = file.getvalue() if is_array else cv2.imencode(".png", stored)[1].tobytes()
     try:
         if path.exists():
-            there = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if there is not None and np.array_equal(there, stored):
+            # Another encoder's PNG file may hold the same image.
+            there = None if is_array else cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            alike = there is not None and np.array_equal(there, stored)
+            if alike or path.read_bytes() == content:
                 return
             fix = "export into another folder; pairs before this one are written"
             raise StoreError("a file of that name holds something else", where=str(path), fix=fix)
-        write_whole(path, encoded.tobytes())
+        write_whole(path, content)
     except OSError as error:
         raise StoreError("cannot write the image", where=str(path), got=reason_of(error)) from error

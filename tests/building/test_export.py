@@ -7,12 +7,14 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Local
 from tests.conftest import read_rgb, store_of, write_png
+from tests.made_folder import FOLDER_TOML, SCENES, depth_in_millimetres, make_folder
 from tests.made_source import MadeSource
 
 local = Local()
@@ -24,6 +26,34 @@ def test_what_is_exported_builds_the_same_store_again(tiny_store: Dataset, tmp_p
     assert not (tmp_path / "png/Three/Illum1/Exp1/view5.png").exists()
     again = store_of(tiny_store.manifest, tmp_path / "png", tmp_path / "again.zarr")
     assert again.fingerprint == tiny_store.fingerprint
+
+
+def test_depth_that_levels_do_not_hold_is_exported_as_it_is(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "captures")
+    for scene in SCENES:
+        (folder / scene / "depth.png").unlink()
+        np.save(folder / scene / "depth.npy", depth_in_millimetres().astype(np.float32))
+    inverse, told = "linear in 1/z from 0.5 m to 5 m", "depth_unit = 0.001"
+    for unit, was, then in (
+        ("metres", told, ""),
+        ("levels", "depth_ends = [900, 4200]", "depth_ends = [255, 1]"),
+    ):
+        text = FOLDER_TOML.replace(inverse, unit).replace("depth.png", "depth.npy")
+        text, place = text.replace(told, was), tmp_path / unit
+        manifest = parse_manifest(text.encode(), "mine-1.toml")
+        store = store_of(manifest, folder, place / "one.zarr")
+        assert export_png(store, place / "png") == export_png(store, place / "png") == 4
+        for old, new in (("sharp", "capture1"), ("blurred", "capture1_defocus")):
+            text = text.replace(f"{old}.png", f"{new}.png")
+        text = text.replace(was, then)
+        manifest = parse_manifest(text.encode(), "mine-1.toml")
+        again = store_of(manifest, place / "png", place / "again.zarr")
+        assert again.fingerprint == store.fingerprint
+        with pytest.raises(StoreError, match=r"must not see .*depth\.npy"):
+            export_png(store, place / "png", images_only=True)
+        np.save(place / "png/desk/depth.npy", np.zeros((3, 3), np.float32))
+        with pytest.raises(StoreError, match="holds something else"):
+            export_png(store, place / "png")
 
 
 def test_only_a_split_and_nothing_is_overwritten(tiny_store: Dataset, tmp_path: Path) -> None:
