@@ -135,13 +135,14 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     SourceError
         With every problem of the text.
     """
-    heading, *rows = [row for row in csv.reader(text.splitlines()) if row] or [[""]]
+    read = csv.reader(text.splitlines())
+    (_, heading), *rows = [(read.line_num, row) for row in read if row] or [(1, [""])]
     if not rows or heading[0].strip() != "step" or len(heading) < 3:
         raise SourceError("not a lens table", where=where, expected=_LAYOUT)
     problems: list[Problem] = []
     distances = _numbers(heading[1:], f"{where}: heading", problems)
     table = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         place = f"{where}: line {line}"
         if len(row) != len(heading):
             what = f"{len(row)} cells under a heading of {len(heading)}"

@@ -58,11 +58,12 @@ def test_the_radius_between_measured_distances_is_interpolated() -> None:
 
 
 def test_a_broken_table_is_told_with_every_problem(tmp_path: Path) -> None:
-    text = "step,1,2,3\n10,1,2\n12,1,x,3\n11,1,2.5,3\n"
+    text = "step,1,2,3\n\n10,1,2\n12,1,x,3\n11,1,2.5,3\n"
     with pytest.raises(SourceError) as said:
         parse_lens_table(text, "mine.csv")
     cells, *kinds = [problem.what for problem in said.value.problems]
     assert cells == "3 cells under a heading of 4"
+    assert said.value.problems[0].where == "mine.csv: line 3"
     assert kinds == ["not numbers of 0 to 1000000", "not whole steps and pixels"]
     with pytest.raises(SourceError, match="steps do not ascend"):
         parse_lens_table("step,1,2\n12,1,2\n11,1,2\n", "mine.csv")
