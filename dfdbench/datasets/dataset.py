@@ -77,9 +77,9 @@ class Dataset:
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
     def __repr__(self) -> str:
-        return (
-            f"<{self.manifest.stem}: {self.manifest.pair_count} pairs of {len(self.scenes)} scenes>"
-        )
+        # Read nothing: a store may be damaged, or far away.
+        pairs = len(self.manifest.pairs()) - len(self.attributes.get("missing_pairs", ()))
+        return f"<{self.manifest.stem}: {pairs} pairs of {len(self.scenes)} scenes>"
 
     def captures(self, split: str = ALL_PAIRS) -> Captures:
         """Return the pairs of a split; each is read when you ask for it.

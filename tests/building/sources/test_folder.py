@@ -260,7 +260,9 @@ def test_what_is_wrong_with_scenes_is_told_and_others_built(stacks: Path, tmp_pa
         ("size differs", "f_002.png"),
         ("none of 6912 depths is finite and above 0, and not missing", "depth.npy"),
     ]
-    capture = Dataset(tmp_path / "mine.zarr").captures()[0]
+    store = Dataset(tmp_path / "mine.zarr")
+    assert repr(store) == "<mine-1: 1 pairs of 1 scenes>"
+    capture = store.captures()[0]
     assert capture.stack.attrs["unit"] == "metres"
     assert np.nanmax(capture.depth) == pytest.approx(4.0)
 
