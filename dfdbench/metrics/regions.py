@@ -50,12 +50,11 @@ def regions_of(
     near, far = ends
     depth = np.where(known, truth, np.nan).astype(np.float64)
     jumps = np.zeros(known.shape, np.uint8)
-    for axis in (0, 1):
+    for part, of in ((jumps, depth), (jumps.T, depth.T)):
         # A jump to a pixel of unknown depth does not count.
-        steps = np.abs(np.diff(depth, axis=axis)) >= _JUMP * abs(near - far)
-        first, second = np.swapaxes(jumps, 0, axis)[:-1], np.swapaxes(jumps, 0, axis)[1:]
-        first |= np.swapaxes(steps, 0, axis)
-        second |= np.swapaxes(steps, 0, axis)
+        steps = np.abs(np.diff(of, axis=0)) >= _JUMP * abs(near - far)
+        part[:-1] |= steps
+        part[1:] |= steps
     # Both pixels at a jump count, and two more on either side.
     around = cv2.dilate(jumps, np.ones((_SIDE - 2, _SIDE - 2), np.uint8)) > 0
     # Channel by channel: numpy's mean over an axis of three takes more than twice as long.
