@@ -1,5 +1,6 @@
 """Find a manifest by the name that a user types."""
 
+import hashlib
 import os
 import re
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ from pydantic import BaseModel
 from dfdbench import errors
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
+from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
 from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest, unseen_text
 from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.files import shipped
@@ -251,8 +252,11 @@ def _find(name: str) -> Manifest:
 
 
 def _released_sha256(manifest: Manifest) -> str | None:
-    drawn = seeded(manifest.name)
-    return unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
+    if (drawn := seeded(manifest.name)) is not None:
+        return unseen_manifest(*drawn).sha256
+    # Not from `released_manifests`: every worker opens stores, and parsing them all takes long.
+    file = shipped("manifests") / f"{manifest.file_stem}.toml"
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
 
 
 def default_store(manifest: Heading | Manifest, cache: Path | str | None = None) -> Path:

@@ -1,6 +1,5 @@
 """Read a manifest from TOML: check every field first, then the manifest as a whole."""
 
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
@@ -11,7 +10,7 @@ from pydantic import ValidationError
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, OF_CAMERA, fill, places_in
 from dfdbench.datasets.manifest import ALL_PAIRS, FOLDER, Manifest, excluded_pairs, grid_of_pairs
 from dfdbench.errors import ManifestError, Problem, unknown_name
-from dfdbench.system.files import read_as, shipped
+from dfdbench.system.files import read_as
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 from dfdbench.tables.table import listed
@@ -327,18 +326,3 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     found = _contradictions(manifest)
     ManifestError.raise_if(Problem(what, where=f"{file}: {field}") for field, what in found)
     return manifest
-
-
-def released_sha256(manifest: Manifest) -> str | None:
-    """Return the SHA-256 of the released manifest of this name and version, or None.
-
-    Examples
-    --------
-    >>> from dfdbench.datasets.catalog import find_manifest
-    >>> demo = find_manifest("demo")
-    >>> released_sha256(demo) == demo.sha256
-    True
-    """
-    # Not from `released_manifests`: every worker opens stores, and parsing them all takes long.
-    file = shipped("manifests") / f"{manifest.file_stem}.toml"
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
