@@ -399,7 +399,7 @@ def tune(
         The values of each parameter; every combination is tried. By default the method's own
         ``ranges``.
     limit : int, optional
-        Score at most so many captures, evenly among all.
+        Score at most so many captures, drawn at random with the seed, the same for every value.
 
     Returns
     -------
