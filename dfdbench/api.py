@@ -295,7 +295,7 @@ def run(
 
 def run_tracks(
     method: str | Callable[..., Any],
-    dataset: Dataset | str,
+    dataset: str,
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -317,8 +317,8 @@ def run_tracks(
     ----------
     method, split, parameters, fresh, seed, out, for_board, cache
         As for `run`. Depth maps are not kept.
-    dataset : Dataset or str
-        A data set with synthetic blur, without a track, or its name.
+    dataset : str
+        The name of a data set with synthetic blur, without a track.
     tracks : sequence of str, optional
         The tracks to run on; by default all.
     given_blur : bool
@@ -344,7 +344,9 @@ def run_tracks(
     >>> found = run_tracks("local", "demo", tracks=["noise"])  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
-    dataset = dataset.manifest.short if isinstance(dataset, Dataset) else dataset
+    if isinstance(dataset, Dataset):
+        fix = f"name {dataset.manifest.short}, or the TOML file of a set of yours"
+        raise InputError("tracks are built by a data set's name", where="dataset", fix=fix)
     check = _check_for_board(split) if for_board else None
     plain = evaluate.without_track(dataset, cache)
     plain.scenes_of(split)

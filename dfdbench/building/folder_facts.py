@@ -358,16 +358,15 @@ def _one_view(order: list[Group], sharpness: dict[str, float], facts: Facts) -> 
     first: dict[str, Group] = {}
     others = []
     for group in sorted(order, key=lambda each: each.pattern.lower()):
-        name = _SIDE.sub("", group.pattern.lower())
-        numbered = _VIEW.sub(r"\1", name)
-        one, alike = first.setdefault(name, group), first.setdefault(numbered, group)
-        ends = sorted(sharpness[each.pattern] for each in (alike, group))
-        if one is not group or (alike is not group and ends[1] < _AS_SHARP * ends[0]):
+        name = _VIEW.sub(r"\1", _SIDE.sub("", group.pattern.lower()))
+        one = first.setdefault(name, group)
+        ends = sorted(sharpness[each.pattern] for each in (one, group))
+        if one is not group and ends[1] < _AS_SHARP * ends[0]:
             others.append(group)
     if others:
         kept = [group for group in order if group not in others]
         names = listed((group.pattern for group in others), _NAMED)
-        facts.open.append(f"whether these are other views, which are not read: {names}")
+        facts.open.append(f"whether these are other views, as sharp, and not other blur: {names}")
         order = kept
     return order
 

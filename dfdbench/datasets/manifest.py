@@ -323,6 +323,12 @@ class Manifest(StrictRecord):
         return hashlib.sha256(self.toml.partition(FOUND)[0].encode()).hexdigest()
 
     @property
+    def substance(self) -> dict[str, Any]:
+        """What makes its images and scores: all but words, and scenes that were found."""
+        found = {"scenes", "splits"} if self.find_scenes else set[str]()
+        return self.model_dump(exclude={"toml", "title", "description", "sources", *found})
+
+    @property
     def file_stem(self) -> str:
         """Name and version, as in the manifest's file name: the same for every track."""
         return f"{self.name}-{self.version}"

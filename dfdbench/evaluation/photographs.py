@@ -131,9 +131,11 @@ def _images_in(folder: Path) -> dict[str, dict[str, Path]]:
     for path in sorted(folder.rglob("*")):
         images = path.suffix.lower() in image_files.SUFFIXES and path.stem in ROLES
         if images or path.name == STACK_FILE:
-            own = path.parent == folder
-            name = folder.resolve().name if own else path.parent.relative_to(folder).as_posix()
+            name = path.parent.relative_to(folder).as_posix()
             there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
+    if own := there.pop(".", None):
+        name = folder.resolve().name
+        there[name if name not in there else f"{name}-itself"] = own
     return there
 
 

@@ -139,7 +139,8 @@ def test_in_doubt_the_names_tell_which_is_in_focus(folder: Path) -> None:
     ("names", "sigma", "views"),
     [
         (("left", "right"), 0.0, True),
-        (("img_L", "img_R"), 2.0, True),
+        (("img_L", "img_R"), 0.1, True),
+        (("left", "right"), 2.0, False),
         (("im0", "im1"), 0.0, True),
         (("im0", "im1"), 2.0, False),
     ],
@@ -157,7 +158,7 @@ def test_the_other_view_of_a_stereo_pair_is_no_defocus(
     facts = facts_of(folder)
     assert facts.roles["infocus"].pattern == f"{{scene}}/{names[0]}.png"
     assert ("defocus" not in facts.roles) is views
-    told = f"whether these are other views, which are not read: {{scene}}/{names[1]}.png"
+    told = f"whether these are other views, as sharp, and not other blur: {{scene}}/{names[1]}.png"
     assert (told in facts.open) is views
     built(folder)
 

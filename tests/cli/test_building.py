@@ -187,7 +187,9 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     dfdbench.fine("new-dataset", str(folder))
     dfdbench.fine("build mine-1.toml --source", str(folder))
     run = "run --method mymodule:predict --dataset mine"
-    dfdbench.refused("mine has no depth to score against", "score --predictions maps --dataset mine")
+    dfdbench.refused(
+        "mine has no depth to score against", "score --predictions maps --dataset mine"
+    )
     outcome = dfdbench.refused("mine has no depth to score against", run)
     commands = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
     dfdbench.fine(commands[0])

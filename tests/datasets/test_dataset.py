@@ -56,7 +56,10 @@ def test_a_set_whose_manifest_was_edited_is_to_be_built_again(
     own = tmp_path / "tiny.toml"
     own.write_text(TINY_TOML)
     assert open_dataset(own, cache=tmp_path).manifest.name == "tiny"
-    own.write_text(TINY_TOML + "# better\n")
+    words = TINY_TOML.replace('title = "', 'title = "My own ')
+    own.write_text(words + "# better\n")
+    assert (words != TINY_TOML, open_dataset(own, cache=tmp_path).manifest.name) == (True, "tiny")
+    own.write_text(TINY_TOML.replace("network_crop = ", "network_crop = 1"))
     with pytest.raises(StoreError, match=r"edited after the set was built[^$]*dfdbench build "):
         open_dataset(own, cache=tmp_path)
 

@@ -22,6 +22,11 @@ def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
     assert found[tmp_path.name] == (tmp_path / "infocus.png", tmp_path / "defocus.png")
     (tmp_path / "stack.json").touch()
     assert captures_in(tmp_path)[tmp_path.name] == (tmp_path,)
+    inner = tmp_path / tmp_path.name
+    inner.mkdir()
+    (inner / "stack.json").touch()
+    assert captures_in(tmp_path)[tmp_path.name] == (inner,)
+    assert captures_in(tmp_path)[f"{tmp_path.name}-itself"] == (tmp_path,)
 
 
 def test_a_stack_keeps_all_bits_of_its_images(tmp_path: Path) -> None:

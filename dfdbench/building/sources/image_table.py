@@ -56,10 +56,11 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
 def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
-    between = next((mark for mark in "\t;," if any(mark in line for line in lines)), " ")
+    between = next((mark for mark in "\t;," if lines and mark in lines[0]), " ")
     lines = [" ".join(line.split()) for line in lines] if between == " " else lines
-    read = csv.reader(lines, delimiter=between, skipinitialspace=True)
-    cells = [[cell.strip() for cell in row] for row in read]
+    how: Any = {"delimiter": between, "skipinitialspace": True, "strict": True}
+    # One by one: a quote that is not closed must not swallow the lines that follow.
+    cells = [[cell.strip() for cell in row] for line in lines for row in csv.reader([line], **how)]
     heading = list(columns) or (cells.pop(0) if cells else [])
     for row in cells:
         if len(row) != len(heading):

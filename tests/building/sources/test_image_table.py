@@ -4,13 +4,15 @@ from dfdbench.building.sources.image_table import read_table
 from dfdbench.errors import SourceError
 
 
-def test_cells_are_told_apart_by_the_first_mark_there() -> None:
+def test_cells_are_told_apart_by_the_first_line_s_mark() -> None:
     marked = b"image;note\n1;a, b", b"image\tnote\n1\ta, b"
     for text in (*marked, b'# by hand\n"image", "note"\n"1","a, b"'):
         assert read_table(text, "a.csv", []) == [{"image": "1", "note": "a, b"}]
     assert read_table(b'image  "note"\n1 "a b"', "a.txt", []) == [{"image": "1", "note": "a b"}]
-    with pytest.raises(SourceError, match="no table of the images"):
-        read_table(b'image,note\n1,"' + b"a" * 200_000, "a.csv", [])
+    assert read_table(b"image,note\n1,a; b", "a.csv", []) == [{"image": "1", "note": "a; b"}]
+    for wrong in (b'image,note\n1,"' + b"a" * 200_000, b'image\tnote\n1\t"x\n2\ty'):
+        with pytest.raises(SourceError, match="no table of the images"):
+            read_table(wrong, "a.csv", [])
 
 
 def test_json_holds_records_lists_or_values_by_file() -> None:
