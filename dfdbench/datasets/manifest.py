@@ -324,9 +324,10 @@ class Manifest(StrictRecord):
 
     @property
     def substance(self) -> dict[str, Any]:
-        """What makes its images and scores: all but words, and scenes that were found."""
+        """What a person says of images and scores: not words, a track, or scenes that were found."""
+        words = {"toml", "title", "description", "sources", "degradation"}
         found = {"scenes", "splits"} if self.find_scenes else set[str]()
-        return self.model_dump(exclude={"toml", "title", "description", "sources", *found})
+        return self.model_dump(exclude=words | found)
 
     @property
     def file_stem(self) -> str:
