@@ -324,8 +324,8 @@ class Manifest(StrictRecord):
 
     @property
     def substance(self) -> dict[str, Any]:
-        """What a person says of images and scores: not words, a track, or scenes that were found."""
-        words = {"toml", "title", "description", "sources", "degradation"}
+        """What decides images and scores: no words, no track, and no scenes that were found."""
+        words = {"toml", "title", "description", "sources", "degradation", "short"}
         found = {"scenes", "splits"} if self.find_scenes else set[str]()
         return self.model_dump(exclude=words | found)
 
