@@ -14,7 +14,7 @@ error: not enough memory or threads
 def main() -> None:
     """Load and run the command line; Ctrl-C ends it with status 130 at any time."""
     _open_what_is_closed()
-    # What a cluster sends when time is up: finish the pair, and say how to go on.
+    # What a cluster sends when time is up: stop as at Ctrl-C, and say how to go on.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         # Imported here because it takes a second, during which Ctrl-C must not show a traceback.

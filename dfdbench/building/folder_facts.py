@@ -209,7 +209,8 @@ def _show_one_scene(key: Key, images: tuple[str, ...], facts: Facts) -> bool:
     some = images[:: math.ceil(len(images) / _STACKS)]
     grey = (to_grey(_photograph(Group(name, {key: name}), key, facts)) for name in some)
     small = [cv2.resize(each, _SMALL, interpolation=cv2.INTER_AREA).ravel() for each in grey]
-    return float(np.corrcoef(small).min()) > _ALIKE
+    with np.errstate(invalid="ignore", divide="ignore"):  # an image of one grey is like none
+        return float(np.corrcoef(small).min()) > _ALIKE
 
 
 def _some_depth(folder: Path, layout: Layout) -> str:
@@ -364,11 +365,9 @@ def _one_view(order: list[Group], sharpness: dict[str, float], facts: Facts) -> 
         if one is not group and ends[1] < _AS_SHARP * ends[0]:
             others.append(group)
     if others:
-        kept = [group for group in order if group not in others]
         names = listed((group.pattern for group in others), _NAMED)
         facts.open.append(f"whether these are other views, as sharp, and not other blur: {names}")
-        order = kept
-    return order
+    return [group for group in order if group not in others]
 
 
 def _smallest_aperture_first(order: list[Group]) -> list[Group]:

@@ -167,7 +167,8 @@ class StoreWriter:
         found = _attributes_of(self.path)
         lost = set(missing) - set(found.get("missing_pairs", missing))
         if self._manifest.find_scenes and "missing_pairs" in found:
-            # Scenes that are not found this time are missing from no list.
+            # Scenes that are not found this time are missing from no list. A store whose manifest
+            # cannot be read is replaced.
             with contextlib.suppress(DfdbenchError):
                 before = parse_manifest(found["manifest"].encode(), str(self.path))
                 gone = {p.id for p in before.pairs() if p.scene not in self._manifest.scene_names}

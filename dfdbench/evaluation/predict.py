@@ -168,8 +168,8 @@ class DepthPredictor:
             self._unknown = name
         if "recipe" in result.method.uses:
             return {**given, "recipe": result.dataset.recipe["parameters"]}
-        if given.get("recipe") == RIG and self._store is not None:
-            return given_by_lens(self._store.manifest, given)[0]
+        if given.get("recipe") == RIG and same:
+            return given_by_lens(same[0], given)[0]
         if "recipe" in given:
             given["recipe"], scale = _blur(given["recipe"])
             self._scale = scale or self._scale

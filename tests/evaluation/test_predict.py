@@ -177,6 +177,21 @@ def test_a_run_that_was_given_a_lens_lends_it(few_demo: Dataset, tmp_path: Path)
     np.testing.assert_array_equal(lent(*pair).depth, named(*pair).depth)
 
 
+def test_a_run_that_took_its_set_s_lens_lends_it(tmp_path: Path) -> None:
+    lens = LENS.partition("[scale]")[0]
+    text = FOLDER_TOML.replace("[table]", f"[rig]{lens}\n[table]")
+    manifest, folder = parse_manifest(text.encode(), "mine-1.toml"), make_folder(tmp_path / "set")
+    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    store = Dataset(tmp_path / "mine.zarr")
+    dfdbench.run("local", store, parameters={"recipe": "rig"}, out=tmp_path / "run")
+    (tmp_path / "lens.toml").write_text(LENS)
+    places = tmp_path / "run", tmp_path / "lens.toml"
+    lent, named = (DepthPredictor("local", place, align=False) for place in places)
+    images = store.captures("lamp")[0]
+    pair = images.infocus, images.defocus
+    np.testing.assert_array_equal(lent(*pair).depth, named(*pair).depth)
+
+
 def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:
     (tmp_path / "stack.json").write_text('{"attributes": {"unit": "metres"}}')
     predictor = DepthPredictor("shape-from-focus")
