@@ -97,6 +97,10 @@ class Capture:
     about: Depth = LEVELS
     group: str = ""
 
+    def __repr__(self) -> str:
+        count, height, width = self.images.shape[:3]
+        return f"<{self.pair.id}: {count} images of {width} x {height}>"
+
     def __eq__(self, other: object) -> bool:
         """Return whether both are the same capture, with the same images and depth."""
         if not isinstance(other, Capture):

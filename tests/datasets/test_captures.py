@@ -19,6 +19,7 @@ def test_metres_have_levels_and_two_images_of_a_stack_are_a_pair() -> None:
     depth[0, 0] = np.nan
     capture = Capture(Pair("Desk", ()), images, depth, facts, METRES)
     assert not capture.is_pair
+    assert repr(capture) == "<Desk: 3 images of 5 x 4>"
     assert (capture.valid.sum(), capture.levels[0, 0]) == (19, 0)
     assert capture.levels[1, 1] == SCALE.to_levels(np.array([1.5]))[0]
     about = capture.stack.attrs
