@@ -295,12 +295,19 @@ class Comparison:
             raise InputError("one run is given twice", where=str(runs[0].path))
         first, *others = self.runs = saved_run.distinguished(runs)
         self.protocol = protocol or record.first_protocol(first.result.dataset.short)
-        self.tables = {
-            other.label: differences.change_tables(
-                first.result, other.result, self.protocol, most, (first.label, other.label)
-            )
+        found = {
+            other.label: differences.paired_differences(first.result, other.result, self.protocol)
             for other in others
         }
+        self.tables = {}
+        for other in others:
+            beside = [
+                one for label in found if label != other.label for one in found[label].values()
+            ]
+            names = first.label, other.label
+            self.tables[other.label] = differences.change_tables(
+                first.result, other.result, self.protocol, most, names, beside
+            )
 
     def __repr__(self) -> str:
         return f"<{listed([run.label for run in self.runs])}, under {self.protocol}>"

@@ -1,6 +1,6 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 from dfdbench.errors import Problem, ResultError
@@ -74,7 +74,7 @@ def verdict_note(groups: int) -> str:
     if groups >= intervals.GROUPS_TO_TELL:
         return (
             f"95 %: interval over {over}. Real: chance alone would make such a difference in under "
-            "5 % of cases, after Holm's correction for the number of differences in this table."
+            "5 % of cases, after Holm's correction for the number of differences shown."
         )
     few = f"Fewer than {intervals.GROUPS_TO_TELL} are too few to tell a difference from chance"
     if groups >= intervals.INTERVAL_GROUPS:
@@ -165,7 +165,12 @@ _ALL = "all"
 
 
 def change_tables(
-    first: Result, second: Result, protocol: str, most: int = 10, names: Sequence[str] = ()
+    first: Result,
+    second: Result,
+    protocol: str,
+    most: int = 10,
+    names: Sequence[str] = (),
+    beside: Sequence[PairedDifference | None] = (),
 ) -> list[Table]:
     """Return tables of what changes from the first run to the second.
 
@@ -179,6 +184,9 @@ def change_tables(
         How many of the pairs that changed most to list.
     names : tuple of str, optional
         The names of the two runs; by default their methods' labels.
+    beside : sequence of PairedDifference, optional
+        What the first run's `paired_differences` from other runs are, shown beside these: Holm's
+        correction counts them, too.
 
     Returns
     -------
@@ -190,8 +198,8 @@ def change_tables(
     ResultError
         If the runs are not comparable, or no pair was evaluated in both.
     """
-    check_comparable(first, second, protocol)
-    if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
+    found = paired_differences(first, second, protocol)
+    if not any(found.values()):
         fix = "`dfdbench run` goes on"
         if any(pair.lacks_answers(protocol) for pair in (*first.evaluated, *second.evaluated)):
             both = all(SURE in result.protocol_names for result in (first, second))
@@ -199,22 +207,45 @@ def change_tables(
             fix = f"pixels are without an answer: {fix}"
         raise ResultError("no pair was scored in both runs", fix=fix)
     tables = (
-        difference_table(first, second, protocol, names),
+        difference_table(first, second, protocol, found, names, beside),
         pair_table(first, second, protocol, most),
     )
     return [table for table in tables if table.rows]
 
 
-def difference_table(first: Result, second: Result, protocol: str, names: Sequence[str]) -> Table:
-    """Return the mean paired difference of each metric, and wins and losses by lighting."""
-    dataset = first.dataset
-    places, found, rows, records = [], [], [], []
+def paired_differences(
+    first: Result, second: Result, protocol: str
+) -> dict[tuple[str, str], PairedDifference | None]:
+    """Return the differences from one run to another by metric and pairs, not yet corrected.
+
+    Raises
+    ------
+    ResultError
+        If the runs are not comparable.
+    """
+    check_comparable(first, second, protocol)
+    found = {}
     for name in metrics_of(protocol):
         for where, part in _parted(changes(first, second, protocol, name), first):
-            groups = [dataset.group_of(change.first.scene) for change in part]
-            found.append(paired_difference([c.difference for c in part], groups, name))
-            places.append((name, where))
-    for (name, where), difference in zip(places, corrected(found), strict=True):
+            groups = [first.dataset.group_of(change.first.scene) for change in part]
+            values = [change.difference for change in part]
+            found[name, where] = paired_difference(values, groups, name)
+    return found
+
+
+def difference_table(
+    first: Result,
+    second: Result,
+    protocol: str,
+    found: Mapping[tuple[str, str], PairedDifference | None],
+    names: Sequence[str],
+    beside: Sequence[PairedDifference | None],
+) -> Table:
+    """Return the mean paired difference of each metric, and wins and losses by lighting."""
+    dataset = first.dataset
+    rows, records = [], []
+    every = corrected([*found.values(), *beside])
+    for (name, where), difference in zip(found, every, strict=False):
         if difference is not None:
             counts = (difference.wins, difference.losses, difference.ties)
             head = find_metric(name).heading if where == _ALL else ""

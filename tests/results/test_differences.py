@@ -1,11 +1,15 @@
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy import stats
 
 from dfdbench.errors import ResultError, UnknownNameError
+from dfdbench.metrics.intervals import holm
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import RELEASED
+from dfdbench.report.objects import Comparison
 from dfdbench.results.differences import (
     PairChange,
     PairedDifference,
@@ -15,8 +19,10 @@ from dfdbench.results.differences import (
     check_comparable,
     corrected,
     paired_difference,
+    paired_differences,
 )
 from dfdbench.results.record import Result
+from dfdbench.results.saved_run import SavedRun
 from tests.made_results import edited, limited, make_result
 
 SCENES = "abcdefghij"
@@ -83,6 +89,26 @@ def test_what_is_real_alone_may_be_chance_among_many() -> None:
     assert many[1].p == pytest.approx(10 * (alone.p or 0))
     assert many[1].verdict == "may be chance"
     assert (many[1].low, many[1].high) == (alone.low, alone.high)
+
+
+def test_runs_beside_one_another_are_corrected_together(tmp_path: Path) -> None:
+    random = np.random.default_rng(5)
+    results = [
+        make_result({place: 0.2 + 0.01 * random.random() for place in PLACES}, name)
+        for name in "abcd"
+    ]
+    runs = [
+        SavedRun(tmp_path / name, run, None, "") for name, run in zip("abcd", results, strict=True)
+    ]
+    shown = Comparison(runs, "thesis").table()["p"].tolist()
+    alone = [
+        difference.p
+        for run in results[1:]
+        for difference in paired_differences(results[0], run, "thesis").values()
+        if difference is not None
+    ]
+    assert len(shown) == len(alone) > 9
+    assert shown == holm(alone)
 
 
 def test_only_pairs_scored_in_both_count() -> None:
