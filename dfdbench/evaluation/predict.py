@@ -18,6 +18,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.sources.captured_images import matched_as_learned
+from dfdbench.building.sources.image_files import likely_bits
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.captures import Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
@@ -118,6 +119,7 @@ class DepthPredictor:
         given = dict(parameters or {})
         fitted: Path | None = None
         self._scale: DepthScale | None = None
+        self._levels_grow_with: Literal["nearness", "distance"] = "nearness"
         self._files: CapturedFiles | None = None
         self._store: Dataset | None = None
         self._unknown = ""
@@ -163,6 +165,7 @@ class DepthPredictor:
         same = [each for each in known if each.sha256 == result.dataset.manifest_sha256]
         if same:
             self._scale, files = same[0].depth.scale, same[0].files
+            self._levels_grow_with = same[0].depth.grows_with
             self._files = files if files and not files.images else None
         elif not result.dataset.recipe["name"]:
             self._unknown = name
@@ -194,16 +197,20 @@ class DepthPredictor:
         what = "the run kept nothing that the method learned"
         if fitted is None:
             what = "the method learns the blur of a camera, and nothing says what it is"
-        fix = "name a run on the same camera (--fitted RUN)"
+            if self.method.parameters.get("sure"):
+                what = "the method learns how sure it is, and nothing says from what"
+        fix = "name a run on the same camera (--fitted RUN), with the same parameters"
         fix += ", or the lens (--lens FILE)" if self._takes_lens else ""
         raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
 
     @property
     def grows_with(self) -> Literal["nearness", "distance"]:
         """What its depth grows with, as in a manifest."""
-        scale = self._scale
-        turned = scale is not None and scale.far_level > scale.near_level
-        return "distance" if turned or self.unit == "metres" else "nearness"
+        if self.unit == "metres":
+            return "distance"
+        if self._scale is None:
+            return self._levels_grow_with
+        return "distance" if self._scale.far_level > self._scale.near_level else "nearness"
 
     @property
     def meaning(self) -> str:
@@ -292,7 +299,8 @@ class DepthPredictor:
         """
         capture = capture_of(stack).two_of(self.method.two_images(None))
         self.unit = self.method.answers_in(capture.about.kind)
-        return self._answer(*self.method.called_on(capture))
+        estimate = self._answer(*self.method.called_on(capture))
+        return replace(estimate, odd=_few_bits(capture.images))
 
     def _answer(self, predict: Predict, images: Sequence[Any], found: str = "") -> Estimate:
         with one_at_a_time(os.getpid()), seeded(self._seed):
@@ -341,10 +349,16 @@ class DepthPredictor:
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)
         pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         estimate = self._answer(*self.method.called_on(pair), found)
-        odd = _oddities(estimate.depth, self.unit, swapped)
+        odd = _oddities(estimate.depth, self.unit, swapped) + _few_bits(pair.images)
         if self._fitted and len(blurs) == 1 and (note := camera_note(blurs[0], [pair])):
             odd += (note,)
         return replace(estimate, odd=odd)
+
+
+def _few_bits(images: Image) -> tuple[str, ...]:
+    bits = likely_bits(int(images.max())) if images.dtype == np.uint16 else None
+    what = f"the images of 16 bits hold {bits} at most, and are taken as very dark"
+    return (what,) if bits else ()
 
 
 def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:
@@ -403,13 +417,14 @@ def predict(
 
     predictor = DepthPredictor(method, camera, parameters, align, seed)
     if isinstance(images, xarray.DataArray):
-        return predictor.of_stack(images).depth
-    if not isinstance(images, tuple | list) or len(images) != 2:
+        estimate = predictor.of_stack(images)
+    elif not isinstance(images, tuple | list) or len(images) != 2:
         several = isinstance(images, tuple | list)
         got = counted(len(images), "image") if several else type(images).__name__
         expected = "(capture.infocus, capture.defocus), two files, or capture.stack"
         raise InputError("neither two photographs nor a stack", expected=expected, got=got)
-    estimate = predictor(*predictor.read(images))
+    else:
+        estimate = predictor(*predictor.read(images))
     for text in estimate.odd:
         warnings.warn(text, stacklevel=2)
     return estimate.depth

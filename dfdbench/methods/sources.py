@@ -225,7 +225,7 @@ class Sources:
         now = self._hash(path)
         if spec and _as_imported.setdefault(id(spec), (spec, now))[1] != now:
             what = "a module was edited after this process had imported it"
-            fix = "start Python again, or call importlib.reload on it: the old code would run"
+            fix = "start Python again: reload would leave what others imported from it as it was"
             raise MethodError(what, where=str(path), fix=fix)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import xarray
 from numpy.typing import NDArray
 
 import dfdbench
@@ -78,6 +79,8 @@ def test_what_is_no_photograph_or_lacking_is_said(pair: tuple[Image, Image, Imag
         predict("local", pair[:2], {"focal_length": 0.025})
     with pytest.raises(MethodError, match="needs a focal stack, and this is a pair"):
         predict("shape-from-focus", pair[:2])
+    with pytest.raises(MethodError, match="how sure it is, and nothing says from what"):
+        predict("local", pair[:2], "published", parameters={"sure": True})
 
 
 def test_grey_photographs_are_as_good(pair: tuple[Image, Image, Image]) -> None:
@@ -140,6 +143,29 @@ def test_photographs_are_matched_as_those_of_the_run_s_data_set(tmp_path: Path) 
     shutil.rmtree(tmp_path / "mine.zarr")
     with pytest.raises(InputError, match="not known here"):
         predict(light, raw, tmp_path / "run")
+
+
+def test_levels_grow_as_those_of_the_run_s_data_set(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "set")
+    text = FOLDER_TOML.replace("depth_unit = 0.001", "depth_ends = [1000.0, 4000.0]")
+    text = text.replace('"nearness"', '"distance"').replace(
+        "[depth.scale]\nnear = 0.5\nfar = 5.0", ""
+    )
+    manifest = parse_manifest(text.encode(), "mine-1.toml")
+    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    dfdbench.run(light, Dataset(tmp_path / "mine.zarr"), out=tmp_path / "run")
+    predictor = DepthPredictor(light, tmp_path / "run")
+    assert predictor.meaning.startswith("depth levels from 0 (near) to 255 (far)")
+
+
+def test_images_that_use_few_of_their_bits_are_told(pair: tuple[Image, Image, Image]) -> None:
+    images = pair[0].astype(np.uint16) * 16, pair[1].astype(np.uint16) * 16
+    with pytest.warns(UserWarning, match="16 bits hold 12 at most"):
+        predict("local", images, "published")
+    roles = {"role": ("image", ["infocus", "defocus"])}
+    stack = xarray.DataArray(np.stack(images), roles, ("image", "y", "x", "channel"))
+    with pytest.warns(UserWarning, match="16 bits hold 12 at most"):
+        predict("local", stack, "published")
 
 
 def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> None:
