@@ -78,10 +78,12 @@ def group_interval(values: Sequence[float], groups: Sequence[str]) -> tuple[floa
         ends = float(found.means.min()), float(found.means.max())
         return ends if len(found.means) > 1 else None
 
+    third = found.third(found.reach)
+
     def hall(side: float) -> float:
-        even = side - found.third / (2 * found.number)
-        flat = abs(found.third) < 1e-9
-        return even if flat else float(np.cbrt(1 + 3 * found.third * even) - 1) / found.third
+        even = side - third / (2 * found.number)
+        flat = abs(third) < 1e-9
+        return even if flat else float(np.cbrt(1 + 3 * third * even) - 1) / third
 
     below, above = max(found.reach, hall(found.reach)), min(-found.reach, hall(-found.reach))
     return found.mean - below * found.spread, found.mean - above * found.spread
@@ -90,7 +92,8 @@ def group_interval(values: Sequence[float], groups: Sequence[str]) -> tuple[floa
 def chance(values: Sequence[float], groups: Sequence[str]) -> float | None:
     """Return how probable a mean this far from 0 is if the true one is 0; None below eight groups.
 
-    It is below 5 % exactly where the interval of `group_interval` leaves out 0.
+    It is below 5 % exactly where the interval of `group_interval` leaves out 0, and likewise for
+    any other level.
 
     Examples
     --------
@@ -104,10 +107,18 @@ def chance(values: Sequence[float], groups: Sequence[str]) -> float | None:
         return float(found.mean == 0)
     from scipy import special
 
-    third, t = found.third, found.mean / found.spread
-    even = t + third * t**2 + third**2 * t**3 / 3 + third / (2 * found.number)
-    nearer = min(abs(t), abs(even)) * sqrt(found.number)
-    return float(2 * special.stdtr(len(found.means) - 1, -nearer))
+    t = found.mean / found.spread
+    touching, outside = 0.0, abs(t)
+    # The reach of the interval that touches 0: each level has its own, with its own skewness.
+    for _ in range(60):
+        reach = (touching + outside) / 2
+        third = found.third(reach)
+        even = t + third * t**2 + third**2 * t**3 / 3 + third / (2 * found.number)
+        if abs(even) > reach:
+            touching = reach
+        else:
+            outside = reach
+    return float(2 * special.stdtr(len(found.means) - 1, -touching * sqrt(found.number)))
 
 
 def holm(chances: Sequence[float | None]) -> list[float | None]:
@@ -130,7 +141,7 @@ def holm(chances: Sequence[float | None]) -> list[float | None]:
 
 
 class _Moments(NamedTuple):
-    """Moments of group means: `third` is a third of the skewness.
+    """Moments of group means.
 
     `reach` is that of t's interval in units of `spread`; `number` is how many groups of equal size
     these amount to.
@@ -139,9 +150,14 @@ class _Moments(NamedTuple):
     means: NDArray[np.float64]
     mean: float
     spread: float
-    third: float
+    skewness: float
     number: float
     reach: float
+
+    def third(self, reach: float) -> float:
+        """Return a third of the skewness, so far reduced that it is steep as far as `reach`."""
+        most = _STEEP / max(reach, 1e-12)
+        return max(-most, min(most, self.skewness)) / 3
 
 
 def _moments(values: Sequence[float], groups: Sequence[str]) -> _Moments:
@@ -159,6 +175,5 @@ def _moments(values: Sequence[float], groups: Sequence[str]) -> _Moments:
     # Divided so that both are unbiased if the means are independent.
     spread = sqrt(weights @ (means - mean) ** 2 / (1 - squares))
     scaled = (means - mean) / (spread or 1.0)
-    skewness = weights @ scaled**3 / (1 - 3 * squares + 2 * cubes)
-    most = _STEEP / reach
-    return _Moments(means, mean, spread, float(np.clip(skewness, -most, most)) / 3, number, reach)
+    skewness = float(weights @ scaled**3 / (1 - 3 * squares + 2 * cubes))
+    return _Moments(means, mean, spread, skewness, number, reach)

@@ -1,5 +1,6 @@
 """Intervals hold what they say, tests agree with them, and Holm's correction corrects."""
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -92,6 +93,16 @@ def test_chance_is_below_5_percent_if_0_is_outside(values: list[float], shift: f
     low, high = group_interval(values, groups) or (np.nan, np.nan)
     assert interval == pytest.approx((low + shift, high + shift), abs=1e-6)
     assert low <= np.mean(values) <= high
+
+
+def test_chance_falls_as_a_skewed_difference_grows() -> None:
+    # Two rooms of 24 lean far the other way: without its limit the cubic would be flat here.
+    values = stats.zscore([-3.0, -1.0, *[0.2] * 22], ddof=1)
+    groups = [str(number) for number in range(24)]
+    found = [chance((values + mean).tolist(), groups) or 0 for mean in (1, 1.2, 1.4, 1.6, 2, 2.5)]
+    assert found[0] < 0.05
+    assert all(after < 0.3 * before for before, after in itertools.pairwise(found))
+    assert found[-1] < 1e-6
 
 
 def test_more_captures_of_the_same_groups_tell_no_more() -> None:
