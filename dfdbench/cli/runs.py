@@ -13,7 +13,7 @@ from typer import Exit, Option
 import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
-from dfdbench.cli.screen import progress, say, show
+from dfdbench.cli.screen import GOES_ON, WITHOUT_FRESH, progress, say, show
 from dfdbench.errors import InputError
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
@@ -65,7 +65,7 @@ def run(
         )
     data = dfdbench.open_dataset(dataset, cache=cache)
     param = [*(param or ()), *([f"images={images}"] if images else ())]
-    with progress(f"running {method}") as step:
+    with progress(f"running {method}", WITHOUT_FRESH if fresh else GOES_ON) as step:
         done = dfdbench.run(
             method,
             data,
@@ -140,7 +140,7 @@ def tracks(
         for_board=submit,
         cache=cache,
         on_result=lambda label, result: _say_score(label, result, protocol),
-        shown=progress,
+        shown=lambda what: progress(what, WITHOUT_FRESH if fresh else GOES_ON),
     )
     _show(done, format, figure_format or (), submit)
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".pdf", ".svg")
 #: How most work that was stopped is taken up.
 GOES_ON = "the same command goes on from here"
+#: How work that was begun afresh is.
+WITHOUT_FRESH = "the same command without --fresh goes on from here"
 #: Where no bar can be drawn, a line this often says how far the work is.
 _LINE_SECONDS = 60.0
 #: Work taken over from an earlier call is gone through in less.

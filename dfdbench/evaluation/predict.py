@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
@@ -355,7 +356,7 @@ class DepthPredictor:
         return replace(estimate, odd=odd)
 
 
-def _few_bits(images: Image) -> tuple[str, ...]:
+def _few_bits(images: NDArray[Any]) -> tuple[str, ...]:
     bits = likely_bits(int(images.max())) if images.dtype == np.uint16 else None
     what = f"the images of 16 bits hold {bits} at most, and are taken as very dark"
     return (what,) if bits else ()

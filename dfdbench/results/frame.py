@@ -251,10 +251,12 @@ def _intervals(scores: pd.DataFrame, means: pd.Series) -> list[tuple[float, floa
 
 def _notes(results: Sequence[Result], protocol: str) -> list[str]:
     notes = [
-        f"{CLEAN}: {wording.given_to(run)}" for run in results if run.dataset.degradation == CLEAN
+        f"given on {CLEAN} images: {wording.given_to(run)}"
+        for run in results
+        if run.dataset.degradation == CLEAN
     ]
     tracked = {wording.given_to(run) for run in results if run.dataset.degradation != CLEAN}
-    notes.append(f"on tracks: {'; '.join(sorted(tracked))}")
+    notes.append(f"given on tracks: {'; '.join(sorted(tracked))}")
     for run in results:
         if not run.complete:
             data = run.dataset

@@ -159,7 +159,7 @@ def test_levels_grow_as_those_of_the_run_s_data_set(tmp_path: Path) -> None:
 
 
 def test_images_that_use_few_of_their_bits_are_told(pair: tuple[Image, Image, Image]) -> None:
-    images = pair[0].astype(np.uint16) * 16, pair[1].astype(np.uint16) * 16
+    images: Any = pair[0].astype(np.uint16) * 16, pair[1].astype(np.uint16) * 16
     with pytest.warns(UserWarning, match="16 bits hold 12 at most"):
         predict("local", images, "published")
     roles = {"role": ("image", ["infocus", "defocus"])}

@@ -66,7 +66,7 @@ def test_runs_from_before_a_metric_have_none_of_it(monkeypatch: pytest.MonkeyPat
 
 def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
     notes = severities_table(list(RUNS.values()), "valid").notes
-    assert notes[:2] == ("clean: the blur", "on tracks: training pairs")
+    assert notes[:2] == ("given on clean images: the blur", "given on tracks: training pairs")
 
 
 def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:
