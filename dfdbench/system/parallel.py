@@ -4,6 +4,7 @@ import logging
 import os
 import re
 import threading
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent import futures
@@ -152,6 +153,9 @@ class Cluster(Pool):
 
     def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
         with _client(self.address) as (client, as_completed):
+            if not client.scheduler_info()["workers"]:
+                what = f"no worker is connected to {self.address} yet; dask worker starts one"
+                warnings.warn(what, stacklevel=2)
             sent = client.map(function, items, pure=False, batch_size=1)
             place = {future.key: number for number, future in enumerate(sent)}
             try:

@@ -154,6 +154,18 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
     assert said == [0]
 
 
+@ON_SERVERS
+def test_a_cluster_without_workers_is_told_and_waited_for() -> None:
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=0, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        later = threading.Timer(1, cluster.scale, [1])
+        later.start()
+        with pytest.warns(UserWarning, match="no worker is connected"):
+            assert Cluster(cluster.scheduler_address).map(abs, [-1]) == [1]
+        later.join()
+
+
 def square_and_wait(item: int) -> int:
     time.sleep(0.2 if item == 0 else 1)
     return item * item
