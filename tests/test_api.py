@@ -23,7 +23,7 @@ def done(tiny_set: Path, tmp_path_factory: pytest.TempPathFactory) -> dfdbench.R
     return dfdbench.run(grey, store, out=tmp_path_factory.mktemp("done") / "grey")
 
 
-def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
+def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run, tiny_store: Dataset) -> None:
     scores = done.scores
     result = done.results["clean"]
     row = scores.query("protocol == 'thesis' and metric == 'nrmse'").set_index("capture")["value"]
@@ -35,6 +35,8 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
     means = row.mean(), done.to_frame("thesis")["nrmse"].mean(), last["nrmse"]
     assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 3)  # type: ignore[index]
     assert (last.name, *done.table().index.names) == (("all", "all"), "exposure", "illumination")
+    part = dfdbench.run("constant", tiny_store, limit=1).table()
+    assert part.isna().all(axis=None)  # of no group has every pair been run
     regions = done.regions
     assert list(regions) == ["edges", "flat", "far", "near"]
     assert regions.loc[result.pairs[0].id, "far"] == result.pairs[0].regions["far"]
@@ -75,6 +77,7 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
     assert set(found.scores["run"]) == {0, 1}
     one, other = (each.result.mean("thesis", "nrmse") for each in found.runs)
     assert found.table()["difference"].iloc[0] == pytest.approx((other or 0) - (one or 0))
+    assert found.table()["low"].dtype == float  # all of them unknown, with so few scenes
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
     with pytest.raises(InputError, match=r"not a run .*: got list\n.*compare\(\*runs\)"):

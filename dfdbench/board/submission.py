@@ -299,11 +299,11 @@ def _run_again(
         parameters["weights"] = str(weights)
     given = dataset.degradation != CLEAN and "recipe" in record.uses
     # Load it by its entry, which is trusted: a name may lead elsewhere.
-    method = load_for(store, record.entry, parameters, result.seed, given)
+    method = load_for(store, record.entry, parameters, result.seed, given, dataset.split)
     fit = fit_method(store, method, dataset.split, result.seed)
     facts = {
         "uses": sorted(method.uses),
-        "trained_on": trained_on_of(method, store.manifest),
+        "trained_on": trained_on_of(method, store.manifest, dataset.split),
         "weights_sha256": method.weights_sha256,
         "fitted_on": fit.fitted_on if fit else None,
     }

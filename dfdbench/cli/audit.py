@@ -104,7 +104,7 @@ def _constant(store: Dataset, result: Result) -> list[run_errors.DepthErrors]:
     from dfdbench.evaluation.loading import training_mean
 
     try:
-        level = training_mean(store)
+        level = training_mean(store, result.dataset.split)
     except StoreError:  # nothing to train on: then there is no constant to stand beside
         return []
     return [run_errors.constant_errors(store, result, level, _CONSTANT)]

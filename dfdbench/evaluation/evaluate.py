@@ -73,7 +73,7 @@ def evaluate(
     parameters, given_blur
         As for `load_for`.
     """
-    loaded = load_for(store, method, parameters, options.seed, given_blur)
+    loaded = load_for(store, method, parameters, options.seed, given_blur, split)
     if check:
         check(loaded, store)
     for key, value in loaded.parameters.items():

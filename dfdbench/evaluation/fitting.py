@@ -118,6 +118,27 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
     return f"{manifest.stem}, split {TRAINING}", train
 
 
+def mean_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
+    """Return the name and the scenes of the data whose mean depth methods get for a split.
+
+    That is the training split; if the split is a fold or a scene of it, all other scenes.
+
+    Raises
+    ------
+    StoreError
+        If there is no training split.
+    """
+    if TRAINING in {item.name for item in manifest.splits}:
+        train = frozenset(manifest.scenes_of(TRAINING))
+        if not _is_left_out(manifest, split) or train.isdisjoint(manifest.scenes_of(split)):
+            return f"{manifest.stem}, split {TRAINING}", train
+    elif not _is_left_out(manifest, split):
+        what = "the method asks for the depth of the training split, and there is no split train"
+        fix = "--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one"
+        raise StoreError(what, where=manifest.stem, fix=fix)
+    return training_scenes(manifest, split)
+
+
 def _is_left_out(manifest: Manifest, split: str) -> bool:
     # In the order of `Manifest.scenes_of`: a fold before a split before a scene.
     if split in {fold.name for fold in manifest.folds}:

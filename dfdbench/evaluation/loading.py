@@ -14,8 +14,9 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import ALL_PAIRS
 from dfdbench.errors import DfdbenchError, MethodError, StoreError
-from dfdbench.evaluation.fitting import read_fit, training_scenes
+from dfdbench.evaluation.fitting import mean_scenes, read_fit, training_scenes
 from dfdbench.evaluation.lens import given_by_lens, rig_of
 from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import Method
@@ -29,16 +30,17 @@ def load_for(
     parameters: Mapping[str, Any],
     seed: int = 0,
     given_blur: bool = False,
+    split: str = "test",
 ) -> Method:
     """Load a method and give it the facts of the data set that it asks for.
 
     A method is named as for `dfdbench.methods.load`, or is the function, class or object itself. A
     class gets facts by the names of its parameters: ``recipe``, the data set's blur recipe (None
     if there is none and the class has a ``fit``); ``recipe_name``, that recipe's name, empty for
-    captured defocus; ``training_mean`` or ``training_median``, that depth level of the training
-    split; ``seed``, the run's seed; ``rig``, a `dfdbench.datasets.manifest.Rig` of what the
-    manifest knows about the lens. A recipe that is a lens becomes the blur law that follows from
-    it: see `dfdbench.evaluation.lens`.
+    captured defocus; ``training_mean`` or ``training_median``, that depth level of the scenes that
+    `mean_scenes` names for `split`; ``seed``, the run's seed; ``rig``, a
+    `dfdbench.datasets.manifest.Rig` of what the manifest knows about the lens. A recipe that is a
+    lens becomes the blur law that follows from it: see `dfdbench.evaluation.lens`.
 
     With `given_blur`, a method on a track gets the law of the track's formation as ``recipe``, see
     `dfdbench.blur.formation.given_law`. Such a run shows what that knowledge is worth. Its result
@@ -52,7 +54,7 @@ def load_for(
     """
     images, parameters = images_in(parameters)
     taken, recorded = given_by_lens(store.manifest, parameters)
-    found = load_method(method, taken, *_offers(store, seed, given_blur))
+    found = load_method(method, taken, *_offers(store, seed, given_blur, split))
     if is_local(store.path):
         found.sources.apart = (Path(str(store.path)),)
     if given_blur and "recipe" not in found.uses:
@@ -84,7 +86,7 @@ def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, di
     return (int(numbers[0]), int(numbers[1])), others
 
 
-def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
+def _offers(store: Dataset, seed: int, given_blur: bool, split: str) -> tuple[Facts, Facts]:
     """Return the facts that a class may ask for, and those that replace them if it has a fit."""
 
     def recipe() -> Blur | None:
@@ -93,8 +95,8 @@ def _offers(store: Dataset, seed: int, given_blur: bool) -> tuple[Facts, Facts]:
     offers: Facts = {
         "recipe": recipe if given_blur else lambda: _recipe_of(store),
         "recipe_name": lambda: store.recipe_name,
-        "training_mean": lambda: training_mean(store),
-        "training_median": lambda: training_median(store),
+        "training_mean": lambda: training_mean(store, split),
+        "training_median": lambda: training_median(store, split),
         "seed": lambda: seed,
         "rig": lambda: rig_of(store.manifest),
     }
@@ -152,34 +154,30 @@ def depth_warnings(
     return [text for name in dict.fromkeys(saw) for text in coverage_warnings(name, store, split)]
 
 
-def training_mean(store: Dataset) -> float:
-    """Return the mean depth level over the known pixels of the training split's depth maps.
+def training_mean(store: Dataset, split: str = "test") -> float:
+    """Return the mean depth level over known pixels of the depth maps in `mean_scenes`.
 
     Raises
     ------
     StoreError
-        If the data set has no split ``train``, or the store no pair of it.
+        If nothing is trained on, or the store has no pair of it.
     """
-    counts = _training_levels(store)
+    counts = _training_levels(store, split)
     return int(counts @ np.arange(len(counts))) / int(counts.sum())
 
 
-def training_median(store: Dataset) -> float:
+def training_median(store: Dataset, split: str = "test") -> float:
     """Return the median depth level; otherwise as `training_mean`."""
-    counts = _training_levels(store)
+    counts = _training_levels(store, split)
     return float(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
 
 
-def _training_levels(store: Dataset) -> NDArray[np.int64]:
-    """Return the number of known pixels at each level in the training split's depth maps."""
-    splits = [split.name for split in store.manifest.splits]
-    if "train" not in splits:
-        what = "the method asks for the depth of the training split, and there is no split train"
-        fix = "--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one"
-        raise StoreError(what, where=str(store.path), fix=fix)
+def _training_levels(store: Dataset, split: str) -> NDArray[np.int64]:
+    """Return the number of known pixels at each level in the training depth maps."""
+    scenes = mean_scenes(store.manifest, split)[1]
     counts = np.zeros(256, np.int64)
     seen: set[tuple[str, tuple[int, ...]]] = set()
-    for pair in store.pairs("train"):
+    for pair in (pair for pair in store.pairs(ALL_PAIRS) if pair.scene in scenes):
         place = (pair.scene, tuple(pair.at[axis] for axis in store.manifest.depth.axes))
         if place not in seen:
             seen.add(place)

@@ -138,7 +138,7 @@ class RemoteEvaluator:
         As for `PairEvaluator`.
     learned : bytes or None
         What the method's fit learned here, from `pack`; None if it has no fit.
-    given_blur : bool
+    given_blur, split
         As for `dfdbench.evaluation.loading.load_for`.
     expected : str
         The files and versions of the process that began the run, as JSON.
@@ -150,10 +150,13 @@ class RemoteEvaluator:
     seed: int
     learned: bytes | None = field(default=None, repr=False)
     given_blur: bool = False
+    split: str = "test"
     expected: str = field(default="{}", repr=False)
 
     @classmethod
-    def of(cls, store: Dataset, method: Method, seed: int, fit: Fit | None = None) -> Self:
+    def of(
+        cls, store: Dataset, method: Method, seed: int, split: str = "test", fit: Fit | None = None
+    ) -> Self:
         """Return the evaluator for a store that is open and a method that is fitted here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
@@ -164,7 +167,7 @@ class RemoteEvaluator:
         file, colon, name = method.entry.rpartition(":")
         is_file = file.endswith((".py", ONNX))
         entry = f"{os.path.abspath(file)}{colon}{name}" if is_file else method.entry
-        return cls(str(place), entry, parameters, seed, learned, given, expected)
+        return cls(str(place), entry, parameters, seed, learned, given, split, expected)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable.
@@ -185,7 +188,7 @@ def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
     # A process keeps what it loaded, since graph cuts compile and networks read their weights.
     store = Dataset(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.given_blur)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.given_blur, remote.split)
     _require_same(json.loads(remote.expected), method)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))

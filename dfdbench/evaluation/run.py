@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError
-from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, keep_fit
+from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, keep_fit, mean_scenes
 from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record, warned
 from dfdbench.evaluation.plan import RunOptions, RunPlan, differences_from, plan_run, protocols_on
 from dfdbench.methods.method import Method
@@ -292,7 +292,8 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
     if to_do and plan.method.warm_up:
         # Once, here: otherwise every worker would compile the same code at the same time.
         PairEvaluator(plan.store, plan.method, plan.options.seed).warm_up(to_do[0])
-    remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
+    seed, split = plan.options.seed, plan.split
+    remote = RemoteEvaluator.of(plan.store, plan.method, seed, split, plan.fit)
     for start in range(0, len(to_do), _BATCH):
         pool.map(remote, to_do[start : start + _BATCH], on_outcome=journal.note)
 
@@ -380,7 +381,7 @@ def _method_record(plan: RunPlan) -> record.MethodRecord:
         source_sha256=method.source_sha256,
         parameters={name: without_folders(value) for name, value in method.parameters.items()},
         uses=list(method.uses),
-        trained_on=trained_on_of(method, plan.store.manifest),
+        trained_on=trained_on_of(method, plan.store.manifest, plan.split),
         weights_sha256=method.weights_sha256,
         files_sha256=method.files_sha256,
         fitted_on=plan.fit.fitted_on if plan.fit else None,
@@ -391,8 +392,8 @@ def _method_record(plan: RunPlan) -> record.MethodRecord:
     )
 
 
-def trained_on_of(method: Method, manifest: Manifest) -> str | None:
-    """Return a result's `trained_on`: what the method says, or the split of a training mean."""
+def trained_on_of(method: Method, manifest: Manifest, split: str) -> str | None:
+    """Return a result's `trained_on`: what the method says, or what its mean depth is of."""
     if method.trained_on is None and {"training_mean", "training_median"} & {*method.uses}:
-        return f"{manifest.stem}, split train"
+        return mean_scenes(manifest, split)[0]
     return method.trained_on

@@ -142,6 +142,8 @@ class Run:
         if not self._on_tracks:
             found, data = pd.DataFrame(run_score_table(first).records), self.result.dataset
             axes = [axis for axis in dict.fromkeys((data.blocks, data.rows)) if axis in found]
+            whole = found["evaluated"] == found["expected"]
+            found["mean"] = found["mean"].where(whole).astype(float)
             groups: pd.Series[float] = found.set_index([*axes, "metric"])["mean"]
             return pd.DataFrame(groups.unstack(sort=False))[list(metrics_of(shown))]
         means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
@@ -322,7 +324,11 @@ class Comparison:
 
     def table(self) -> pd.DataFrame:
         """Return the mean differences from the first run, with their intervals."""
-        frames = {label: pd.DataFrame(tables[0].records) for label, tables in self.tables.items()}
+        numbers = dict.fromkeys(("low", "high", "p"), float)
+        frames = {
+            label: pd.DataFrame(tables[0].records).astype(numbers)
+            for label, tables in self.tables.items()
+        }
         return pd.concat(frames, names=["run"])
 
     def figure(self, most: int = 4) -> Any:

@@ -62,7 +62,7 @@ def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
         row = next((row.result for row in others if row.name == CONSTANT), None)
         known = row.pairs if row else run.store
         if result.method.name != CONSTANT and known is not None:
-            lines |= _constant(known, pairs, protocol, own)
+            lines |= _constant(known, pairs, protocol, own, result.dataset.split)
         lines |= _best(result, own, name, title, others)
         lines |= _worst(result, protocol, pairs, title)
     return lines
@@ -127,13 +127,17 @@ def _others(result: Result, protocol: str, ids: Sequence[str]) -> Iterator[_Row]
 
 
 def _constant(
-    known: Sequence[PairResult] | Dataset, pairs: Sequence[PairResult], protocol: str, own: float
+    known: Sequence[PairResult] | Dataset,
+    pairs: Sequence[PairResult],
+    protocol: str,
+    own: float,
+    split: str,
 ) -> dict[str, Line]:
     """Return the score of the training mean on some pairs, from its row or else computed."""
     if isinstance(known, Dataset):
         try:
             # Of a stack, too, it needs only the size of two images.
-            method = load_for(known, CONSTANT, {"images": "0,1"}, 0)
+            method = load_for(known, CONSTANT, {"images": "0,1"}, split=split)
         except DfdbenchError:
             # The training scenes have no depth.
             return {}

@@ -4,6 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dfdbench
 from dfdbench.datasets.catalog import with_track
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -20,6 +21,16 @@ def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> No
     depth = tiny_store.to_xarray("One")["depth"].values
     assert training_mean(tiny_store) == pytest.approx(depth[np.isfinite(depth)].mean())
     assert load_for(tiny_store, "constant", {}).uses == ("training_mean",)
+
+
+def test_the_training_mean_is_of_no_scene_that_is_tested(tiny_store: Dataset) -> None:
+    others = [tiny_store.to_xarray(scene)["depth"].values.ravel() for scene in ("Two", "Three")]
+    mean = np.nanmean(np.concatenate(others))
+    assert training_mean(tiny_store, "One") == pytest.approx(mean)
+    done = dfdbench.run("constant", tiny_store, "One", pool=Processes(2))
+    assert done.result.method.trained_on == "tiny-1, all but One"
+    for _, depth in done.predictions:
+        assert depth == pytest.approx(mean)
 
 
 def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:
