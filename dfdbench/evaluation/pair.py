@@ -279,7 +279,7 @@ def _oddities(
     likeness = correlation(images.truth[known], depth[known])
     if likeness < AGAINST:
         odd.append(f"{_TURNED}: correlation {likeness:.2f} over the known pixels")
-    if unit == about.kind == "levels" and in_few_levels(depth):
+    if unit == "levels" and in_few_levels(about.exact_levels(depth)):
         odd.append(FEW_LEVELS)
     if about.scale and "metres" in (unit, about.kind):
         far = about.of_metres(np.array(about.scale.far)).astype(np.float32)

@@ -202,6 +202,15 @@ def test_millimetres_for_metres_are_scored_and_told(
         assert not any("multiply" in text for text in warnings)
 
 
+def test_metres_for_levels_are_told_on_a_set_in_metres_too(of_stacks: Dataset) -> None:
+    def near(*images: Any) -> Any:
+        return np.full(images[0].shape[-3:-1], 2.5)
+
+    (told,) = evaluate(near, of_stacks).result.warnings
+    assert told.startswith("all levels between 0 and 10")
+    assert "is it in metres" in told
+
+
 def test_what_knows_pairs_and_stacks_is_warmed_up_on_a_pair(of_stacks: Dataset) -> None:
     warmed = []
 
