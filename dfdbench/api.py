@@ -18,16 +18,16 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.catalog import default_store, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.fingerprint import require_sound
-from dfdbench.errors import InputError, MethodError
+from dfdbench.errors import InputError, MethodError, UnknownNameError
 from dfdbench.evaluation import evaluate, fitting, loading, plan
 from dfdbench.evaluation.run import OnPair, RunDone
 from dfdbench.methods import registry
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method
-from dfdbench.metrics.protocol import Unit, find_protocol
+from dfdbench.metrics.protocol import Unit, find_protocol, require_scored
 from dfdbench.report.objects import Comparison, Run, Transfer
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import RESULT, Result
+from dfdbench.results.record import RESULT, Result, shown_protocol
 from dfdbench.results.saved_run import SavedRun, open_saved_run
 from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.location import Place
@@ -371,6 +371,8 @@ def run_tracks(
                     method, store, split, place, parameters, options, on_pair=step
                 )
             _require_some(runs[label].result)
+            clean = runs[CLEAN].result
+            require_scored(protocol, clean.protocol_names, f"{clean.method.name}'s result")
             on_result(label, runs[label].result)
         return _run_of(runs, stores, protocol, out)
 
@@ -605,6 +607,15 @@ def _run_of(
         notes.append(f"the fit found the defocus images {change.words()}, and took that out")
     elif calibration and change.has_shadow:
         notes.append(f"the fit found the defocus images {change.words()}")
+    first = next(iter(runs.values())).result
+    try:
+        require_scored(protocol, first.protocol_names, f"{first.method.name}'s result")
+    except UnknownNameError as error:
+        if out is not None:
+            raise
+        # A temporary folder goes with an error, and the scores with it.
+        protocol = shown_protocol(first)
+        warnings.warn(f"{error}; shown under {protocol}", stacklevel=3)
     made = Run(runs, protocol, notes, calibration)
     with writing_folder(made.folder, "run"):
         write_whole(made.folder / TABLES, render(made.tables(), Format.markdown))

@@ -93,6 +93,9 @@ def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(
     words = "--method mymodule:nan --dataset demo --split Market"
     dfdbench.refused("it failed on every pair of demo-1", f"tracks {words} --track gain")
     assert not Path("results/demo-1-tracks-Market/mymodule-nan/gain-1").exists()
+    unsure = "--method mymodule:predict --dataset demo --split Market --protocol sure"
+    dfdbench.refused("neither says how sure it is", f"tracks {unsure} --track gain")
+    assert not Path("results/demo-1-tracks-Market/mymodule-predict/gain-1").exists()
     ran = dfdbench(f"run {words} --limit 1 --no-figures")
     assert ran.err.endswith("next         dfdbench check-method mymodule:nan\n")
 
