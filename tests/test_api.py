@@ -40,6 +40,8 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run, tiny_store: Data
     regions = done.regions
     assert list(regions) == ["edges", "flat", "far", "near"]
     assert regions.loc[result.pairs[0].id, "far"] == result.pairs[0].regions["far"]
+    labels = ("clean", "gain-1", "gain-2", "gain-3", "noise-1")
+    assert repr(dfdbench.Run(dict.fromkeys(labels, done._first))).endswith(", and on 2 tracks>")
 
 
 def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: Path) -> None:
@@ -51,6 +53,15 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
     assert "NRMSE by region" in done.report(tmp_path / "page").read_text()
+
+
+def test_a_run_that_says_no_sureness_is_shown_all_the_same(tiny_store: Dataset) -> None:
+    with pytest.warns(UserWarning, match="neither says how sure it is"):
+        run = dfdbench.run(grey, tiny_store, limit=1, protocol="sure", keep_predictions=False)
+    assert run.protocol == "valid"
+    assert len(run.table()) > 0
+    with pytest.raises(ResultError, match="no depth maps were kept"):
+        list(run.predictions)
 
 
 def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:

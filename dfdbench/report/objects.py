@@ -21,7 +21,7 @@ from dfdbench.results import differences, record, saved_run, summary, wording
 from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.run_tables import all_tables, run_score_table
-from dfdbench.tables.table import Table, as_html, listed
+from dfdbench.tables.table import Table, as_html, counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.methods.measured_law import Calibration
@@ -56,7 +56,8 @@ class Run:
         self.notes = tuple(notes)
 
     def __repr__(self) -> str:
-        more = f", and on {len(self._runs) - 1} tracks" if self._on_tracks else ""
+        tracks = {label.rpartition("-")[0] for label in self._runs} - {""}
+        more = f", and on {counted(len(tracks), 'track')}" if self._on_tracks else ""
         return f"{self._first!r}"[:-1] + f"{more}>"
 
     def _repr_html_(self) -> str:
@@ -174,14 +175,29 @@ class Run:
 
     @property
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
-        """The depth maps that the run kept, as (pair, depth levels of shape (y, x))."""
+        """The depth maps that the run kept, as (pair, depth of shape (y, x)).
+
+        Depth is in levels, or in metres on a set in metres.
+
+        Raises
+        ------
+        ResultError
+            If the run kept none, a later run replaced it, or the data set is missing.
+        """
+        kept = False
         for pair in self.result.pairs:
             found = self._first.images(pair)
             if found is not None:
+                kept = True
                 yield pair.id, found[1]
+        if not kept:
+            why = self._first.without or "no depth maps were kept"
+            raise ResultError(why, where=str(self._first.path.parent))
 
     def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
         """Return the images of a pair (an object or its name) and the depth predicted for it.
+
+        Depth is in levels, or in metres on a set in metres.
 
         Raises
         ------
