@@ -2,6 +2,7 @@
 
 import json
 import math
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from dfdbench.system.text import TRAININGS
 from dfdbench.tables.table import counted
 
 NOTHING = "–"
+#: The most characters of a parameter's value that a label shows in full.
+_MOST = 40
 #: Shown for depth maps made elsewhere, instead of facts that only a run knows.
 NOT_KNOWN = "not known"
 SECONDS_NOTE = (
@@ -24,7 +27,7 @@ def method_label(method: MethodRecord) -> str:
     """Return a method's name with the parameters that were set.
 
     Different names or parameters give different labels. Text that looks like a number, for example,
-    is quoted, as on the command line.
+    is quoted, as on the command line. Of a long value there is the beginning and a hash.
 
     Examples
     --------
@@ -83,12 +86,18 @@ def machine_of(result: Result) -> str:
 
 
 def parameters_of(result: Result) -> str:
-    """Return the parameters that were set, as one would type them."""
+    """Return the parameters that were set, as one would type them, long values cut."""
     return _settings(result.method) or "defaults"
 
 
 def _settings(method: MethodRecord) -> str:
-    return ", ".join(f"{plain(name)}={plain(value)}" for name, value in method.parameters.items())
+    return ", ".join(f"{plain(name)}={_brief(v)}" for name, v in method.parameters.items())
+
+
+def _brief(value: object) -> str:
+    # A blur law has thousands of characters; its hash tells it from another that begins like it.
+    text = plain(value)
+    return text if len(text) <= _MOST else f"{text[:20]}...{sha256(text.encode()).hexdigest()[:8]}"
 
 
 def plain(value: object) -> str:

@@ -1,7 +1,7 @@
 from typing import Any
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.results.wording import given_to
+from dfdbench.results.wording import given_to, method_label
 from tests.made_results import edited, make_demo_result
 
 
@@ -23,3 +23,15 @@ def test_a_row_says_what_its_method_was_told() -> None:
     ]
     for method, said in told:
         assert given_to(edited(make_demo_result(lambda pair: 0.1), method=method)) == said
+
+
+def test_a_blur_law_of_thousands_of_characters_has_a_short_label() -> None:
+    laws = ([0.1] * 1000, [0.1] * 1001, "a" * 40)
+    made = make_demo_result(lambda pair: 0.1)
+    labels = [
+        method_label(edited(made, method={"parameters": {"recipe": law}}).method) for law in laws
+    ]
+    assert [len(label) < 60 for label in labels] == [True] * 3
+    assert labels[0][:25] == labels[1][:25]
+    assert len(set(labels)) == 3
+    assert "a" * 40 in labels[2]
