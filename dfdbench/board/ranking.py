@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from statistics import fmean
@@ -39,7 +39,7 @@ class Entry:
         The method with its parameters.
     """
 
-    runs: tuple[Result, ...]
+    runs: tuple[Result, ...] = field(repr=False)
     path: Path
     label: str
 
@@ -127,6 +127,10 @@ class ScoreBoard:
     protocol: str
     standings: tuple[Standing, ...]
     scores: pd.DataFrame
+
+    def __repr__(self) -> str:
+        what = f"{self.result.dataset.heading}, {self.suite}, protocol {self.protocol}"
+        return f"<{what}: {counted(len(self.standings), 'method')}>"
 
     @property
     def result(self) -> Result:

@@ -70,6 +70,12 @@ class Table:
     def __post_init__(self) -> None:
         object.__setattr__(self, "align", self.align.ljust(len(self.columns), "r"))
 
+    def __repr__(self) -> str:
+        return f"<{self.title}: {counted(len(self.rows), 'row')}>"
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
+
     @property
     def wraps(self) -> tuple[bool, ...]:
         """Whether each column may wrap, which is so if its text has several words."""

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from dfdbench.tables.render import as_rich
-from dfdbench.tables.table import Table, least_width, without
+from dfdbench.tables.table import Table, as_html, least_width, without
 
 WORDS = st.text("abc ", max_size=12)
 
@@ -25,6 +25,12 @@ def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> No
 def test_without_a_column_all_else_stays_in_its_place() -> None:
     table = Table("t", ("a", "std", "b", "std"), (("1", "2", "3", "4"),), "lrlr", ("note",))
     assert without(table, "std") == Table("t", ("a", "b"), (("1", "3"),), "ll", ("note",))
+
+
+def test_a_notebook_shows_a_table_and_a_prompt_its_title() -> None:
+    table = Table("T", ("a", "b"), (("1", "2"), ("3", "4")), "lr", records=({"a": 1},) * 1000)
+    assert repr([table]) == "[<T: 2 rows>]"
+    assert table._repr_html_() == as_html(table)
 
 
 def test_names_are_whole_on_a_narrow_terminal() -> None:
