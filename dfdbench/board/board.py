@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import jinja2
 import pandas as pd
@@ -26,7 +26,7 @@ from dfdbench.results.wording import method_label
 from dfdbench.system.files import read_text_as, write_whole
 from dfdbench.system.strict import Record
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table, as_html, counted, listed
+from dfdbench.tables.table import Table, as_html, counted, grouped, listed
 
 README = "README.md"
 NOTE = "note.md"
@@ -101,6 +101,16 @@ class Board:
         )
 
     @functools.cached_property
+    def _alone(self) -> dict[str, Self]:
+        """The rows of each data set alone, by its name with and without its version."""
+        found = grouped(
+            (name, each)
+            for each in self.rows.items()
+            for name in (each[1].dataset, each[1].dataset.rpartition("-")[0])
+        )
+        return {name: replace(self, rows=dict(own)) for name, own in found.items()}
+
+    @functools.cached_property
     def newest(self) -> Draw | None:
         """The newest seed that any method was run on."""
         seeds = {_seed_of(row) for row in self.rows.values() if _is_clean(row, scored=False)}
@@ -138,7 +148,9 @@ class Board:
             If there is no such ranking.
         """
         found: dict[str, ScoreBoard] = {}
-        for board in self.boards:
+        # To rank all data sets takes seconds; one on a track is ranked with its clean images.
+        own = self._alone.get(dataset.partition("@")[0])
+        for board in own.boards if own else ():
             data = board.result.dataset
             if dataset in (data.name, data.short) and data.split == split and board.suite == suite:
                 found.setdefault(board.protocol, board)
@@ -167,15 +179,10 @@ class Board:
         """
         if dataset is None:
             return [ranking_table(board, self.folder) for board in self.headlines]
-        named = {row.dataset: row.dataset.rpartition("-")[0] for row in self.rows.values()}
-        if dataset not in {*named, *named.values()}:
-            raise unknown_name("data set with a ranking", dataset, sorted(named.values()))
-        own = {
-            path: row
-            for path, row in self.rows.items()
-            if dataset in (row.dataset, named[row.dataset])
-        }
-        return [ranking_table(board, self.folder) for board in replace(self, rows=own).boards]
+        if dataset not in self._alone:
+            named = {row.dataset.rpartition("-")[0] for row in self.rows.values()}
+            raise unknown_name("data set with a ranking", dataset, sorted(named))
+        return [ranking_table(board, self.folder) for board in self._alone[dataset].boards]
 
     def write(self) -> Path:
         """Write the leaderboard's README, and return its path.

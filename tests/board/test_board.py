@@ -19,6 +19,13 @@ def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> Non
     add(tmp_path, "mine", 0.1, protocols=("thesis", "valid"))
     submit(list(make_tracks("solver", 0.5, ["gain-1"], uses=["recipe"]).values()), tmp_path)
     board = leaderboard(tmp_path)
+    # One of another data set must not be ranked for it, which takes seconds of hundreds of rows.
+    only = leaderboard(tmp_path)
+    assert only.table("demo").equals(board.table("demo-1"))
+    assert "boards" not in vars(only)
+    said = "<demo-1, split test, clean, protocol valid: 1 method>"
+    assert said in map(repr, board.boards)
+    assert len(repr(board.boards[0].standings)) < 3000
     scores = board.scores
     assert len(scores) == 54 * 3 * (2 + 2)
     means = scores.groupby(["method", "track", "severity", "metric"])["value"].mean()
