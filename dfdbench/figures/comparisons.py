@@ -182,7 +182,9 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
     tracks = list(dict.fromkeys(track for means in scores.values() for track in means.index))
     rows = -(-len(tracks) // _COLUMNS)
     columns = min(_COLUMNS, len(tracks))
-    figure = Figure((_WIDTH * columns, _HEIGHT * rows + 0.5), layout="constrained")
+    # A single panel is wide enough for the title.
+    width = max(_WIDTH * columns, 5.0)
+    figure = Figure((width, _HEIGHT * rows + 0.7), layout="constrained")
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axis in axes.flat[len(tracks) :]:
         axis.set_axis_off()
@@ -200,9 +202,9 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         axis.grid(alpha=0.3)
     for axis in axes[:, 0]:
         axis.set_ylabel(find_metric(metric).heading)
-    # The height of the shared axis is only known now.
-    axes.flat[0].set_ylim(bottom=0)
-    figure.suptitle(style.plain_text(title), fontsize=11)
+    # The height of the shared axis is only known now; a line along its upper edge is hardly seen.
+    axes.flat[0].set_ylim(0, 1.05 * axes.flat[0].get_ylim()[1])
+    figure.suptitle(style.wrapped(style.plain_text(title), int(12 * width)), fontsize=10)
     if len(scores) > 1:
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)

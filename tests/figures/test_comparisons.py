@@ -89,6 +89,10 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert np.asarray(second.get_ydata()).tolist() == [0.2] * 4
     # A severity without a score is a gap, not a zero.
     assert np.isnan(np.asarray(panels[1].lines[0].get_ydata(), float)[2])
+    one = comparisons.tracks_figure({"flat": means(gain=[0.2] * 4)}, "nrmse", "on demo, " * 12)
+    assert one.axes[0].get_ylim()[1] >= 1.05 * 0.2
+    title, width = one.get_suptitle(), one.get_figwidth()
+    assert max(map(len, title.splitlines())) < 13 * width
 
 
 def test_a_transfer_is_coloured_by_the_score_over_that_of_the_own_fit() -> None:
