@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import scene_record, variable_digest
 from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
@@ -124,20 +125,26 @@ def runs(keys: Sequence[object]) -> list[tuple[int, int]]:
     return [(levels[0], levels[-1]) for key, levels in groups if key is not None]
 
 
-def range_text(first: int, last: int) -> str:
-    """Format a range of levels, as ``36-38`` or ``9``."""
-    return str(first) if first == last else f"{first}-{last}"
+def range_text(first: int, last: int, scale: DepthScale | None = None) -> str:
+    """Format a range of levels, as ``36-38`` or ``9``, or what it is in metres by a scale."""
+    ends = [str(first), str(last)]
+    if scale:
+        ends = [f"{metres:.3g}" for metres in sorted(scale.to_metres(np.array([first, last])))]
+    return "-".join(dict.fromkeys(ends))
 
 
-def as_ranges(levels: Mask) -> str:
-    """Format marked levels as ranges.
+def as_ranges(levels: Mask, scale: DepthScale | None = None) -> str:
+    """Format marked levels as ranges, or as those in metres by a scale.
 
     Examples
     --------
     >>> as_ranges(np.isin(np.arange(256), [9, 36, 37, 38]))
     '9, 36-38'
+    >>> as_ranges(np.isin(np.arange(256), [9, 36, 37, 38]), DepthScale(near=0.5, far=5.0))
+    '3.9, 2.16-2.23'
     """
-    return ", ".join(range_text(*run) for run in runs([True if mark else None for mark in levels]))
+    marked = runs([True if mark else None for mark in levels])
+    return ", ".join(range_text(*run, scale) for run in marked)
 
 
 @dataclass(frozen=True)

@@ -132,9 +132,11 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
     # Counts, the thesis's criterion, are for sets smaller than their training.
     levels = USUAL.uncovered(train.histogram.counts, counts, Criterion.density)
     if levels.any():
-        trained = f"{train.store.manifest.stem}, {train.name}"
+        trained, about = f"{train.store.manifest.stem}, {train.name}", store.manifest.depth
+        scale = about.scale if about.kind == "metres" else None
+        what, metres = ("distances", " m") if scale else ("depth levels", "")
         warnings.append(
-            f"{percent(share_of(counts, levels))} of the test's known pixels lie on depth levels "
-            f"that {trained}, leaves missing or scarce: {as_ranges(levels)}"
+            f"{percent(share_of(counts, levels))} of the test's known pixels lie on {what} "
+            f"that {trained}, leaves missing or scarce: {as_ranges(levels, scale)}{metres}"
         )
     return warnings

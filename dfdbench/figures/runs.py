@@ -188,7 +188,11 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     label = f"prediction of {style.plain_text(result.method.title)}"
     axis.step(levels, found, where="mid", color=style.RED, linewidth=1, label=label)
     title = f"depths of {result.dataset.heading}"
-    axis.set(xlabel="depth level", ylabel="known pixels (%)", xlim=(0, LAST_LEVEL), title=title)
+    axis.set(xlabel=style.DEPTH_LABELS[unit], ylabel="known pixels (%)", title=title)
+    axis.set_xlim(0, LAST_LEVEL)
+    if unit == "metres" and about.scale:
+        ticks = np.linspace(about.scale.far_level, about.scale.near_level, 9)
+        axis.set_xticks(ticks, [f"{distance:.3g}" for distance in about.scale.to_metres(ticks)])
     style.legend_below(figure, axis)
     return figure
 

@@ -2,6 +2,7 @@ import pytest
 
 from dfdbench.audit.trained_on import Training, coverage_warnings, sides_of_run, training_side
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import InputError
 
 
@@ -29,6 +30,14 @@ def test_what_is_uncovered_or_unknown_and_training_on_the_test_is_said(tiny_stor
         (warning,) = coverage_warnings(text, tiny_store, "test")
         assert told in warning
     assert coverage_warnings(None, tiny_store, "test") == []
+    # The same depths, as if they were metres.
+    about = tiny_store.manifest.depth
+    scale = DepthScale(law="linear", near=1, far=255, near_level=1, far_level=255)
+    depth = about.model_copy(update={"unit": "metres", "scale": scale})
+    tiny_store.manifest = tiny_store.manifest.model_copy(update={"depth": depth})
+    (warning,) = coverage_warnings("tiny-1, split train", tiny_store, "test")
+    assert "lie on distances that tiny-1, train, leaves" in warning
+    assert warning.endswith(" m")
 
 
 def test_a_run_is_held_against_what_is_named_else_against_the_usual(tiny_store: Dataset) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Scene
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
@@ -13,7 +14,9 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.figures import runs
 from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun
+from tests.conftest import store_of
 from tests.made_results import edited, make_result
+from tests.made_stack_folder import STACK_TOML, make_stacks
 
 GEOMETRIES = "flat-far", "oblique-near-left"
 
@@ -47,6 +50,20 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> No
     rate = 10 / (2 * 720 + 2 * 744 + 768)
     assert np.allclose(np.asarray(line.get_ydata()), [720 * rate, 744 * rate, 768 * rate])
     assert runs.pixel_time_figure(tiny_store, edited(result, pairs=pairs[:2])) is None
+
+
+def test_depths_of_a_set_in_metres_are_told_in_metres(tmp_path: Path) -> None:
+    manifest = parse_manifest(STACK_TOML.encode(), "mine-1.toml")
+    store = store_of(manifest, make_stacks(tmp_path / "mine"), tmp_path / "one.zarr")
+    method = load_for(store, "constant", {})
+    run = run_method(store, method, "test", tmp_path / "out", RunOptions(limit=1))
+    figure = runs.depth_figure(store, run.result, tmp_path / "out")
+    assert figure is not None
+    scale, (axis,) = store.manifest.depth.scale, figure.axes
+    assert scale is not None
+    assert axis.get_xlabel() == "metres"
+    ends = [label.get_text() for label in axis.get_xticklabels()]
+    assert (ends[0], ends[-1]) == (f"{scale.far:g}", f"{scale.near:g}")
 
 
 def test_dark_pairs_are_drawn_brighter_and_say_so(small_demo: Dataset, tmp_path: Path) -> None:
