@@ -9,6 +9,7 @@ from torch.utils.data import Dataset
 
 from dfdbench.datasets.captured_files import BY_IMAGE
 from dfdbench.datasets.dataset import WHOLE, Region, open_dataset
+from dfdbench.datasets.dataset import Dataset as Stored
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place
 
@@ -26,8 +27,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
 
     Parameters
     ----------
-    name : str
-        A data set's name, or the path or URL of a store.
+    name : str, Path or Dataset
+        A data set's name, the path or URL of a store, or an open data set.
     split : str
         A split, a fold, a scene, or ``"all"``.
     crop : int, optional
@@ -54,14 +55,15 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
 
     def __init__(
         self,
-        name: str,
+        name: Place | Stored,
         split: str = "train",
         crop: int | None = None,
         seed: int = 0,
         store: Place | None = None,
         cache: Path | str | None = None,
     ) -> None:
-        self._pairs = open_dataset(name, store, cache=cache).captures(split)
+        data = name if isinstance(name, Stored) else open_dataset(name, store, cache=cache)
+        self._pairs = data.captures(split)
         self._crop = crop
         self._seed = seed
         # Shared with a DataLoader's workers, which are copies made before the next epoch is set.

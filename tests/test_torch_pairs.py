@@ -10,7 +10,7 @@ from dfdbench.torch_pairs import TorchPairs  # noqa: E402
 
 def test_whole_pairs(tiny_store: Dataset) -> None:
     data = TorchPairs("tiny", "test", store=tiny_store.path)
-    assert len(data) == 7
+    assert len(data) == len(TorchPairs(tiny_store, "test")) == 7
     item = data[3]
     images = tiny_store.read(tiny_store.pairs("test")[3])
     assert torch.equal(item["infocus"].permute(1, 2, 0), torch.from_numpy(images.infocus))
