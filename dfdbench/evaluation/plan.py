@@ -84,6 +84,7 @@ class RunPlan:
     def identity(self) -> dict[str, Any]:
         """What must be the same to reuse the pairs of an earlier call."""
         return {
+            "dataset": self.store.manifest.stem,
             "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
@@ -131,6 +132,10 @@ def differences_from(
     used = before.get("used")
     if not isinstance(used, dict) or not used:
         return ["it scored other maps" if before.get("scored") else "its record is damaged"]
+    # All else that differs follows from the data set; one is also known by its manifest's hash.
+    name, was = now.pop("dataset", None), before.get("dataset")
+    if was and was != name:
+        return [f"data set was {was} and is {name}"]
     used_now = now.pop("used")
     said = [
         f"{name.removeprefix('software.')} was {_short(one)} and is {_short(other)}"

@@ -11,7 +11,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.plan import RunOptions, plan_run
+from dfdbench.evaluation.plan import RunOptions, differences_from, plan_run
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
 from dfdbench.results.record import RESULT, load_result
@@ -85,6 +85,11 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Datase
     # Each differs in what was changed, and in nothing else.
     for changed, other in others.items():
         assert " ".join(name for name in first if first[name] != other[name]) == changed
+    # All that follows from another data set is told by its name.
+    before = {**first, "dataset": "other-1", "manifest_sha256": "3" * 64, "protocols": []}
+    assert differences_from(before, first, plan.method) == ["data set was other-1 and is tiny-1"]
+    del before["dataset"]
+    assert len(differences_from(before, first, plan.method)) == 2
 
 
 def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Dataset) -> None:
