@@ -314,7 +314,7 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
         With every problem found: file, field, expected, got.
     """
     try:
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")
         raw = parse_toml(text)
     except ValueError as error:
         raise ManifestError("not a TOML file", where=file, got=str(error)) from error

@@ -104,7 +104,7 @@ def read_as(
 
 
 def read_text(path: Path) -> str:
-    """Return the contents of a UTF-8 text file, with every line end as a newline.
+    """Return a UTF-8 text file without its byte-order mark, with every line end as a newline.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def read_text(path: Path) -> str:
     UnicodeDecodeError
         If it is not UTF-8 text.
     """
-    text = read_whole(path).decode("utf-8")
+    text = read_whole(path).decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -53,6 +53,8 @@ def test_a_file_is_read_up_to_a_bound(tmp_path: Path) -> None:
     assert (files.read_whole(path, 6), files.read_text(path)) == (b"ab\r\ncd", "ab\ncd")
     with pytest.raises(OSError, match="larger than"):
         files.read_whole(path, 5)
+    path.write_text("ab", "utf-8-sig")
+    assert files.read_text(path) == "ab"
 
 
 TAKEN = StoreError("taken")

@@ -42,7 +42,7 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
     """
     is_json = where.endswith(".json")
     try:
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")  # some editors begin it with a mark
         rows = _json_rows(json.loads(text)) if is_json else _text_rows(text, columns)
     except (ValueError, csv.Error) as error:
         fix = "a text without a heading needs `columns` under [files]" * (not columns)

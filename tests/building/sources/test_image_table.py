@@ -9,7 +9,8 @@ def test_cells_are_told_apart_by_the_first_line_s_mark() -> None:
     for text in (*marked, b'# by hand\n"image", "note"\n"1","a, b"'):
         assert read_table(text, "a.csv", []) == [{"image": "1", "note": "a, b"}]
     assert read_table(b'image  "note"\n1 "a b"', "a.txt", []) == [{"image": "1", "note": "a b"}]
-    assert read_table(b"image,note\n1,a; b", "a.csv", []) == [{"image": "1", "note": "a; b"}]
+    excel = b"\xef\xbb\xbfimage,note\n1,a; b"  # with a byte-order mark
+    assert read_table(excel, "a.csv", []) == [{"image": "1", "note": "a; b"}]
     for wrong in (b'image,note\n1,"' + b"a" * 200_000, b'image\tnote\n1\t"x\n2\ty'):
         with pytest.raises(SourceError, match="no table of the images"):
             read_table(wrong, "a.csv", [])
