@@ -24,15 +24,19 @@ _ROLES = 3
 _FEW = 4
 # How many kinds of files we name that are not read.
 _NAMED = 6
+# A word beside the scene's name, which may hold a number with a fraction: f2.8.
+_WORD = r"[A-Za-z](?:[^ _\-./]|(?<=\d)\.(?=\d))*"
 # The scene's name is a whole file name, its start or its end, or a folder's name at some depth.
 _FORMS = tuple(
     rf"(?:.*/)?{form}\.[^./]+"
     for form in (
         r"(?P<scene>[^/]*)",
-        r"(?P<scene>[^/]*[^ _\-./])[ _\-.][A-Za-z][^ _\-./]*",
-        r"[A-Za-z][^ _\-./]*[ _\-.](?P<scene>[^/]+)",
+        rf"(?P<scene>[^/]*[^ _\-./])[ _\-.]{_WORD}",
+        rf"{_WORD}[ _\-.](?P<scene>[^/]+)",
     )
 )
+# One of a scene's files may have nothing but the scene's name.
+_BARE = rf"(?:.*/)?(?P<scene>[^/]+?)(?:[ _\-.]{_WORD})?\.[^./]+"
 # Of a photograph and its depth map: in folders of any depth, or with several words before a number.
 _BESIDE = (
     rf"(?P<scene>.+?)([ _\-.](?i:{DEPTH.pattern})[^/]*)?\.[^./]+",
@@ -191,7 +195,7 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
     forms = (*_folders(paths), *_FORMS, *_folders(paths, _FRAMES))
-    whole, with_depth = _best_of(paths, forms, _ROLES)
+    whole, with_depth = _best_of(paths, (*forms, _BARE), _ROLES)
     # Photographs with a depth map each are better than three files without, or than few scenes.
     single, with_one = _best_of(paths, (*forms, *_BESIDE), _ROLES - 1)
     if with_depth > 1 and _FEW * with_depth >= with_one:

@@ -31,6 +31,11 @@ def test_scenes_are_told_by_what_their_files_share() -> None:
         ["a/{scene}/depth/map.png", "a/{scene}/near.png", "a/{scene}/sharp.png"],
         ["{scene}_blurred.png", "{scene}_depth.png", "{scene}_sharp.png"],
         ["depth_{scene}.png", "f2_{scene}.png", "f8_{scene}.png"],
+        # Words may hold a number with a fraction, and one file no word at all.
+        ["{scene}_depth.png", "{scene}_f16.jpg", "{scene}_f2.8.jpg"],
+        ["{scene}_depth.pfm", "{scene}_f2.8.TIF", "{scene}_f22.TIF"],
+        ["depth_{scene}.png", "f1.8_{scene}.jpg", "f16_{scene}.jpg"],
+        ["{scene}.JPG", "{scene}_blur.JPG", "{scene}_depth.png"],
         # An image in two formats is two kinds.
         ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"],
     ):
