@@ -186,7 +186,9 @@ class FolderScenes(Whole):
             for image in taken:
                 there.pop(image.path, None)
             known = {image.path for image in taken}
-            rows = [one for one in _rows(pattern, table, there, problems) if one[0] not in known]
+            of_all = not places_in(files.metadata or "")
+            found = _rows(pattern, table, there, problems, of_all)
+            rows = [one for one in found if one[0] not in known]
         for path, row in rows:
             try:
                 taken.append(self._image(path, {**values, **row}))
@@ -194,7 +196,8 @@ class FolderScenes(Whole):
                 problems.append(
                     Problem(str(error), where=where, got=f"{'row of ' * bool(table and row)}{path}")
                 )
-        if self.captures_defocus:
+        # What was refused is not told as lacking, too.
+        if self.captures_defocus and (len(taken) > 1 or not problems):
             problems += _odd_ones(taken, where, self._manifest.pair_images or ())
         problems += _in_another_unit(taken, where, self._manifest.depth.scale)
         SourceError.raise_if(problems)
@@ -343,13 +346,17 @@ def _rows(
     table: tuple[Sequence[Row], str] | None,
     there: Mapping[str, str],
     problems: list[Problem],
+    of_all: bool,
 ) -> Iterator[tuple[str, Row]]:
-    """Yield the files of a stack with their rows; add mismatches to `problems`."""
+    """Yield the files of a stack with their rows; add mismatches to `problems`.
+
+    A table `of_all` scenes may have rows of other stacks, by their files' names.
+    """
     numbered = IMAGE in places_in(pattern)
     if table is None:
         yield from ((path, {IMAGE: number}) for path, number in there.items())
         return
-    rows, where = _with_files_as_images(table[0], there), table[1]
+    rows, where = _with_files_as_images(table[0], there, of_all), table[1]
     if numbered and IMAGE not in rows[0] and len(rows) != len(there):
         what = f"the table has {len(rows)} rows, and there are {len(there)} images"
         problems.append(Problem(what, where=where, got=listed(there, _IMAGES_NAMED)))
@@ -387,16 +394,21 @@ def _rows(
         problems.append(Problem(what, where=where))
 
 
-def _with_files_as_images(rows: Sequence[Row], there: Collection[str]) -> Sequence[Row]:
-    """Return a table's rows with a column `image`, if another holds nothing but files' names."""
+def _with_files_as_images(
+    rows: Sequence[Row], there: Collection[str], of_all: bool
+) -> Sequence[Row]:
+    """Return a stack's rows with a column `image`, if one holds nothing but files' names."""
     names = {PurePosixPath(path).name for path in there}
-    columns = [] if IMAGE in rows[0] or len(names) < len(there) else [*rows[0]]
-    told = [[row.get(column, "") for row in rows] for column in columns]
+    columns = [IMAGE] if IMAGE in rows[0] else [*rows[0]]
+    fitting = []
+    for column in columns if len(names) == len(there) else ():
+        told = [{**row, IMAGE: row.get(column, "")} for row in rows]
+        mine = [row for row in told if row[IMAGE] in names]
+        distinct = {row[IMAGE] for row in mine}
+        if len(mine) == len(distinct) and (mine == told or (of_all and distinct == names)):
+            fitting.append(mine)
     # If several columns fit, one of them may name the image before or after.
-    fitting = [files for files in told if names.issuperset(files) and len({*files}) == len(files)]
-    if len(fitting) != 1:
-        return rows
-    return [{**row, IMAGE: name} for row, name in zip(rows, fitting[0], strict=True)]
+    return fitting[0] if len(fitting) == 1 else rows
 
 
 def _numbered(folder: Path, pattern: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Any
@@ -61,6 +62,9 @@ def _text_rows(text: str, columns: Sequence[str]) -> list[dict[str, str]]:
     how: Any = {"delimiter": between, "skipinitialspace": True, "strict": True}
     # One by one: a quote that is not closed must not swallow the lines that follow.
     cells = [[cell.strip() for cell in row] for line in lines for row in csv.reader([line], **how)]
+    if between != ",":
+        # A spreadsheet that separates cells by semicolons may write 1,2 for 1.2.
+        cells = [[re.sub(r"^([+-]?\d+),(\d+)$", r"\1.\2", cell) for cell in row] for row in cells]
     heading = list(columns) or (cells.pop(0) if cells else [])
     for row in cells:
         if len(row) != len(heading):
@@ -73,6 +77,9 @@ def _json_rows(content: Any) -> list[dict[str, str]]:
         told = ((n, v if isinstance(v, dict) else {"value": v}) for n, v in content.items())
         content = [{IMAGE: name, **values} for name, values in told]
     if isinstance(content, dict):
+        # An exported stack keeps what is known of its images under `coordinates`.
+        more = content.get("coordinates")
+        content = {**content, **more} if isinstance(more, dict) else content
         lists = {name: value for name, value in content.items() if isinstance(value, list)}
         longest = max(map(len, lists.values()), default=0)
         content = [

@@ -168,6 +168,14 @@ def test_a_table_goes_with_images_by_number_name_or_order(stacks: Path) -> None:
     (stacks / "desk/focus.csv").write_text("focus_distance\n1\n2\n4\n")
     again = open_source(stack_manifest(), stacks).read("desk")
     np.testing.assert_array_equal(known.images, again.images)
+    # A table of all scenes, by the names of their files.
+    others = [f"other_{number}.png,9\nf_{number:03}.png,{FOCUS[number]}" for number in FOCUS]
+    for heading in ("image", "file"):
+        whole = "\n".join((f"{heading},focus_distance", *others))
+        (stacks / "focus.csv").write_text(whole)
+        manifest = stack_manifest(("{scene}/focus.csv", "focus.csv"))
+        again = open_source(manifest, stacks).read("desk")
+        np.testing.assert_array_equal(known.images, again.images)
 
 
 def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(stacks: Path) -> None:
@@ -239,6 +247,9 @@ def test_one_image_is_no_stack_and_none_is_told(stacks: Path) -> None:
     (stacks / "desk/f_001.png").unlink()
     manifest = stack_manifest(WITHOUT_TABLE, WITHOUT_INFOCUS)
     assert "no image fits the pattern" in problems_of(manifest, stacks)
+    # Images whose rows were refused are not lacking.
+    table(stacks, "1,far")
+    assert "fits the pattern" not in problems_of(stack_manifest(WITHOUT_INFOCUS), stacks)
 
 
 def test_a_column_that_is_not_there_and_a_pair_beyond_the_end(stacks: Path) -> None:
