@@ -260,11 +260,16 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
     left = tuple(sorted({*paths, *images} - taken))
     layouts = [one for form in _folders(left) if (one := _layout(left, form, 1, images))]
     if len(images) == 1:
-        key = ("", folder.resolve().name)
-        groups = tuple(Group(path, {key: path}) for path in left)
-        layouts.insert(0, Layout(groups, (key,), False, (), images))
+        layouts.insert(0, one_scene(folder, left, images))
     with_stacks = (layout for layout in layouts if layout.stacks)
     return max(with_stacks, key=lambda layout: len(layout.scenes), default=None)
+
+
+def one_scene(folder: Path, paths: tuple[str, ...], images: Stacks = _NO_STACK) -> Layout:
+    """Return a single scene, named after the folder, with one file of each kind."""
+    key = ("", folder.resolve().name)
+    groups = tuple(Group(path, {key: path}) for path in paths)
+    return Layout(groups, (key,), False, (), images)
 
 
 def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:

@@ -20,7 +20,7 @@ from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.tables.table import counted, listed
 
 _TEST = 4  # unless a set has splits, every fourth scene or place is for testing
-_NAMED = 6
+_NAMED, _FEWEST = 6, 2
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
 _COUNTED = re.compile(r"[-_.]?\d+$")
 _ROW = 96
@@ -101,6 +101,11 @@ def _look(folder: Path, paths: tuple[str, ...]) -> tuple[folder_layout.Layout, F
             raise SourceError.of([*error.problems, *left]) from error
     if stacks is not None:
         return stacks, look_into_stacks(folder, stacks)
+    # A single scene may lie in the folder itself.
+    if len(paths) >= _FEWEST and not any("/" in path for path in paths):
+        alone = folder_layout.one_scene(folder, paths)
+        if sum(group.is_depth for group in alone.groups) == 1:
+            return alone, look_into(folder, alone)
     what = "no scene with a photograph or two and a depth map that share a name or a folder"
     there = "; ".join(filter(None, (listed(paths, _NAMED), folder_layout.unread_files(folder))))
     if not there:
@@ -211,7 +216,8 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
     if not scenes:
         there = ", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items())
         patterns = ", ".join(group.pattern for group in facts.roles.values())
-        raise InputError("no scene has all files", where=patterns, got=there)
+        fix = f"name a scene's files alike in every scene: {folder_layout.BY_HAND}"
+        raise InputError("no scene has all files", where=patterns, got=there, fix=fix)
     facts.found.insert(0, counted(len(scenes), "scene"))
     for role, group in facts.roles.items():
         if lacking := ["/".join(filter(None, k)) for k in layout.scenes if k not in group.files]:
@@ -222,7 +228,7 @@ def _tell_layout(layout: folder_layout.Layout, facts: Facts, scenes: list[_Scene
             "whether files go together by their order: their names have nothing in common"
         )
     facts.open += _left(layout)
-    if not _are_told(scenes):
+    if len(scenes) > 1 and not _are_told(scenes):
         facts.open.append(
             "which scenes are for testing: now every fourth; scenes of one place belong together"
         )

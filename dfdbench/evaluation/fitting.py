@@ -105,6 +105,7 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
     if TRAINING not in splits:
         what = f"the method is to be fitted, and there is no split {TRAINING}"
         fix = "run a fold or a single scene, --split NAME: all other scenes train"
+        fix = fix if len(manifest.scene_names) > 1 else "a method with a fit needs more scenes"
         raise StoreError(what, where=manifest.stem, fix=fix)
     train = frozenset(manifest.scenes_of(TRAINING))
     both = [scene for scene in manifest.scenes_of(split) if scene in train]

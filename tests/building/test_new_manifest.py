@@ -14,6 +14,7 @@ from dfdbench.datasets.croissant import datasheet_of
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, SourceError, StoreError
+from dfdbench.evaluation.fitting import training_scenes
 from tests.made_folder import SCENES, built, make_folder, rearranged
 
 
@@ -96,6 +97,23 @@ def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None
     manifest = store.manifest
     assert (manifest.scenes[1].name, manifest.scenes[1].names["depth"]) == ("scene-2", "1014")
     assert any("by their order" in text for text in written.open)
+
+
+def test_one_scene_may_lie_in_the_folder_itself(tmp_path: Path) -> None:
+    written, store = built(make_folder(tmp_path / "mine") / "desk")
+    assert store.manifest.scenes_of("test") == ("desk",)
+    assert not any("for testing" in text for text in written.open)
+    with pytest.raises(StoreError, match="Fix: a method with a fit needs more scenes"):
+        training_scenes(store.manifest, "test")
+
+
+def test_names_that_differ_in_every_scene_are_told(tmp_path: Path) -> None:
+    def name(number: int, kind: str) -> str:
+        numbers = {"sharp": 2 * number + 7001, "blurred": 2 * number + 7002}
+        return f"{number}/{f'IMG_{numbers[kind]}' if kind in numbers else kind}.png"
+
+    with pytest.raises(InputError, match=r"(?s)no scene has all files.*Fix: name a scene's files"):
+        new_manifest(rearranged(tmp_path, name))
 
 
 def test_damage_and_what_is_lacking_are_told_together(tmp_path: Path) -> None:
