@@ -127,9 +127,7 @@ def look_into(folder: Path, layout: Layout) -> Facts:
 
 def _kinds_of(folder: Path, layout: Layout) -> tuple[list[Group], list[Group]]:
     """Return the kinds of depth maps and of photographs."""
-    depths = [group for group in layout.groups if _is_depth(folder, group)]
-    # Photographs may be grey with 16 bits, too; a name says more.
-    depths = [group for group in depths if group.is_depth] or depths
+    depths = _depths_of(folder, layout.groups)
     others = [group for group in layout.groups if group not in depths]
     images = [g for g in others if not g.pattern.lower().endswith(image_files.ARRAYS)]
     photographs = [group for group in images if not _is_other(folder, group)] or images
@@ -158,9 +156,11 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     stack, *more = layout.stacks
     others = [group for group in layout.groups if group not in layout.stacks]
     # Scenes that lack the depth map that most have are left out, and named.
-    depths = [g for g in others if g.is_depth and 2 * len(g.files) > len(layout.scenes)]
-    sharp = [g for g in others if not g.is_depth and len(g.files) == len(layout.scenes)]
-    named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
+    named = [g for g in others if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
+    told = _depths_of(folder, [g for g in others if g.is_depth or g not in named])
+    depths = [g for g in told if 2 * len(g.files) > len(layout.scenes)]
+    sharp = [g for g in others if g not in told and len(g.files) == len(layout.scenes)]
+    named = [g for g in sharp if g in named]
     likely = (named or (sharp if len(sharp) == 1 else []))[:1]
     facts = Facts(folder, dict(zip(("infocus",), likely, strict=False)) | {"images": stack})
     keys = _spread(layout.scenes, _STACKS)
@@ -188,7 +188,9 @@ def look_into_stacks(folder: Path, layout: Layout) -> Facts:
     if left:
         kinds, names = counted(len(left), "kind"), listed(left, _STACKS_NAMED)
         facts.open.append(f"{kinds} of files belong to no stack: {names}")
-    _tell_matching(Matching(), facts)
+    # Not measured: in a small image, the blur of the last passes for a movement.
+    what = "whether the images of a stack are in register and equally bright: align, match_gain"
+    _tell_matching(Matching(open=(what,)), facts)
     return facts
 
 
@@ -253,6 +255,12 @@ def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
     path = folder / group.files[key]
     content = path.read_bytes()
     return content, image_files.decode_depth(content, str(path))
+
+
+def _depths_of(folder: Path, groups: Sequence[Group]) -> list[Group]:
+    depths = [group for group in groups if _is_depth(folder, group)]
+    # Photographs may be grey with 16 bits, too; a name says more.
+    return [group for group in depths if group.is_depth] or depths
 
 
 def _is_depth(folder: Path, group: Group) -> bool:
@@ -455,8 +463,11 @@ def _tell_matching(matching: Matching, facts: Facts) -> None:
 def _tell_table(layout: Layout, stack: Group, images: tuple[str, ...], facts: Facts) -> None:
     """Add the table with a row per image, in the scenes' folders or above them."""
     tables = list(folder_layout.tables_below(facts.folder))
+    names = {PurePosixPath(path).name for path in images}
     for table in tables:
-        if len(table.rows) == len(images) and table.is_above(images[0]):
+        # A table of all scenes has rows of other stacks, too.
+        own = [row for row in table.rows if names.intersection(row.values())] or table.rows
+        if len(own) == len(images) and table.is_above(images[0]):
             # Down to the table's own folder, the pattern has the same folders as the stack's.
             folders = PurePosixPath(stack.pattern).parts[: len(table.path.parts) - 1]
             pattern = str(PurePosixPath(*folders, table.path.name))
@@ -506,9 +517,9 @@ def _tell_columns(table: Table, stack: Group, facts: Facts) -> None:
     dioptres = [name for name in numeric if _DIOPTRES.search(name.lower())]
     told = dioptres or told or (others[-1:] if table.columns else [])
     if not told:
-        facts.open.append(
-            "which column tells the focus: focus_distance and its unit, or focus_depth"
-        )
+        words = listed((name for name in rows[0] if name not in table.numeric), _NAMED)
+        what = "which column tells the focus: focus_distance and its unit, or focus_depth"
+        facts.open.append(what + f"; not a number in every row: {words}" * bool(words))
         return
     name = told[0]
     positive = dioptres or (

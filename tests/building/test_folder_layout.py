@@ -100,6 +100,8 @@ def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Pat
     (made / "depth.npy").unlink()
     written, store = built(made)
     assert store.manifest.scene_names == ("desk",)
+    assert not any("for testing" in text for text in written.open)
+    assert any(text.endswith("equally bright: align, match_gain") for text in written.open)
     assert any("neither metres nor levels: -2 to 2.5" in text for text in written.found)
     capture = store.captures("test")[0]
     assert len(np.unique(capture.truth)) == 72
@@ -149,14 +151,25 @@ def test_what_may_not_be_a_stack_or_is_not_read_is_told(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     for scene in SCENES:
         table = folder / scene / "focus.csv"
-        table.write_text("image;lens_dioptres\n1;1\n2;0.5\n3;0\n")
+        table.write_text("image;focus\n1;1 m\n2;2 m\n3;4 m\n")
+    (asked,) = (text for text in new_manifest(folder).open if text.startswith("which column"))
+    assert asked.endswith("; not a number in every row: focus")
+    for scene in SCENES:
+        table = folder / scene / "focus.csv"
+        table.write_text("image;lens_dioptres\n1;1\n2;0,5\n3;0\n")
     _, store = built(folder)
     stack = store.captures()[0].stack
     np.testing.assert_array_equal(stack.focus_distance, [np.nan, np.inf, 2, 1])
     assert np.nanmax(dfd.load_method("shape-from-focus")(stack[1:])) <= 255
     for number, scene in enumerate(SCENES):
         write_image(folder / scene / "f_004.png", photograph(10 + number))
-        (folder / scene / "depth.npy").rename(folder / scene / "depth.exr")
+        depth = np.nan_to_num(1000 * np.load(folder / scene / "depth.npy")).astype(np.uint16)
+        write_image(folder / scene / "Tiefe.png", depth)
+        (folder / scene / "depth.npy").unlink()
+    # Grey with 16 bits, it is a depth map whatever its name.
+    assert 'depth = "{scene}/Tiefe.png"' in new_manifest(folder).toml
+    for scene in SCENES:
+        (folder / scene / "Tiefe.png").rename(folder / scene / "depth.exr")
     told = new_manifest(folder).open
     assert f"whether photographs are a stack: they look unlike in {', '.join(SCENES)}" in told
     assert any(text.startswith("depth: none was found; not read: 4 .csv, 4 .exr") for text in told)
@@ -174,6 +187,16 @@ def test_stacks_without_the_depth_that_most_have_are_named_or_counted(tmp_path: 
     assert f"no tables with a row per image: {third}/focus.csv" in new_manifest(folder).open
     for scene in others:
         (folder / scene / "depth.npy").unlink()
+    rows = ["image,focus_distance"]
+    for path in folder.rglob("focus.csv"):
+        path.unlink()
+    for seed, scene in enumerate(SCENES):
+        for number in FOCUS:
+            name = f"{seed}{number}.png"
+            (folder / scene / f"f_{number:03}.png").rename(folder / scene / name)
+            rows.append(f"{name},{number}")
+    (folder / "focus.csv").write_text("\n".join(rows))
+    assert 'metadata = "focus.csv"' in new_manifest(folder).toml
     (told,) = (text for text in new_manifest(folder).open if text.startswith("depth"))
     assert told == "depth: in 1 of 4 scenes, so that nothing can be scored"
 
