@@ -246,13 +246,14 @@ DRAWN = 7
 #: The bound is an NRMSE under this protocol.
 PROTOCOL, METRIC = "valid", "nrmse"
 _NOTES = (
-    "W x W: the least NRMSE (protocol `valid`) of any method that judges a pixel by the W x W "
-    "pixels around it; below, that bound as a part of a run's; all of them root mean squares over "
-    "captures, a little more than the means that boards show",
+    "W x W: the least NRMSE (protocol `valid`) of any method that {given}judges a pixel by the "
+    "W x W pixels around it; below, that bound as a part of a run's; all of them root mean "
+    "squares over captures, a little more than the means that boards show",
     "assumed: normal noise, independent from pixel to pixel, and blur as fitted on training; the "
     "shape of the depth in the window known, but not how far it is; how the test's depths are "
     "spread known, too",
-    "above 1: the run looks farther than the window, or rounding tells more than such noise would",
+    "above 1: the run {sees}looks farther than the window, or rounding tells more than such "
+    "noise would",
 )
 
 
@@ -393,7 +394,10 @@ def bound_table(
     left_out = (f"without a score of every capture, so left out: {', '.join(lacking)}",)
     columns = ("", "NRMSE ↓", *(f"{window} x {window}" for window in WINDOWS))
     title = f"the least error that blur allows in {manifest.label}, {split}"
-    notes = _NOTES + left_out if lacking else _NOTES
+    given = f"is given the two images pair_images = {manifest.pair_images} alone and "
+    words = {"given": given, "sees": "is given more images, "} if manifest.pair_images else {}
+    notes = tuple(note.format_map({"given": "", "sees": ""} | words) for note in _NOTES)
+    notes = notes + left_out if lacking else notes
     return Table(title, columns, tuple(rows), "l", notes)
 
 

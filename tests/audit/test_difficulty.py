@@ -270,6 +270,12 @@ def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores(
         ("twice", f"{2 * one:.4f}", "0.50"),
     ]
     assert table.notes[-1].endswith("left out: thesis, stopped")
+    assert "of any method that judges a pixel" in table.notes[0]
+    # Of a stack, the bound sees two images, and a run may see more.
+    stacks = manifest.model_copy(update={"pair_images": [0, 2]})
+    notes = bound_table(stacks, "test", found, runs).notes
+    assert "is given the two images pair_images = [0, 2] alone and judges" in notes[0]
+    assert notes[2].startswith("above 1: the run is given more images, looks farther")
 
 
 @pytest.mark.slow
