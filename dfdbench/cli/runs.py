@@ -187,7 +187,8 @@ def tune(
     param: options.Params = None,
     protocol: options.Protocol = None,
     limit: Annotated[
-        int | None, Option(min=1, help="Score at most so many captures, evenly among all.")
+        int | None,
+        Option(min=1, help="Score at most so many captures, drawn at random with the seed."),
     ] = None,
     format: options.Printed = Format.table,
     seed: options.Seed = 0,

@@ -106,6 +106,7 @@ def test_parameters_are_tried_on_training_captures(dfdbench: Command, few_demo: 
     tuned = dfdbench.fine(f"{words} {given}")
     assert "training captures" in tuned.out
     assert "window" in tuned.out
+    assert "drawn at random with the seed" in " ".join(dfdbench("tune --help").out.split())
     last = tuned.err.splitlines()[-1]
     found = re.search(r"--method s-transform --param recipe=null --param window=([79])$", last)
     assert found, last
