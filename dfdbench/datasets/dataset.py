@@ -18,7 +18,7 @@ from dfdbench import errors
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
-from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, part_name, place_of
+from dfdbench.datasets.catalog import default_store, find_manifest, manifest_in, place_of
 from dfdbench.datasets.fingerprint import WholeArrays, check_attributes, open_scene, verify_store
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
@@ -460,7 +460,8 @@ def open_dataset(
         raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
     found = Dataset(default)
     if found.manifest.substance != manifest.substance:
-        what = f"{part_name(name)[0]} was edited after the set was built"
+        what = f"the built set {manifest.short} was made from another manifest: edited, or another "
+        what += "set of that name"
         raise errors.StoreError(what, where=str(default), fix=f"dfdbench build {name}{more}")
     return found
 
