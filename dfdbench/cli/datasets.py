@@ -244,7 +244,7 @@ def _show_store(store: Dataset, format: str) -> None:
         if recipe["name"]
         else f"  recipe       {_without_recipe(store.manifest)}",
         f"  degradation  {_degradation_text(store.manifest)}",
-        f"  depth        {_depth_text(store.manifest)}",
+        f"  depth        {store.manifest.depth.text}",
         f"  options      {options or 'none'}",
         f"  built by     dfdbench {attributes['dfdbench_version']}",
         f"  pairs        {len(store.pairs('all'))} of {store.manifest.pair_count}, "
@@ -293,10 +293,6 @@ def _degradation_text(manifest: Manifest) -> str:
     return f"{found.label}, version {found.track.version}: {found.text}"
 
 
-def _depth_text(manifest: Manifest) -> str:
-    return f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"
-
-
 def _option(name: str, value: Any) -> str:
     if isinstance(value, dict):
         value = ", ".join(f"{key} {inner}" for key, inner in value.items())
@@ -311,7 +307,7 @@ def _show_manifest(manifest: Manifest, format: str, cache: Path | None) -> None:
         f"  pairs      {manifest.pair_count}",
         f"  recipe     {(not manifest.on_track and manifest.recipe) or _without_recipe(manifest)}",
         f"  images     {_degradation_text(manifest)}",
-        f"  depth      {_depth_text(manifest)}",
+        f"  depth      {manifest.depth.text}",
     ]
     lines += [
         f"  axis       {axis}: {', '.join(map(str, values))}"

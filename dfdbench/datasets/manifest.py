@@ -186,6 +186,11 @@ class Depth(StrictRecord):
         """Which way the levels go, in words."""
         return "nearer" if self.grows_with == "nearness" else "farther"
 
+    @property
+    def text(self) -> str:
+        """The unit, and of levels which way they go, in words."""
+        return self.unit if self.kind == "metres" else f"brighter is {self.direction}; {self.unit}"
+
 
 class TableLayout(StrictRecord):
     """How a score table is laid out: a block for each value of `blocks`, a row for `rows`."""

@@ -83,7 +83,7 @@ def _page(manifest: Manifest, board: Board) -> str:
         "images": _images(manifest),
         "scenes, pairs": f"{manifest.scene_count}, {manifest.pair_count}",
         "splits": escape_markdown(splits) or "none; folds and single scenes",
-        "depth": escape_markdown(f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"),
+        "depth": escape_markdown(manifest.depth.text),
         "source": sources,
         "licence (license)": escape_markdown(_licence(manifest)),
         "cite": escape_markdown("; ".join(cited)),

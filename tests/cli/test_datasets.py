@@ -75,6 +75,8 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     shown = dfdbench("info middlebury").out
     for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
         assert part in shown
+    assert "brighter is nearer; " in shown
+    assert "  depth      metres\n" in dfdbench("info zedd").out
     lines = dfdbench("info middlebury --pairs test").out.splitlines()
     assert (len(lines), lines[0]) == (54, "Art/view1/illumination1/exposure0")
 
