@@ -356,7 +356,7 @@ def part_of(shape: tuple[int, ...], number: int, side: int) -> tuple[slice, slic
 def not_fitted(method: str) -> MethodError:
     """Return the error for a method that was neither given the blur nor fitted."""
     what = "the method knows no blur yet"
-    fix = "give recipe=NAME, or call fit(captures) first"
+    fix = "give recipe=NAME, or call fit(captures) of what dfdbench.load_method returns"
     return MethodError(what, where=method, fix=fix)
 
 

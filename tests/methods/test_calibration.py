@@ -130,7 +130,7 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     law = BlurLaw(tuple(FOCUSED.tolist()), exponent=8.0)
     method = load_method(name, {"recipe": None}, {})
     assert isinstance(method.predict, Calibrated)
-    with pytest.raises(MethodError, match=r"knows no blur yet.*\n.*or call fit\(captures\) first"):
+    with pytest.raises(MethodError, match=r"knows no blur yet.*\n.*or call fit\(captures\)"):
         method.predict(*scene(9)[:1] * 2)
     assert method.learner is not None
     method.predict.restore(dict(found_of(law).as_learned()))

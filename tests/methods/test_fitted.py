@@ -117,7 +117,7 @@ def test_what_is_learned_is_all_that_is_needed_and_the_same_each_time(name: str)
 @pytest.mark.parametrize("name", NAMES)
 def test_without_a_fit_or_fitted_to_nothing_it_says_what_to_do(name: str) -> None:
     pair, method = slope(1, 40, 60), load_method(name, {}, {})
-    with pytest.raises(MethodError, match="restore"):
+    with pytest.raises(MethodError, match=r"call fit\(captures\)"):
         method.predict(pair.infocus, pair.defocus)
     with pytest.raises(MethodError, match=r"not what this method learns|does not take back"):
         restore(method, {"other": np.ones(3)})
