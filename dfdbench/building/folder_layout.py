@@ -18,8 +18,7 @@ DEPTH = re.compile(
 )
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # The guess is wrong if there are more kinds of depth than this or, without depth, kinds of files.
-_MOST_GROUPS = 10
-_ROLES = 3
+_MOST_GROUPS, _ROLES = 10, 3
 # Scenes with two photographs are few if there are more than so many times as many with one.
 _FEW = 4
 # How many kinds of files we name that are not read.
@@ -35,6 +34,8 @@ _FORMS = tuple(
         rf"{_WORD}[ _\-.](?P<scene>[^/]+)",
     )
 )
+# A number in a file's name, in one piece unless it is an f-number.
+_NUMBER = re.compile(r"(?P<number>(?<![fF])(?<![fF][ _-])\d+\.\d+|\d+)")
 # One of a scene's files may have nothing but the scene's name.
 _BARE = rf"(?:.*/)?(?P<scene>[^/]+?)(?:[ _\-.]{_WORD})?\.[^./]+"
 # Of a photograph and its depth map: in folders of any depth, or with several words before a number.
@@ -51,7 +52,6 @@ _FRAMES = (
     r"(?:[^/]+/){%d}(?P<place>[^/{}]+)/(?:.*/)?[^/\d]*(?P<scene>\d+)[^/\d]*\.[^./]+",
     r"(?:[^/]+/){%d}(?P<place>[^/{}]+)/[^/{}]+/(?P<scene>[^/]+)\.[^./]+",
 )
-
 # How many photographs that differ only by a number, or by rows of a table, make a stack.
 _FEWEST = 3
 #: What to do where files do not tell how they belong together.
@@ -273,7 +273,7 @@ def one_scene(folder: Path, paths: tuple[str, ...], images: Stacks = _NO_STACK) 
 
 
 def _templates(place: PurePosixPath) -> Iterator[tuple[str, float]]:
-    for match in distances_in(place) or re.finditer(r"(?P<number>\d+)", place.stem):
+    for match in distances_in(place) or _NUMBER.finditer(place.stem):
         start, end = match.span("number")
         stem = f"{place.stem[:start]}{{{IMAGE}}}{place.stem[end:]}"
         yield str(place.with_name(stem + place.suffix)), number_in(match["number"]) or 0

@@ -90,7 +90,8 @@ def given_by_lens(
 
 def is_lens(fields: Mapping[str, Any]) -> bool:
     """Return whether fields describe a lens, rather than a blur recipe or law."""
-    return bool(fields.keys() & {*_LENS})
+    widths = fields.keys() & {"sigma_min", "sigma_step", SIGMAS}
+    return not widths and bool(fields.keys() & {*_LENS, _SCALE, *_OF_LAW})
 
 
 def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:

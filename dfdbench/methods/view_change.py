@@ -209,7 +209,7 @@ def find_change(captures: Sequence[Images]) -> ViewChange:
     """
     if len(captures) < _FEW_CAPTURES:
         return ViewChange()
-    light = _falloff(captures)
+    light = find_falloff(captures)
     found = np.array([_similarity(pair, light) for pair in captures])
     typical = np.median(found, axis=0)
     spread = np.median(np.abs(found - typical), axis=0)
@@ -236,7 +236,8 @@ def _square_radius(shape: Sequence[int]) -> Array:
     return np.asarray((down**2 + right**2) / max(float(down[0, 0] ** 2 + right[0, 0] ** 2), 1.0))
 
 
-def _falloff(captures: Sequence[Images]) -> ViewChange:
+def find_falloff(captures: Sequence[Images]) -> ViewChange:
+    """Measure the light alone; of a single capture, a shadow may pass for a fall-off."""
     ratios, weights = [], []
     for pair in captures:
         known = np.ones(pair.infocus.shape, bool)

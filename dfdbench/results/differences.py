@@ -254,6 +254,8 @@ def difference_table(
     compared = changes(first, second, protocol, ranked_by(protocol)[0])
     count = len({dataset.group_of(change.first.scene) for change in compared})
     notes = [verdict_note(count)] * (count > 1)
+    aims = [about for about in metrics_of(protocol).values() if about.best is not None]
+    notes += [f"{one.title}: how much farther from {one.best:g} B is than A" for one in aims]
     if len(compared) < dataset.expected:
         notes.append(f"{len(compared)} of {dataset.expected} pairs were scored in both runs")
     hashes = [(a.prediction_sha256, b.prediction_sha256) for a, b in _in_both(first, second)]

@@ -209,4 +209,6 @@ def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) ->
     assert find_stacks(folder, ("a/f_1.4.png", "a/f_2.8.png", "a/f_5.6.png", "a/depth.npy")) is None
     found = find_stacks(folder, ("f_1.4_fd_0.5.png", "f_1.4_fd_1.0.png", "f_1.4_fd_2.0.png"))
     assert list(found.images if found else ()) == ["f_1.4_fd_{image}.png"]
+    found = find_stacks(folder, tuple(f"s/im_{number}.png" for number in ("0.80", "1.80", "1.93")))
+    assert list(found.images if found else ()) == ["s/im_{image}.png"]
     assert "defocus" in new_manifest(folder).toml

@@ -102,6 +102,18 @@ def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven:
     assert len(tomllib.loads(fragment)["folds"]) == 3
 
 
+def test_a_published_test_that_parts_what_looks_alike_is_not_proposed(
+    dfdbench: Command, uneven: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    groups = [("One", "Two"), ("Three",)]
+    monkeypatch.setattr("dfdbench.audit.splits.scenes_alike", lambda *given: groups)
+    outcome = dfdbench.fine("audit split", uneven, "--test-scenes", "2")
+    assert "the published test parts Two from scenes that look alike" in outcome.out
+    fragment = Path("results/uneven-splits/test-2/split.toml").read_text()
+    manifest = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
+    assert manifest.scenes_of("test-covered") == ("One", "Two")
+
+
 def test_what_training_lacks_is_named_and_ends_with_1(dfdbench: Command, uneven: str) -> None:
     outcome = dfdbench("audit coverage", uneven, "--criterion", "thesis")
     assert outcome.status == 1

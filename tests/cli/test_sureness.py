@@ -55,6 +55,8 @@ def test_a_sigma_is_scored_kept_and_drawn(dfdbench: Command, tiny_store: Dataset
     dfdbench.fine("score --predictions maps --out scored --dataset", store)
     for one, other in zip(result.pairs, load_result("scored").pairs, strict=True):
         assert (one.scores, one.prediction_sha256) == (other.scores, other.prediction_sha256)
+    compared = dfdbench.fine("compare run scored --protocol sure").out.replace("\n", " ")
+    assert "how much farther from 0.9 B is than A" in compared
 
 
 @pytest.mark.slow

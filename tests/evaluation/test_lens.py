@@ -72,6 +72,9 @@ def test_a_manifests_rig_is_told_a_file_fills_up(tiny_manifest: Manifest, tmp_pa
     # Whole, so that it can be run again without the file.
     assert recorded["recipe"] == LENS
     assert given_by_lens(part, recorded) == (taken, recorded)
+    # A file may say nothing of the lens itself.
+    taken, _ = given_by_lens(whole, {"recipe": {"linear": True, "exponent": 32.0}})
+    assert taken == {"recipe": lens_law({**LENS, "linear": True, "exponent": 32.0})}
     with pytest.raises(MethodError, match="no focal_length, pixel_pitch"):
         given_by_lens(part, {"recipe": "rig"})
     with pytest.raises(MethodError, match="no defocus_f_number, focal_length"):

@@ -119,6 +119,27 @@ def test_a_change_of_view_is_undone_once(pair: tuple[Image, Image, Image], tmp_p
     assert np.array_equal(found.depth, alone.depth)
 
 
+def test_a_fall_off_that_the_law_knows_hides_no_move_and_no_gain(
+    pair: tuple[Image, Image, Image],
+) -> None:
+    sharp, blurred, depth = pair
+    falloff = ((1.0, 0.5),) * 3
+    law = BlurLaw(tuple(RECIPES["published"].sigmas[::-1].tolist()), falloff=falloff)
+    fallen = ViewChange(falloff=falloff).light_at(blurred.shape)
+    moved = np.roll(blurred, (3, -4), axis=(0, 1)).astype(float)
+    dark = np.rint(encode(decode(moved) * 0.8 * fallen)).astype(np.uint8)
+    found = DepthPredictor("local", law)(sharp, dark)
+    assert "moved by up to" in found.found
+    assert "differ in brightness" in found.found
+    plain = DepthPredictor("local", "published")(sharp, dark)
+    still = np.rint(encode(decode(blurred.astype(float)) * fallen)).astype(np.uint8)
+    said = DepthPredictor("local", "published")(sharp, still).found
+    assert "darker at the corners than in the middle; falloff in a lens" in said
+    inner = np.s_[20:-20, 20:-20]
+    errors = [np.abs(one.depth - depth)[inner].mean() for one in (found, plain)]
+    assert errors[0] < 0.5 * errors[1]
+
+
 def light(infocus: Image, defocus: Image) -> NDArray[np.float32]:
     return np.asarray(defocus.mean(axis=2), np.float32)
 

@@ -18,7 +18,7 @@ from dfdbench.datasets.captures import eight_bits
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.errors import InputError, Problem, SourceError
-from dfdbench.methods.view_change import ViewChange
+from dfdbench.methods.view_change import Images, ViewChange, find_falloff
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.optics.sharpness import laplacian_energy
 
@@ -37,6 +37,8 @@ _UNITS = {
 _NEARBY = 1.5
 # A law's gain may differ from 1 by so much by chance.
 _UNGAINED = 0.01
+# One pair does not tell a fainter fall-off at the corners from its scene.
+_FAINT = 0.05
 _BY_HAND = "align and match them yourself, and say --no-align"
 # A stack has so many images or more; sharpness is averaged over a square of so many pixels.
 _FEWEST, _NEAR = 3, 31
@@ -249,7 +251,7 @@ def _laid_on_the_first(
 
 
 def matched(
-    infocus: Image, defocus: Image, files: CapturedFiles
+    infocus: Image, defocus: Image, files: CapturedFiles, level: Image | None = None
 ) -> tuple[Image, Image, Mask, dict[str, float]]:
     """Align two photographs, shape (y, x, 3), with each other and match their brightness.
 
@@ -259,6 +261,9 @@ def matched(
         The photographs.
     files : CapturedFiles
         Its `align`, `match_gain`, `moved` and `flat_field`.
+    level : ndarray of uint8 or uint16, optional
+        The defocus image without a fall-off of light that is left in it: place and gain are
+        measured by it.
 
     Returns
     -------
@@ -276,20 +281,21 @@ def matched(
     images = {"infocus": infocus, "defocus": defocus}
     if files.flat_field:
         white = np.iinfo(defocus.dtype).max / 255
-        level = ViewChange(falloff=tuple(map(tuple, files.flat_field))).undone(defocus / white)
-        images["defocus"] = _rounded(level * white, defocus.dtype)
+        flat = ViewChange(falloff=tuple(map(tuple, files.flat_field))).undone(defocus / white)
+        images["defocus"] = _rounded(flat * white, defocus.dtype)
+    seen = {**images, "defocus": images["defocus"] if level is None else level}
+    whites = {role: np.iinfo(image.dtype).max for role, image in seen.items()}
     covered = np.ones(infocus.shape[:2], bool)
     found: dict[str, float] = {}
     if files.align != "none":
-        fixed, moved = infocus if files.moved == "defocus" else defocus, images[files.moved]
+        fixed, moved = infocus if files.moved == "defocus" else defocus, seen[files.moved]
         at = find_placement(eight_bits(fixed), eight_bits(moved), files.align).rounded()
-        images[files.moved], covered = place(moved.astype(np.float64), at)
+        images[files.moved], covered = place(images[files.moved].astype(np.float64), at)
+        alike = level is None or files.moved == "infocus"
+        seen[files.moved] = images[files.moved] if alike else place(moved.astype(np.float64), at)[0]
         found |= asdict(at)
     if files.match_gain:
-        sharp, blurred = (
-            images[role] * np.float64(255 / np.iinfo(each.dtype).max)
-            for role, each in (("infocus", infocus), ("defocus", defocus))
-        )
+        sharp, blurred = (image * np.float64(255 / whites[role]) for role, image in seen.items())
         found["gain"] = find_gain(sharp, blurred, covered)
         images["defocus"] = images["defocus"] * found["gain"]
     sharp, blurred = (
@@ -320,21 +326,27 @@ def matched_as_learned(
         If they cannot be aligned, or the brightness differs too much.
     """
     changes = [change for law in laws if (change := ViewChange.of(law)).changes]
-    found = list[str]()
+    found, level = list[str](), None
     if files is None:
-        needed = matching_of([("the photographs", eight_bits(infocus), eight_bits(defocus))])
-        if not needed.measured and not changes:
-            raise InputError("the photographs cannot be aligned", fix=_BY_HAND)
+        seen, moving = eight_bits(defocus), any(any(change.similarity) for change in changes)
         # The method removes what the law says; removing it twice would be worse than not at all.
-        align = "none" if any(any(change.similarity) for change in changes) else needed.align
-        gained = changes or any(abs(law.gain - 1) > _UNGAINED for law in laws)
+        for change in changes:
+            level = seen = _rounded(ViewChange(falloff=change.falloff).undone(seen), seen.dtype)
+        needed = matching_of([("the photographs", eight_bits(infocus), seen)])
+        if not needed.measured and not moving:
+            raise InputError("the photographs cannot be aligned", fix=_BY_HAND)
+        align = "none" if moving else needed.align
+        gained = any(abs(law.gain - 1) > _UNGAINED for law in laws)
         files = CapturedFiles(align=align, match_gain=needed.match_gain and not gained)
         moves = needed.align != "none"
         found += needed.found[: moves and align != "none"]
         found += needed.found[moves:] if files.match_gain else ()
+        light = find_falloff([Images.small(eight_bits(infocus), seen)])
+        if not changes and any(abs(1 - curve[-1]) > _FAINT for curve in light.falloff):
+            found.append(f"the defocus image seems {light.words()}; falloff in a lens undoes that")
     how = files.model_copy(update={"moved": "defocus"})
     try:
-        infocus, defocus, _, did = matched(infocus, defocus, how)
+        infocus, defocus, _, did = matched(infocus, defocus, how, level)
     except InputError as error:
         raise InputError.of(replace(each, fix=_BY_HAND) for each in error.problems) from None
     if not found and (did or files.flat_field):

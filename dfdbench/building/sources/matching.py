@@ -283,21 +283,21 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
         Each scene's name, its in-focus and its defocus image, shape (y, x, 3).
     """
     moves: dict[str, tuple[Placement, tuple[int, ...]]] = {}
-    gains, unlike, problems, tried, seen = [0.0], 0, [], 0, []
-    for name, sharp, blurred in pairs:
-        tried += 1
-        if sharp.shape != blurred.shape:
-            problems.append(f"photographs of {name} differ in size")
-            continue
-        seen.append(Images.small(sharp, blurred))
+    gains, unlike, tried = [0.0], 0, list(pairs)
+    alike = [pair for pair in tried if pair[1].shape == pair[2].shape]
+    problems = [f"photographs of {pair[0]} differ in size" for pair in tried if pair not in alike]
+    seen = [Images.small(sharp, blurred) for _, sharp, blurred in alike]
+    light = replace(find_change(seen), similarity=ViewChange.similarity)
+    for name, sharp, blurred in alike:
+        level = np.clip(np.rint(light.undone(blurred)), 0, 255)
         try:
-            moves[name] = find_placement(sharp, blurred), sharp.shape
+            moves[name] = find_placement(sharp, level.astype(np.uint8)), sharp.shape
             everywhere = np.ones(sharp.shape[:2], bool)
-            gains.append(find_gain(sharp.astype(float), blurred.astype(float), everywhere) - 1)
+            gains.append(find_gain(sharp.astype(float), level.astype(float), everywhere) - 1)
         except InputError:
             unlike += 1
     if unlike:
-        problems.append(f"{unlike} of {tried} pairs tried cannot be aligned")
+        problems.append(f"{unlike} of {len(tried)} pairs tried cannot be aligned")
     gain = max(map(abs, gains))
     align, moved = _proposed([*moves.values()])
     if align == "none":
@@ -310,7 +310,6 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
             f"whether {count} of {len(far)} pairs moved, as the others did not: {name} by "
             f"{far[name]:.1f} pixels?"
         )
-    light = replace(find_change(seen), similarity=ViewChange.similarity)
     found = moved
     if gain > _UNGAINED:
         found.append(f"photographs differ in brightness by up to {100 * gain:.1f} %")

@@ -1,8 +1,10 @@
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from dfdbench.blur.light import decode, encode
@@ -109,19 +111,25 @@ def test_one_pair_that_seems_moved_is_asked_about_and_moves_no_other() -> None:
     assert matching_of(both).align == "none"
 
 
+def darker(image: NDArray[Any], by: float) -> NDArray[np.uint8]:
+    middle = (np.array(image.shape[:2]) - 1) / 2
+    y, x = np.indices(image.shape[:2]) - middle[:, np.newaxis, np.newaxis]
+    radius = (y**2 + x**2) / (middle**2).sum()
+    dark = encode(decode(image.astype(float)) * (1 - by * radius)[..., np.newaxis])
+    return np.asarray(np.rint(dark), np.uint8)
+
+
 def test_a_fall_off_that_several_pairs_share_becomes_a_flat_field() -> None:
-    pairs = []
-    for seed in range(3):
-        sharp = photograph(seed, (300, 400))
-        middle = (np.array(sharp.shape[:2]) - 1) / 2
-        y, x = np.indices(sharp.shape[:2]) - middle[:, np.newaxis, np.newaxis]
-        radius = (y**2 + x**2) / (middle**2).sum()
-        light = decode(cv2.GaussianBlur(sharp, (0, 0), 1.5).astype(float))
-        dark = encode(light * (1 - 0.2 * radius)[..., np.newaxis])
-        pairs.append((str(seed), sharp, np.rint(dark).astype(np.uint8)))
+    sharps = [photograph(seed, (300, 400)) for seed in range(3)]
+    blurred = [cv2.GaussianBlur(sharp, (0, 0), 1.5) for sharp in sharps]
+    pairs = [(str(n), sharps[n], darker(blurred[n], 0.2)) for n in range(3)]
     found = matching_of(pairs)
     assert [curve[-1] for curve in found.flat_field] == pytest.approx([0.8] * 3, abs=0.02)
     assert found.found[-1] == "the defocus images are 20 % darker at the corners than in the middle"
+    # It hides neither a movement nor that the middle is as bright.
+    pairs = [(str(n), sharps[n], darker(np.roll(blurred[n], 3, 1), 0.7)) for n in range(3)]
+    found = matching_of(pairs)
+    assert (found.align, found.match_gain, found.open) == ("translation", False, ())
 
 
 def test_magnification_is_measured_at_the_corners_and_a_similarity_proposed() -> None:
