@@ -256,7 +256,7 @@ def _calibrated(parts: Sequence[Part], change: ViewChange) -> Calibration:
     if way.even and not way.linear:
         gain, offset = _line([part.sample(way) for part in few], way)
         if abs(offset) > _LEAST_OFFSET:
-            way = replace(way, gain=way.gain * gain, offset=way.gain * offset)
+            way = replace(way, gain=way.gain * gain, offset=way.offset + way.gain * offset)
             way = replace(way, exponent=_exponent(few, way))
     samples = [part.sample(way) for part in parts]
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way)
@@ -289,13 +289,28 @@ def _way(few: Sequence[Part]) -> Way:
         linear: float(np.median([part.found(linear).gain for part in few]))
         for linear in (False, True)
     }
+
+    def with_offset(way: Way) -> Way:
+        start = Way(gain=gains[False])
+        gain, offset = _line([part.sample(start) for part in few], start)
+        return replace(start, gain=start.gain * gain, offset=start.gain * offset)
+
     changes: tuple[Callable[[Way], Way], ...] = (
         lambda way: replace(way, linear=True),
         lambda way: replace(way, gain=gains[way.linear]),
         lambda way: replace(way, gain=gains[way.linear], even=False),
+        # Before the gain was known, grey levels may have fitted better.
+        lambda way: Way(linear=True, gain=gains[True]),
+        lambda way: Way(linear=True, gain=gains[True], even=False),
+        # Where scenes differ in brightness, an offset looks like a gain of each pair.
+        lambda way: way if way.even else with_offset(way),
     )
+    tried = {best}
     for change in changes:
         way = change(best)
+        if way in tried:
+            continue
+        tried.add(way)
         misfit = _misfit(few, way)
         if misfit < _BETTER * least:
             best, least = way, misfit

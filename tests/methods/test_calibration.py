@@ -33,10 +33,13 @@ def scene(number: int, shape: tuple[int, int] = (160, 200)) -> tuple[NDArray, ND
     return image, np.kron(blocks, np.ones((40, 40))).astype(np.uint8)
 
 
-def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> list[Capture]:
+def pairs(
+    law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0, darkest: float = 1
+) -> list[Capture]:
     made = []
-    for number in range(count):
+    for number, bright in enumerate(np.linspace(darkest, 1, count)):
         image, depth = scene(number)
+        image = np.rint(bright * image).astype(np.uint8)
         light = decode(image) if law.linear else image.astype(np.float64)
         blurred = blur_by_level(light, depth.astype(np.int64), law.kernels())
         if shift:
@@ -88,6 +91,18 @@ def test_gain_and_offset_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calibrate(given).law == found
     assert (found.gain, found.offset) == pytest.approx((0.9, 12.0), abs=0.3)
     assert found.gain == pytest.approx(0.9, abs=0.01)
+    assert np.abs(np.array(found.sigmas) - RISING)[10:246].max() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gain", "offset", "linear"), [(0.8, 0.0, True), (0.95, 5.0, False)])
+def test_light_gain_and_offset_are_found_in_scenes_of_unlike_brightness(
+    gain: float, offset: float, linear: bool
+) -> None:
+    law = BlurLaw(tuple(RISING.tolist()), gain=gain, offset=offset, linear=linear)
+    found = calibrate(pairs(law, noise=0.5, darkest=0.4)).law
+    assert (found.linear, found.even, found.registered) == (linear, True, True)
+    assert (found.gain, found.offset) == pytest.approx((gain, offset), abs=0.1)
     assert np.abs(np.array(found.sigmas) - RISING)[10:246].max() < 0.1
 
 
