@@ -38,7 +38,8 @@ def blur(
     focus: Annotated[str, Option(help="The distance in focus: 0.5m.")],
     pixel: Annotated[str, Option(help="Size of a pixel: 4.8um.")],
     range: Annotated[
-        tuple[str, str], Option(help="Distances shown; metres unless a unit is given.")
+        tuple[str, str],
+        Option(metavar="NEAR FAR", help="Distances shown; metres unless a unit is given."),
     ] = ("0.3", "4"),
     out: Annotated[Path, Option(help="Where the curve is drawn.")] = Path("blur.png"),
     format: Printed = Format.table,
@@ -64,7 +65,8 @@ def pairs(
         Path | None, Option(help="A measured lens as CSV; default: the thesis's.")
     ] = None,
     range: Annotated[
-        tuple[str, str], Option(help="The working range; metres unless a unit is given.")
+        tuple[str, str],
+        Option(metavar="NEAR FAR", help="The working range; metres unless a unit is given."),
     ] = ("1.5", "2.2"),
     limit: Annotated[int, Option(min=1, help="How many pairs are shown.")] = 20,
     out: Annotated[Path, Option(help="Where the best pairs are drawn.")] = Path("pairs.png"),

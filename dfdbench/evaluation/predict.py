@@ -367,7 +367,8 @@ def _oddities(depth: DepthMap, unit: Unit, swapped: bool) -> tuple[str, ...]:
     at_ends = max(np.mean(depth <= 0), np.mean(depth >= LAST_LEVEL))
     if unit == "levels" and at_ends > _MANY:
         share = f"{100 * at_ends:.0f} % of the pixels are at one end of the levels"
-        what = "the blur is not that of these photographs, or the blurred one is named first"
+        what = "much of the scene is that near or far, the blur is not that of the photographs, "
+        what += "or the blurred one is named first"
         odd.append(f"{share}: {what}")
     if swapped:
         odd.append("the second photograph is the sharper one: are the two swapped?")
