@@ -290,7 +290,7 @@ def _way(few: Sequence[Part]) -> Way:
         for linear in (False, True)
     }
 
-    def with_offset(way: Way) -> Way:
+    def with_offset() -> Way:
         start = Way(gain=gains[False])
         gain, offset = _line([part.sample(start) for part in few], start)
         return replace(start, gain=start.gain * gain, offset=start.gain * offset)
@@ -303,7 +303,7 @@ def _way(few: Sequence[Part]) -> Way:
         lambda way: Way(linear=True, gain=gains[True]),
         lambda way: Way(linear=True, gain=gains[True], even=False),
         # Where scenes differ in brightness, an offset looks like a gain of each pair.
-        lambda way: way if way.even else with_offset(way),
+        lambda way: way if way.even else with_offset(),
     )
     tried = {best}
     for change in changes:

@@ -341,8 +341,9 @@ def matched_as_learned(
         moves = needed.align != "none"
         found += needed.found[: moves and align != "none"]
         found += needed.found[moves:] if files.match_gain else ()
-        light = find_falloff([Images.small(eight_bits(infocus), seen)])
-        if not changes and any(abs(1 - curve[-1]) > _FAINT for curve in light.falloff):
+        pair = Images.small(eight_bits(infocus), seen)
+        light = ViewChange() if changes else find_falloff([pair])
+        if any(abs(1 - curve[-1]) > _FAINT for curve in light.falloff):
             found.append(f"the defocus image seems {light.words()}; falloff in a lens undoes that")
     how = files.model_copy(update={"moved": "defocus"})
     try:

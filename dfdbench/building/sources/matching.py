@@ -284,8 +284,9 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     """
     moves: dict[str, tuple[Placement, tuple[int, ...]]] = {}
     gains, unlike, tried = [0.0], 0, list(pairs)
-    alike = [pair for pair in tried if pair[1].shape == pair[2].shape]
-    problems = [f"photographs of {pair[0]} differ in size" for pair in tried if pair not in alike]
+    alike = [each for each in tried if each[1].shape == each[2].shape]
+    unequal = [name for name, sharp, blurred in tried if sharp.shape != blurred.shape]
+    problems = [f"photographs of {name} differ in size" for name in unequal]
     seen = [Images.small(sharp, blurred) for _, sharp, blurred in alike]
     light = replace(find_change(seen), similarity=ViewChange.similarity)
     for name, sharp, blurred in alike:
