@@ -8,6 +8,7 @@ from dfdbench.board.row_file import RESULTS, leaderboard_folder, read_row
 from dfdbench.datasets.catalog import part_name
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError, ResultError
+from dfdbench.evaluation.fitting import mean_scenes
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.metrics.metric import mean_of
@@ -60,6 +61,10 @@ def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
         title = metrics_of(protocol)[name].title
         others = list(_others(result, protocol, [pair.id for pair in pairs]))
         row = next((row.result for row in others if row.name == CONSTANT), None)
+        if row and run.store:
+            # The row of another split may know the mean of scenes that are tested here.
+            own_mean = mean_scenes(run.store.manifest, result.dataset.split)[0]
+            row = row if row.method.trained_on == own_mean else None
         known = row.pairs if row else run.store
         if result.method.name != CONSTANT and known is not None:
             lines |= _constant(known, pairs, protocol, own, result.dataset.split)

@@ -95,6 +95,19 @@ def test_chance_is_below_5_percent_if_0_is_outside(values: list[float], shift: f
     assert low <= np.mean(values) <= high
 
 
+def test_chance_agrees_with_the_interval_at_other_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+    random, groups = np.random.default_rng(2), [str(number) for number in range(12)]
+    for level in (0.01, 0.002):
+        monkeypatch.setattr("dfdbench.metrics.intervals.LEVEL", level)
+        told = []
+        for shift in np.linspace(0.3, 3, 150):
+            values = (random.exponential(size=12) - 1 - shift).tolist()
+            low, high = group_interval(values, groups) or (np.nan, np.nan)
+            told.append(not low <= 0 <= high)
+            assert told[-1] == ((chance(values, groups) or 0) < level)
+        assert 20 < sum(told) < 140
+
+
 def test_chance_falls_as_a_skewed_difference_grows() -> None:
     # Two rooms of 24 lean far the other way: without its limit the cubic would be flat here.
     values = stats.zscore([-3.0, -1.0, *[0.2] * 22], ddof=1)

@@ -27,6 +27,10 @@ def test_a_constant_is_run_where_no_row_says_it(tiny_store: dfd.Dataset) -> None
     assert found["constant"].startswith(f"NRMSE {score:.4f}  NMAE ")
     # It is not held against itself.
     assert lines(constant).keys() == {"score", "worst"}
+    # Of a training scene, it is the mean of the others.
+    alone = dfd.run("constant", tiny_store, "One").result.averages or {}
+    found = lines(dfd.run(inverted, tiny_store, "One"))
+    assert found["constant"].startswith(f"NRMSE {alone['valid']['nrmse']:.4f}  NMAE ")
 
 
 def test_a_part_is_held_against_the_same_pairs_of_rows(demo_store: dfd.Dataset) -> None:
