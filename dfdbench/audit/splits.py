@@ -3,7 +3,7 @@
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -104,7 +104,6 @@ class Scenes:
     def judge(self, tests: Sequence[Group]) -> list[Candidate]:
         """Return a candidate for each test set."""
         place = {name: number for number, name in enumerate(self.names)}
-        total = self.counts.sum(axis=0)
         judged = []
         for start in range(0, len(tests), _CHUNK):
             part = tests[start : start + _CHUNK]
@@ -112,18 +111,21 @@ class Scenes:
             for row, test in enumerate(part):
                 member[row, [place[name] for name in test]] = 1
             in_test = member @ self.counts
-            in_train = total - in_test
-            levels = self.rule.uncovered(in_train, in_test)
-            known = np.maximum(in_test.sum(axis=1), 1)
-            shares = np.where(levels, in_test, 0).sum(axis=1) / known
-            trained = np.maximum(in_train.sum(axis=1), 1)
-            overlaps = np.minimum(in_test / known[:, None], in_train / trained[:, None]).sum(axis=1)
-            numbers = zip(part, shares.tolist(), overlaps.tolist(), strict=True)
+            sides = in_test, self.counts.sum(axis=0) - in_test
+            shares = [side / np.maximum(side.sum(axis=1, keepdims=True), 1) for side in sides]
+            overlaps = np.minimum(*shares).sum(axis=1)
+            numbers = zip(part, self.uncovered(in_test), overlaps.tolist(), strict=True)
             judged += [
                 Candidate(test, share, round(overlap, 12), share <= self.rule.allowed_share)
                 for test, share, overlap in numbers
             ]
         return judged
+
+    def uncovered(self, tests: NDArray[np.int64]) -> list[float]:
+        """Return the uncovered share of each test, of counts of shape (tests, 256)."""
+        levels = self.rule.uncovered(self.counts.sum(axis=0) - tests, tests)
+        shares = np.where(levels, tests, 0).sum(axis=1) / np.maximum(tests.sum(axis=1), 1)
+        return [float(share) for share in shares]
 
     def alone(self, name: str, criterion: Criterion | None = None) -> NDArray[np.bool_]:
         """Return the levels that the other scenes do not cover when this one is tested alone."""
@@ -275,17 +277,10 @@ def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
     if not 2 <= number <= (most := len(scenes.groups)):
         raise InputError(f"{number} folds of {most} groups of scenes: choose 2 to {most}")
     random = np.random.default_rng(seed)
-    known: dict[Group, Candidate] = {}
-
-    def judge(folds: Sequence[Sequence[Group]]) -> Folds:
-        tests = [_in_order(scenes, fold) for fold in folds]
-        unknown = [test for test in tests if test not in known]
-        known.update(zip(unknown, scenes.judge(unknown), strict=True))
-        return tuple(known[test] for test in tests)
-
     proposals: set[Folds] = set()
     for _ in range(_RESTARTS):
-        best = _improve(_random_folds(scenes, number, random), judge)
+        tests = _improve(scenes, _random_folds(scenes, number, random))
+        best = scenes.judge([_in_order(scenes, test) for test in tests])
         proposals.add(tuple(sorted(best, key=lambda fold: scenes.names.index(fold.test[0]))))
     return sorted(proposals, key=lambda folds: (cost(folds), [fold.test for fold in folds]))
 
@@ -298,26 +293,34 @@ def _random_folds(scenes: Scenes, number: int, random: np.random.Generator) -> l
     return folds
 
 
-def _improve(
-    folds: list[list[Group]], judge: Callable[[Sequence[Sequence[Group]]], Folds]
-) -> Folds:
+def _improve(scenes: Scenes, folds: list[list[Group]]) -> list[list[Group]]:
+    place = {name: number for number, name in enumerate(scenes.names)}
+    counts = {g: scenes.counts[[place[name] for name in g]].sum(axis=0) for g in scenes.groups}
+
+    def costs(*tests: NDArray[np.int64]) -> list[tuple[int, float]]:
+        pairs = zip(*map(scenes.uncovered, tests), strict=True)
+        return [(sum(s > scenes.rule.allowed_share for s in p), round(sum(p), 12)) for p in pairs]
+
     better = True
     while better:
         better = False
-        for a, b in itertools.combinations(range(len(folds)), 2):
-            least = cost(judge([folds[a], folds[b]]))
-            if least == (0, 0.0):
-                continue
-            for i, j in itertools.product(range(len(folds[a])), range(len(folds[b]))):
-                if len(folds[a][i]) != len(folds[b][j]):
-                    continue
-                folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
-                swapped = cost(judge([folds[a], folds[b]]))
-                if swapped < least:
-                    least, better = swapped, True
-                else:
-                    folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
-    return judge(folds)
+        for a, b in itertools.combinations(folds, 2):
+            of_a, of_b = (np.sum([counts[group] for group in fold], axis=0) for fold in (a, b))
+            (least,) = costs(of_a[None], of_b[None])
+            # All swaps of a group are judged at once, and again from where one of them helped.
+            places = [(i, 0) for i in reversed(range(len(a)))]
+            while places and least > (0, 0.0):
+                i, start = places.pop()
+                same = [j for j in range(start, len(b)) if len(b[j]) == len(a[i])]
+                moves = np.array([counts[b[j]] - counts[a[i]] for j in same]).reshape(-1, 256)
+                swapped = costs(of_a + moves, of_b - moves)
+                helped = next((n for n, found in enumerate(swapped) if found < least), None)
+                if helped is not None:
+                    least, better, j = swapped[helped], True, same[helped]
+                    a[i], b[j] = b[j], a[i]
+                    of_a, of_b = of_a + moves[helped], of_b - moves[helped]
+                    places.append((i, j + 1))
+    return folds
 
 
 #: How many proposals tables and files hold.
