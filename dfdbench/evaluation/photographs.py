@@ -78,7 +78,9 @@ def read_stack(place: Path) -> xarray.DataArray:
 
     try:
         said = parse_json((place / STACK_FILE).read_text("utf-8"))
-        images = read_images((place / name for name in said["images"]), deep=True)
+        # An exported image is full, however dark.
+        files = CapturedFiles(image_bits=16)
+        images = read_images((place / name for name in said["images"]), files, deep=True)
         if len({image.shape for image in images}) > 1:
             sizes = ", ".join(dict.fromkeys(size_of(image) for image in images))
             raise InputError("images of a stack differ in size", where=str(place), got=sizes)

@@ -31,12 +31,13 @@ def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
 
 def test_a_stack_keeps_all_bits_of_its_images(tmp_path: Path) -> None:
     deep = np.linspace(0, 65535, 24).astype(np.uint16).reshape(2, 4, 3)
-    for name, image in (("a.png", deep), ("b.png", (deep // 257).astype(np.uint8))):
+    images = {"a.png": deep, "b.png": (deep // 257).astype(np.uint8), "dark.png": deep // 16}
+    for name, image in images.items():
         assert cv2.imwrite(str(tmp_path / name), image[..., ::-1])
-    said = {"images": ["a.png", "b.png"], "coordinates": {}, "attributes": {"near": None}}
+    said = {"images": [*images], "coordinates": {}, "attributes": {"near": None}}
     (tmp_path / "stack.json").write_text(json.dumps(said))
     stack = read_stack(tmp_path)
-    np.testing.assert_array_equal(stack.values, [deep, deep // 257 * 257])
+    np.testing.assert_array_equal(stack.values, [deep, deep // 257 * 257, deep // 16])
 
 
 def test_a_description_of_a_stack_that_is_none_is_refused(tmp_path: Path) -> None:
