@@ -49,6 +49,21 @@ def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
     assert images.depth.shape == images.infocus.shape[1:3]
 
 
+def test_a_pair_may_keep_the_numbers_of_its_camera(folder: Path) -> None:
+    matched = FOLDER_TOML.replace("[table]", 'align = "translation"\nmatch_gain = true\n\n[table]')
+    named = open_source(manifest_of(matched), folder).read("lamp")
+    for number, scene in enumerate(SCENES):
+        for place, name in enumerate(("sharp.png", "blurred.png")):
+            (folder / scene / name).rename(folder / scene / f"IMG_{2 * number + place + 997}.png")
+    roles = "".join(f'[[files.image]]\nrole = "{role}"\n' for role in ("infocus", "defocus"))
+    text = matched.replace(
+        'infocus = "{scene}/sharp.png"\ndefocus = "{scene}/blurred.png"',
+        'images = "{scene}/IMG_{image}.png"',
+    )
+    numbered = open_source(manifest_of(text.replace("[table]", f"{roles}\n[table]")), folder)
+    assert np.array_equal(numbered.read("lamp").images, named.images)
+
+
 def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> None:
     halved = "[[1.0, 0.5], [1.0, 0.5], [1.0, 1.0]]"
     plain = open_source(manifest_of(), folder).read("desk")
