@@ -173,7 +173,8 @@ def _keep_figures(
 def _tell(outcome: TrainingOutcome, run: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
-        say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
+        faster = "; --fresh --set warm_up=N warms up faster" * bool(outcome.log.levels)
+        say(f"--resume with a longer --max-time goes on{faster}")
     log, weights = outcome.log, outcome.weights
     names = ["scores.csv"] * bool(log.scores)
     names += ["depth_levels.csv", "patches.csv"] * bool(log.levels)

@@ -415,16 +415,22 @@ def excluded_pairs(exclusions: list[Exclusion], axes: dict[str, list[int]]) -> I
 
 
 def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
-    """Return the scenes that train when a fold, or a single scene, tests: all others.
+    """Return the scenes that train when a fold, or a single scene, tests.
+
+    These are all others; of a single scene's group, none.
 
     Examples
     --------
     >>> from dfdbench.datasets.catalog import find_manifest
-    >>> len(training_of(find_manifest("middlebury"), "K03"))
-    24
+    >>> manifest = find_manifest("middlebury")
+    >>> len(training_of(manifest, "K03")), len(training_of(manifest, "Baby1"))
+    (24, 24)
     """
-    tested = set(manifest.scenes_of(fold))
-    return tuple(scene for scene in manifest.scene_names if scene not in tested)
+    tested, groups = set(manifest.scenes_of(fold)), manifest.groups
+    own = groups.get(fold, fold)
+    return tuple(
+        scene for scene in manifest.scene_names if scene not in tested and groups.get(scene) != own
+    )
 
 
 def require_fold(manifest: Manifest, fold: str) -> None:

@@ -194,6 +194,10 @@ def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
             expected = f"{about.layout} with {about.channels} channels, as {file.name} says"
             what, fix = f"{node.name} has another shape", f"correct layout or colour in {file.name}"
             yield Problem(what, where=str(path), expected=expected, got=shape, fix=fix)
+        plain = (about.largest, *about.mean, *about.std) == (255, 0, 1)
+        if node.type == "tensor(uint8)" and node.name in about.inputs and not plain:
+            fix = f"leave largest, mean and std out of {file.name}, or export it with floats"
+            yield Problem(f"{node.name} takes whole levels, 0 to 255", where=str(path), fix=fix)
 
 
 def _takes(shape: list[int | str | None], parts: list[str], channels: int) -> bool:
@@ -254,7 +258,8 @@ class _Network:
         if any(isinstance(n, int) and n != s for n, s in zip(node.shape, shape, strict=True)):
             what, fix = f"the model takes one size of {name} alone", "export it with free sizes"
             raise MethodError(what, expected=str(node.shape), got=str(shape), fix=fix)
-        return np.ascontiguousarray(arranged, _NUMBERS[node.type])
+        kind = np.dtype(_NUMBERS[node.type])
+        return np.ascontiguousarray(np.rint(arranged) if kind.kind == "u" else arranged, kind)
 
 
 class OnnxMethod(_Network):

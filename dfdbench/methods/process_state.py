@@ -113,5 +113,13 @@ def _threads() -> dict[str, int]:
     return {
         name: getattr(sys.modules[name], told)()
         for name, (told, _) in _THREADS.items()
-        if hasattr(sys.modules.get(name), told)
+        if hasattr(sys.modules.get(name), told) and (name != "numba" or _numba_has_threads())
     }
+
+
+def _numba_has_threads() -> bool:
+    # To ask for their number would start them, which resets PyTorch's.
+    try:
+        return bool(sys.modules["numba"].threading_layer())
+    except ValueError:
+        return False

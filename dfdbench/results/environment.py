@@ -30,7 +30,8 @@ def describe_environment() -> Environment:
 
     # Only if the method has loaded PyTorch: asking must not load it.
     torch = sys.modules.get("torch")
-    threads = {"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads()}
+    # To ask Numba for its threads would start them, which resets PyTorch's.
+    threads = {"opencv": cv2.getNumThreads(), "numba": numba.config.NUMBA_NUM_THREADS}  # type: ignore[attr-defined]
     return Environment(
         python=platform.python_version(),
         platform=f"{platform.system()} {platform.machine()}",

@@ -269,6 +269,7 @@ class CameraLearner(Trainee, Generic[E]):
         }
         cpu = torch.device("cpu")
         super().__init__(network, optimizer, self._total, identity, started_from, cpu)
+        self.warm_up = WARM_UP
         self.kept = averaged
         self._bf16 = precision_for(cpu)[0] == "bf16"
 
@@ -276,8 +277,9 @@ class CameraLearner(Trainee, Generic[E]):
         """Do one step, given the share of time spent; return its learning rate and its loss."""
         part = max(self.step / self._total, spent)
         rate = RATE * (1 + math.cos(math.pi * min(part, 1.0))) / 2
+        rate *= min(1.0, (self.step + 1) / WARM_UP)
         loss = self._course.loss(self.network, self._examples, self._seed, self.step, self._bf16)
-        value = self.descend(loss, rate * min(1.0, (self.step + 1) / WARM_UP), _CLIP)
+        value = self.descend(loss, rate, _CLIP)
         # The first weights are soon forgotten.
         part = 1 / min(self.step / 20 + 1, _AVERAGED)
         with torch.no_grad():
@@ -298,7 +300,8 @@ class CameraLearner(Trainee, Generic[E]):
     def facts(self, log: Log) -> dict[str, Any]:
         """Return the card's facts about the course and the latest errors."""
         course = self._course
-        chosen = {"crop": course.crop, "crops_per_step": course.crops, "learning_rate": RATE}
+        side = side_of(map(course.shape_of, self._examples), course.crop)
+        chosen = {"crop": side, "crops_per_step": course.crops, "learning_rate": RATE}
         last = (log.scores or [{}])[-1]
         scores = [value for name, value in last.items() if name != "step"]
         return {

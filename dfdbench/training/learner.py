@@ -196,6 +196,7 @@ class Learner(Trainee):
         rate, betas = choices.learning_rate, choices.betas
         optimizer = torch.optim.Adam(groups, rate, betas=betas, fused=True)
         super().__init__(network, optimizer, choices.steps, task.identity, started_from, found)
+        self.warm_up = choices.warm_up if choices.schedule == "cosine" else 0
         self._dlib = DlibSchedule(choices) if choices.schedule == "dlib" else None
         drawn = choices.crop, choices.crops_per_step, choices.expansion, choices.noise
         self.cropper = Cropper(images, *drawn, task.seed, tasks.redraw_of(task, images))
@@ -210,14 +211,6 @@ class Learner(Trainee):
     def ended(self) -> str:
         """Why there is no further step: the number of steps, or the learning rate."""
         return (self._dlib.ended if self._dlib else "") or super().ended
-
-    @property
-    def time_up(self) -> str:
-        """The card's reason if time is up: within the warm-up, weights are hardly trained."""
-        warm_up = self._choices.warm_up
-        if self._choices.schedule != "cosine" or self.step >= warm_up:
-            return super().time_up
-        return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {self.step:,} of {warm_up:,}"
 
     def learn(self, spent: float = 0.0) -> tuple[float, float]:
         """Do one step and return its learning rate and its loss."""

@@ -23,7 +23,6 @@ from dfdbench.system.files import read_as, whole_files, write_whole, writing_fol
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import require_same
 from dfdbench.tables.render import as_csv
-from dfdbench.training.task import same_threads
 
 _SAVE_SECONDS = 60.0
 #: Called with (steps done, total steps if known).
@@ -81,7 +80,11 @@ class Trainee(ABC):
         Steps done.
     kept : torch.nn.Module
         The network whose weights are saved.
+    warm_up : int
+        Steps until the learning rate is greatest.
     """
+
+    warm_up = 0
 
     def __init__(
         self,
@@ -104,8 +107,10 @@ class Trainee(ABC):
 
     @property
     def time_up(self) -> str:
-        """The card's reason if time is up now."""
-        return EndedBy.TIME_LIMIT
+        """The card's reason if time is up: within the warm-up, weights are hardly trained."""
+        if self.step >= self.warm_up:
+            return EndedBy.TIME_LIMIT
+        return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {self.step:,} of {self.warm_up:,}"
 
     @abstractmethod
     def learn(self, spent: float = 0.0) -> tuple[float, float]:
@@ -200,11 +205,19 @@ def train(
     Notes
     -----
     On a CPU, with the same number of threads, an interrupted and resumed training has the same
-    losses, bit for bit, as an uninterrupted one.
+    losses, bit for bit, as an uninterrupted one, unless its learning rate follows the time spent.
     """
     with writing_folder(folder, "training", "--resume goes on where it stopped"):
-        ended, seconds, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
-        card = _card_of(learner, ended, seconds, log)
+        ended, state, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
+        card = Card(
+            parameters=count_parameters(learner.network),
+            started_from=learner.started_from,
+            steps=learner.step,
+            seconds=round(state["seconds"], 1),
+            ended_by=ended,
+            environment=state["environment"],
+            **learner.facts(log),
+        )
         save_weights(folder / WEIGHTS, learner.kept, card)
     return TrainingOutcome(folder / WEIGHTS, card, log)
 
@@ -215,63 +228,56 @@ def _drive(
     max_seconds: float | None,
     on_step: OnStep | None,
     fresh: bool,
-) -> tuple[str, float, Log]:
-    """Train a network, and save it every minute; return why it ended, seconds and log."""
-    log, seconds = Log(), 0.0
+) -> tuple[str, dict[str, Any], Log]:
+    """Train a network, and save it every minute; return why it ended, how long it took, and log."""
+    log = Log()
+    own: dict[str, Any] = {"seconds": 0.0, "environment": _environment(learner)}
 
     def save() -> None:
         log.levels = learner.levels()
-        place.save(learner.identity, {**learner.state(), "seconds": seconds}, log)
+        place.save(learner.identity, {**learner.state(), **own}, log)
 
     def ended() -> str:
-        late = max_seconds is not None and seconds >= max_seconds
+        late = max_seconds is not None and own["seconds"] >= max_seconds
         return learner.ended or (learner.time_up if late else "")
 
     if fresh:
         place.clear()
     if place.started:
         state, log = place.load(learner.identity)
-        seconds = state.pop("seconds")
+        own["seconds"], earlier = state.pop("seconds"), state.pop("environment")
         learner.restore(state)
+        if ended():
+            own["environment"] = earlier
     else:
         # Report a folder that cannot be written now, not after the first minute.
         save()
     saved = time.monotonic()
-    begin = saved - seconds
+    begin = saved - own["seconds"]
     while not ended():
-        rate, loss = learner.learn(seconds / max_seconds if max_seconds else 0.0)
+        rate, loss = learner.learn(own["seconds"] / max_seconds if max_seconds else 0.0)
         log.losses.append({"step": learner.step, "learning_rate": rate, "loss": loss})
         if on_step:
             on_step(learner.step, learner.steps)
         now = time.monotonic()
-        seconds = now - begin
+        own["seconds"] = now - begin
         if scores := learner.scores(bool(ended())):
             log.scores.append({"step": learner.step, **scores})
         if ended() or now - saved >= _SAVE_SECONDS:
             save()
             saved = now
-    return ended(), seconds, log
+    return ended(), own, log
 
 
-def _card_of(learner: Trainee, ended: str, seconds: float, log: Log) -> Card:
-    facts = learner.facts(log)
-    with same_threads():
-        environment = describe_environment()
+def _environment(learner: Trainee) -> dict[str, str]:
+    environment = describe_environment()
     graphics = None if learner.device.type == "cpu" else environment.gpu
-    return Card(
-        parameters=count_parameters(learner.network),
-        started_from=learner.started_from,
-        steps=learner.step,
-        seconds=round(seconds, 1),
-        ended_by=ended,
-        environment={
-            "processor": graphics or environment.cpu,
-            "threads": str(torch.get_num_threads()),
-            "torch": str(torch.__version__),
-            "dfdbench": PACKAGE_VERSION,
-        },
-        **facts,
-    )
+    return {
+        "processor": graphics or environment.cpu,
+        "threads": str(torch.get_num_threads()),
+        "torch": str(torch.__version__),
+        "dfdbench": PACKAGE_VERSION,
+    }
 
 
 WEIGHTS = "weights.safetensors"

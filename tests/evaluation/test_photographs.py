@@ -1,5 +1,6 @@
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,7 +32,11 @@ def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
 
 def test_a_stack_keeps_all_bits_of_its_images(tmp_path: Path) -> None:
     deep = np.linspace(0, 65535, 24).astype(np.uint16).reshape(2, 4, 3)
-    images = {"a.png": deep, "b.png": (deep // 257).astype(np.uint8), "dark.png": deep // 16}
+    images: dict[str, Any] = {
+        "a.png": deep,
+        "b.png": (deep // 257).astype(np.uint8),
+        "dark.png": deep // 16,
+    }
     for name, image in images.items():
         assert cv2.imwrite(str(tmp_path / name), image[..., ::-1])
     said = {"images": [*images], "coordinates": {}, "attributes": {"near": None}}

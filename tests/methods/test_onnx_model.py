@@ -41,10 +41,15 @@ class Net(nn.Module):
 
 
 def written(
-    path: Path, forward: Callable[..., Any], about: str, *shapes: tuple[int, ...], free: bool = True
+    path: Path,
+    forward: Callable[..., Any],
+    about: str,
+    *shapes: tuple[int, ...],
+    free: bool = True,
+    kind: torch.dtype = torch.float32,
 ) -> str:
     """Write a model of the inputs a, b, ... and the outputs out, sigma, and its description."""
-    inputs = tuple(torch.ones(shape) for shape in shapes)
+    inputs = tuple(torch.ones(shape, dtype=kind) for shape in shapes)
     names = ["a", "b"][: len(shapes)]
     axes = {
         name: {axis: f"{name}{axis}" for axis, size in enumerate(shape) if size > 3}
@@ -95,6 +100,19 @@ def test_pixels_and_answers_are_as_the_description_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(depth, expected, rtol=1e-5)
     np.testing.assert_allclose(sigma, 0.2 * expected**2, rtol=1e-5)
     assert method.answers_in("levels") == "metres"
+
+
+def test_whole_levels_are_given_as_they_are_and_not_scaled(tmp_path: Path) -> None:
+    shapes = ((8, 16, 3),) * 2
+    path = tmp_path / "net.onnx"
+    about = PAIR + 'layout = "HWC"\n'
+    name = written(path, lambda a, b: a[..., 0] + 0.5 * b[..., 2], about, *shapes, kind=torch.uint8)
+    expected = SHARP[..., 0] + 0.5 * BLURRED[..., 2]
+    assert np.array_equal(load_method(name, {}, {})(SHARP, BLURRED), expected)
+    path.with_suffix(".toml").write_text(about + "largest = 1\n")
+    fix = "Fix: leave largest, mean and std out of net.toml, or export it with floats"
+    assert problems(name)[0] == f"a takes whole levels, 0 to 255 ({path})\n{fix}"
+    assert len(problems(name)) == 2
 
 
 def test_levels_are_cut_only_where_that_is_said(tmp_path: Path) -> None:

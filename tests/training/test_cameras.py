@@ -38,12 +38,16 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     whole, card, log = train_volume_net(cameras, tmp_path / "whole", steps=3)
     assert card.ended_by == "its number of steps"
     assert [row["step"] for row in log.losses] == [1, 2, 3]
+    assert [row["learning_rate"] for row in log.losses] == pytest.approx([2e-5, 3e-5, 1.5e-5])
     assert log.scores[-1][HELD_OUT[0]] == card.further_scores["valid"]["nrmse"]
     part = tmp_path / "part"
     with pytest.raises(KeyboardInterrupt):
         train_volume_net(cameras, part, steps=3, on_step=stopping(2))
     resumed, _, after = train_volume_net(cameras, part, steps=3)
     assert after.losses == log.losses
+    # The card names the machine that trained, not one that had nothing left to do.
+    monkeypatch.setattr(trainer, "_environment", lambda learner: {"processor": "another"})
+    assert train_volume_net(cameras, part, steps=3).card.environment == card.environment
     before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
     assert all(torch.equal(before[name], again[name]) for name in before)
 

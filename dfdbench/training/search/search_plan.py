@@ -11,6 +11,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.tables.table import grouped
 from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.search import particle as pso
 from dfdbench.training.task import Task, require_trainable, task_of
@@ -181,7 +182,7 @@ def plan_search(
             raise StoreError(what, where=str(store.path), fix=fix)
         other = tuple(dict.fromkeys(pair.scene for pair in task.test))
     else:
-        train, other = _held_out(train, choices)
+        train, other = _held_out(train, store.manifest.groups, choices)
     _require_crops(task, train, choices.bounds)
     base = settled(base, find_device(device))
     return SearchPlan(store, base, choices, train, other)
@@ -203,15 +204,21 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
     InputError.raise_if(problems)
 
 
-def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _held_out(
+    train: tuple[str, ...], group_of: Mapping[str, str], choices: Choices
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Draw groups of scenes until there are enough; return the other scenes, and those."""
     count = choices.held_out or max(1, round(len(train) * _HELD_OUT))
-    if count >= len(train):
-        what = f"{len(train)} training scenes are too few to hold {count} out"
+    groups = [*grouped((group_of.get(scene, scene), scene) for scene in train).values()]
+    drawn = list[str]()
+    for number in np.random.default_rng((choices.seed, len(train))).permutation(len(groups)):
+        drawn += groups[number] if len(drawn) < count else []
+    if len(drawn) == len(train):
+        what = f"{len(train)} training scenes are too few to hold {count} out, with their groups"
         fix = "hold out fewer, take another split, or --as-thesis, which selects on the test"
         raise InputError(what, where=f"split {choices.split}", fix=fix)
-    drawn = np.random.default_rng((choices.seed, len(train))).permutation(len(train))[:count]
-    other = tuple(name for number, name in enumerate(train) if number in drawn)
-    return tuple(name for name in train if name not in other), other
+    left = tuple(scene for scene in train if scene not in drawn)
+    return left, tuple(scene for scene in train if scene in drawn)
 
 
 def _require_crops(task: Task, train: tuple[str, ...], bounds: pso.Bounds) -> None:

@@ -3,6 +3,7 @@ from typing import Any
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at
@@ -16,6 +17,14 @@ def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Datase
     others = {small_plan(tiny_store, seed=seed).other for seed in range(8)}
     assert others == {("Two",), ("Three",)}
     assert plan.trained_on == f"tiny-1, split test, less {plan.other[0]}"
+
+
+def test_scenes_of_a_group_are_held_out_together(
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Manifest, "groups", {"Two": "pair", "Three": "pair"})
+    with pytest.raises(InputError, match="2 training scenes are too few to hold 1 out, with their"):
+        small_plan(tiny_store)
 
 
 def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Dataset) -> None:
