@@ -323,7 +323,7 @@ def leak_text(record: CoverageRecord) -> str:
 
 
 def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
-    """Return a row for each scene or fold, tested against all other scenes."""
+    """Return a row for each scene or fold, tested against the others."""
     rows = tuple(
         (
             name,
@@ -344,7 +344,8 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     sides = [side for record in records.values() for side in (record.train, record.test)]
     if absent := sorted({scene for side in sides for scene in side.absent_scenes}):
         notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
-    title = f"each {kind} of {sides[1].label} against all other scenes"
+    others = "all other scenes" if kind == "fold" else "the scenes of other groups"
+    title = f"each {kind} of {sides[1].label} against {others}"
     columns = (kind, second, "thesis", "levels", "density", "levels", "missing")
     align = "llrlrll" if kind == "fold" else "lrrlrll"
     return Table(title, columns, rows, align, tuple(notes))

@@ -151,7 +151,8 @@ def split_difficulty(
     pairs = store.some_pairs(split)
     if recipe is None:
         why = "its track gives none" if manifest.on_track else "captured images"
-        raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
+        fix = "--bound fits the blur to the training pairs"
+        raise InputError(f"no blur recipe is known: {why}", where=str(store.path), fix=fix)
     for scene in dict.fromkeys(pair.scene for pair in pairs):
         depth_maps(store, scene)
     found = {}
@@ -247,8 +248,8 @@ DRAWN = 7
 PROTOCOL, METRIC = "valid", "nrmse"
 _NOTES = (
     "W x W: the least NRMSE (protocol `valid`) of any method that {given}judges a pixel by the "
-    "W x W pixels around it; below, that bound as a part of a run's; all of them root mean "
-    "squares over captures, a little more than the means that boards show",
+    "W x W pixels around it; {run}all of them root mean squares over captures, a little more than "
+    "the means that boards show",
     "assumed: normal noise, independent from pixel to pixel, and blur as fitted on training; the "
     "shape of the depth in the window known, but not how far it is; how the test's depths are "
     "spread known, too",
@@ -384,7 +385,8 @@ def bound_table(
         )
         for window in WINDOWS
     }
-    rows = [("least error", NOTHING, *(f"{least[window]:.4f}" for window in WINDOWS))]
+    beside = [NOTHING] * bool(runs)
+    rows = [("least error", *beside, *(f"{least[window]:.4f}" for window in WINDOWS))]
     errors = {name: _nrmse(result, found) for name, result in runs.items()}
     for name, error in sorted(errors.items(), key=lambda item: item[1]):
         if not math.isnan(error):
@@ -392,11 +394,13 @@ def bound_table(
             rows.append((name, f"{error:.4f}", *parts))
     lacking = [name for name, error in errors.items() if math.isnan(error)]
     left_out = (f"without a score of every capture, so left out: {', '.join(lacking)}",)
-    columns = ("", "NRMSE ↓", *(f"{window} x {window}" for window in WINDOWS))
+    columns = ("", *["NRMSE ↓"] * bool(runs), *(f"{window} x {window}" for window in WINDOWS))
     title = f"the least error that blur allows in {manifest.label}, {split}"
     given = f"is given the two images pair_images = {manifest.pair_images} alone and "
     words = {"given": given, "sees": "is given more images, "} if manifest.pair_images else {}
-    notes = tuple(note.format_map({"given": "", "sees": ""} | words) for note in _NOTES)
+    words["run"] = "below, that bound as a part of a run's; " * bool(runs)
+    told = _NOTES if runs else _NOTES[:-1]
+    notes = tuple(note.format_map({"given": "", "sees": ""} | words) for note in told)
     notes = notes + left_out if lacking else notes
     return Table(title, columns, tuple(rows), "l", notes)
 

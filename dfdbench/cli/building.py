@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -158,13 +159,16 @@ def new_dataset(
     out: Annotated[
         Path | None, Option(help="The manifest to write; default: NAME-1.toml, here.")
     ] = None,
-    name: Annotated[str | None, Option(help="The data set's name; default: the folder's.")] = None,
+    name: Annotated[
+        str | None, Option(help="The data set's name; default: that of --out, or the folder's.")
+    ] = None,
     format: options.Facts = "table",
 ) -> None:
     """Look at a folder of captures and write a manifest for a person to finish."""
     from dfdbench.building.new_manifest import new_manifest
 
-    written = new_manifest(folder, name)
+    named = re.fullmatch(r"(.+)-1\.toml", out.name) if out else None
+    written = new_manifest(folder, name or (named and named[1]))
     path = output_place(out or written.name, folder)
     if path.exists():
         what = f"a {'folder' if path.is_dir() else 'file'} of that name is there"

@@ -190,7 +190,7 @@ def _beside_images(
     for (name, image, powers, valid), axes in zip(panels, grid, strict=True):
         axes[0].imshow(image)
         axes[0].set_title(name.replace("/", ", "), fontsize=9)
-        axes[1].set_title(what, fontsize=9)
+        axes[1].set_title(f"{what}; light blue: depth unknown", fontsize=9)
         known = np.ma.masked_where(~valid, powers)
         shown = axes[1].imshow(known, interpolation="nearest", **look)
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)

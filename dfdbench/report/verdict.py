@@ -1,5 +1,6 @@
 """A run's summary: its score, a constant's, the best comparable row's, its worst pairs."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -166,9 +167,17 @@ def _of(pair: PairResult, protocol: str) -> float | None:
 
 
 def _beside(own: float, other: float) -> str:
+    """Compare two scores.
+
+    Examples
+    --------
+    >>> _beside(0.1305, 0.1306), _beside(0.2, 0.1)
+    ('yours is under 1 % lower', 'yours is 100 % higher')
+    """
     if score_text(own) == score_text(other):
         return "yours is the same"
-    far = f"{abs(own / other - 1):.0%}".replace("%", " %") if other else "much"
+    percents = 100 * abs(own / other - 1) if other else math.inf
+    far = "much" if percents == math.inf else f"{percents:.0f} %" if percents >= 1 else "under 1 %"
     return f"yours is {far} {'lower' if own < other else 'higher'}"
 
 

@@ -270,6 +270,9 @@ def test_a_table_sets_runs_beside_the_bound_and_leaves_out_those_without_scores(
         ("twice", f"{2 * one:.4f}", "0.50"),
     ]
     assert table.notes[-1].endswith("left out: thesis, stopped")
+    alone = bound_table(manifest, "test", found, {})
+    assert [row[:2] for row in alone.rows] == [("least error", f"{one:.4f}")]
+    assert not any("run" in note for note in alone.notes)
     assert "of any method that judges a pixel" in table.notes[0]
     # Of a stack, the bound sees two images, and a run may see more.
     stacks = manifest.model_copy(update={"pair_images": [0, 2]})

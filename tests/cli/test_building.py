@@ -121,8 +121,9 @@ def test_a_cluster_does_both(dfdbench: Command, site: Site, cluster: str, tmp_pa
 
 def test_the_next_command_can_be_pasted(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "own <fish>")
-    told = dfdbench.facts("new-dataset", str(folder))["next"]
+    told = dfdbench.facts("new-dataset", str(folder), "--out", "fish-1.toml")["next"]
     assert shlex.split(told)[-1] == str(folder)
+    assert 'name = "fish"\n' in Path("fish-1.toml").read_text()
 
 
 def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_path: Path) -> None:
