@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import stats
 
 import dfdbench
+from dfdbench.board.board import Board
 from dfdbench.datasets.rendered import seeded
 from dfdbench.metrics.intervals import LEVEL, chance, holm
 
@@ -23,10 +24,9 @@ ROOT = Path(__file__).parents[1]
 PHOTOGRAPHS = "dfd-indoor-1"
 
 
-def errors_by_room(family: str) -> dict[str, pd.DataFrame]:
+def errors_by_room(board: Board, family: str) -> dict[str, pd.DataFrame]:
     """Return NRMSE by data set: a row a scene, a column a method that ran on all of them."""
-    scores = dfdbench.leaderboard(ROOT / "leaderboard").scores
-    kept = scores.query("protocol == 'valid' and metric == 'nrmse' and severity == 0")
+    kept = board.scores.query("protocol == 'valid' and metric == 'nrmse' and severity == 0")
     kept = kept[kept["split"] == "test"]
     frames = {}
     for name, rows in kept.groupby("dataset"):
@@ -51,7 +51,8 @@ def orders(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
 
 def main(family: str = "unseen") -> None:
     """Print the table and what it says."""
-    errors = errors_by_room(family)
+    board = dfdbench.leaderboard(ROOT / "leaderboard")
+    errors = errors_by_room(board, family)
     means = pd.DataFrame({name: frame.mean() for name, frame in errors.items()})
     seeds = [name for name in errors if seeded(name)]
     means = means.assign(mean=means[seeds].mean(axis=1)).sort_values("mean").drop(columns="mean")
@@ -78,6 +79,8 @@ def main(family: str = "unseen") -> None:
     useful = [pair for pair in turned if mean[[*pair]].max() < mean["constant"]]
     print(f"Told apart by two seeds, but in other orders: {len(turned)}.")
     print(f"Of these, pairs of methods better than a constant: {len(useful)}.")
+    late = [name for draw in board.draws for name, _ in board.late(draw)]
+    print(f"Rows of later code than the draw: {', '.join(str(late.count(n)) for n in seeds)}.")
     for one, other in combinations(seeds, 2):
         print(
             f"Rank correlation of {one} and {other}: {rank_correlation(means[[one, other]]):.2f}."

@@ -25,6 +25,7 @@ from dfdbench.datasets.catalog import of_seed
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import DfdbenchError, ResultError, StoreError
 from dfdbench.results import environment
+from dfdbench.statuses import INTERRUPTED, MISTAKE
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 
@@ -38,13 +39,14 @@ _MOST = 10**18
 def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     """Write down a seed with today's date and the commit, before anything is run on it.
 
+    One that was written down before stays as it is.
+
     Parameters
     ----------
     folder : Path
         The leaderboard's folder.
     seed : int or str, optional
-        By default drawn from the system's randomness. One that was drawn before stays drawn if
-        the commit is the same.
+        By default drawn from the system's randomness.
 
     Raises
     ------
@@ -60,12 +62,10 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
         raise ResultError("the code that is to be run is in no commit", where=where, fix=fix)
     number = secrets.randbelow(_MOST) if seed is None else int(of_seed("unseen", seed)[7:])
     earlier = read_draws(folder)
-    before = next((draw for draw in earlier if draw.seed == number), None)
-    if before and before.commit == commit:
+    if before := next((draw for draw in earlier if draw.seed == number), None):
         return before
     draw = Draw(seed=number, drawn=seed is None, date=datetime.date.today(), commit=commit)
-    others = [each for each in earlier if each.seed != number]
-    content = [json.dumps(each.model_dump(mode="json")) for each in (draw, *others)]
+    content = [json.dumps(each.model_dump(mode="json")) for each in (draw, *earlier)]
     write_whole(folder / SEEDS, "[\n " + ",\n ".join(content) + "\n]\n")
     return draw
 
@@ -81,7 +81,8 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
         Minutes after which a method is stopped.
     """
     draw = draw_seed(LEADERBOARD, seed)
-    print(f"seed         {draw.seed}, {draw.date}, commit {draw.commit}", flush=True)
+    print(f"seed         {draw.seed}, {draw.date}, commit {draw.commit}")
+    print(f"once stopped make leaderboard SEED={draw.seed}", flush=True)
     cards = {name: card for name, card in load_cards(LEADERBOARD).items() if not card.given_blur}
     for takes, family in _FAMILIES.items():
         methods = {name: card for name, card in cards.items() if takes in card.takes}
@@ -150,12 +151,16 @@ def main() -> int:
     which.add_argument("--rows", action="store_true", help="run the rows that are there anew")
     parser.add_argument("--minutes", type=float, default=60, help="a method's limit; default: 60")
     asked = parser.parse_args()
+    left = list[str]()
     try:
-        left = list(run_rows(asked.minutes) if asked.rows else run_seed(asked.seed, asked.minutes))
+        for text in run_rows(asked.minutes) if asked.rows else run_seed(asked.seed, asked.minutes):
+            left.append(text)
+        status = _dfdbench("leaderboard", "--format", "csv")
     except DfdbenchError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 2
-    status = _dfdbench("leaderboard", "--format", "csv")
+        return MISTAKE
+    except KeyboardInterrupt:
+        status = INTERRUPTED
     for text in left:
         print(f"left out     {text}", file=sys.stderr)
     return status

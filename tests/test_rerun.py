@@ -117,16 +117,15 @@ def test_a_seed_is_drawn_and_written_down(tmp_path: Path, monkeypatch: pytest.Mo
     assert read_draws(tmp_path) == [second, first]
 
 
-def test_a_seed_stays_drawn_at_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_seed_stays_as_it_was_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     at_commit(monkeypatch, "abc")
     first = draw_seed(tmp_path)
     named = draw_seed(tmp_path, 7)
     assert not named.drawn
     assert draw_seed(tmp_path, first.seed) == first
     at_commit(monkeypatch, "abd")
-    again = draw_seed(tmp_path, str(first.seed))
-    assert (again.drawn, again.commit) == (False, "abd")
-    assert read_draws(tmp_path) == [again, named]
+    assert draw_seed(tmp_path, str(first.seed)) == first
+    assert read_draws(tmp_path) == [named, first]
 
 
 def test_what_no_commit_holds_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

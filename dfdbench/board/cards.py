@@ -43,7 +43,7 @@ class Card(StrictRecord):
     given: Line
     trained_on: Line | None = None
     fitted_on: Line | None = None
-    takes: list[Takes] = Field(default=["pair"])
+    takes: Annotated[list[Takes], Field(min_length=1)] = Field(default=["pair"])
     given_blur: bool = False
     limits: Line | None = None
 

@@ -14,7 +14,7 @@ from dfdbench.metrics.metric import IN_METRES, METRICS, SURENESS, mean_of
 from dfdbench.metrics.protocol import SURE, Unit, label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.files import read_text_as, write_whole
-from dfdbench.system.strict import Record, problems_of
+from dfdbench.system.strict import LINE, Record, problems_of
 from dfdbench.system.text import parse_json
 
 #: The name of a result's file in the run's folder.
@@ -30,7 +30,7 @@ Count = Annotated[int, Field(ge=0, lt=2**31)]
 #: What `numpy.random.seed` takes.
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text on one line, without control characters.
-Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
+Line = Annotated[str, Field(pattern=LINE, max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: How the result of depth maps made elsewhere is marked wherever its method is named.
 SCORED = "scored, not run"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
+from dfdbench.errors import DfdbenchError, Problem, ResultError, spelt_out, unknown_name
 from dfdbench.results import output_place, run_folder, run_tables, summary, wording
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.system.thumbnails import depth_map, gallery
@@ -18,6 +18,8 @@ from dfdbench.tables.table import as_html, counted, grouped, listed
 
 #: The number of worst pairs that a notebook shows.
 _WORST = 3
+# How many characters of an error a line shows.
+_LONGEST = 100
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,12 @@ class SavedRun:
 
     def __repr__(self) -> str:
         on = self.result.dataset
-        failed = [pair.error for pair in self.result.pairs if pair.status == "failed"]
+        failed = [pair.error or "" for pair in self.result.pairs if pair.status == "failed"]
+        why = spelt_out(failed[0].partition("\n")[0][:_LONGEST]) if failed else ""
         return (
             f"<run of {self.label} on {on.name}, split {on.split}: "
             f"{on.evaluated} of {counted(on.expected, 'pair')}"
-            + (f", {len(failed)} failed: {failed[0]}>" if failed else ">")
+            + (f", {len(failed)} failed: {why}>" if failed else ">")
         )
 
     @property

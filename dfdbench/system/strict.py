@@ -16,9 +16,14 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 #: A factor of the light; a channel's curve has some at even steps of r^2, from the middle outwards.
 Share = Annotated[float, Field(ge=0.01, le=100)]
 STEPS = Field(min_length=2, max_length=100)
+#: The pattern of a text on one line, without control characters.
+LINE = r"^[^\x00-\x1f\x7f-\x9f]+$"
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
-# Pydantic's kinds of errors in our words.
+# Pydantic's kinds of errors, or the pattern, in our words.
 _WORDS = {
+    LINE: "text on one line",
+    "too_short": "{min_length} or more of them",
+    "invalid-json-value": "text, a number, true, false, a list or a table",
     "string_type": "text",
     "list_type": "a list",
     "dict_type": "a table",
@@ -91,8 +96,9 @@ def problems_of(
                 # A record that contradicts itself is too long to show as a whole.
                 whole = kind == "value_error" and isinstance(detail["input"], dict)
                 expected = _PREAMBLE.sub("", detail["msg"])
-                if kind in _WORDS:
-                    expected = _WORDS[kind].format(**detail.get("ctx", {}))
+                context = detail.get("ctx", {})
+                if words := _WORDS.get(context.get("pattern", kind)):
+                    expected = words.format(**context)
                 got = "" if whole else got
                 problem = Problem(what, where=where, expected=expected, got=got, fix=fix)
         problems.append(problem)

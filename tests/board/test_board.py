@@ -86,6 +86,11 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     first, public = text.split("## Public truth")
     assert text.index("seed 12") < text.index("## Methods")
     assert "2026-11-24, after the code was fixed at commit `abc`" in first
+    late = "whose authors could know the rooms: mine on unseen-12-1 ("
+    assert late in first
+    commit = leaderboard(tmp_path).boards[-1].result.environment.git
+    (tmp_path / "seeds.json").write_text(json.dumps([draws[1] | {"commit": commit}]))
+    assert late not in leaderboard(tmp_path).readme()
     assert re.search(r"^\| 1 \| mine \|.* 0\.3000 \| 0\.3000 to 0\.3000 ", first, re.M)
     assert "unseen-7-1" not in text
     assert "### demo-1, split test, protocol valid: public truth" in public
