@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Generic, TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
@@ -20,7 +21,7 @@ from torch.nn import functional
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, reason_of
 from dfdbench.methods.networks.volume import mean_and_variance
 from dfdbench.methods.networks.weights import weights_sha256
 from dfdbench.system.files import write_whole
@@ -108,6 +109,11 @@ def kept_examples(
         Turn arrays into examples.
     on_camera : callable, optional
         Called with (cameras done, total cameras).
+
+    Raises
+    ------
+    InputError
+        If a file is damaged.
     """
     found = {}
     for name, make in one_by_one(makers.items(), on_camera):
@@ -116,8 +122,12 @@ def kept_examples(
             content = io.BytesIO()
             np.savez(content, allow_pickle=False, **make())
             write_whole(path, content.getvalue())
-        with np.load(path) as arrays:
-            found[name] = read(arrays)
+        try:
+            with np.load(path) as arrays:
+                found[name] = read(arrays)
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            what, fix = f"damaged examples: {reason_of(error)}", "remove the file: it is made anew"
+            raise InputError(what, where=str(path), fix=fix) from error
     return found
 
 

@@ -3,6 +3,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -10,7 +11,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training import trainer
-from dfdbench.training.cameras import CameraLearner, Course, loss_of
+from dfdbench.training.cameras import CameraLearner, Course, kept_examples, loss_of
 from dfdbench.training.volumes import HELD_OUT, VOLUME_NET
 from tests.training.test_trainer import stopping
 from tests.training.test_volumes import example
@@ -50,6 +51,19 @@ def test_a_training_that_was_stopped_goes_on_as_if_it_had_not_been(
     assert train_volume_net(cameras, part, steps=3).card.environment == card.environment
     before, again = (load_weights(path, "volume-net")[0].state_dict() for path in (whole, resumed))
     assert all(torch.equal(before[name], again[name]) for name in before)
+
+
+def test_examples_are_kept_and_damaged_ones_named(tmp_path: Path) -> None:
+    def kept() -> dict[str, Sequence[Any]]:
+        made = {"lens": lambda: {"truth": np.ones(3)}}
+        return kept_examples(tmp_path, made, lambda arrays: [arrays["truth"]], None)
+
+    np.testing.assert_array_equal(kept()["lens"], [np.ones(3)])
+    whole = (tmp_path / "lens.npz").read_bytes()
+    for damaged in (b"", whole[:100], whole[:-30], b"no archive"):
+        (tmp_path / "lens.npz").write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged examples: "):
+            kept()
 
 
 def test_a_training_does_not_go_on_with_data_that_have_changed(
