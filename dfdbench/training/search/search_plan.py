@@ -35,7 +35,7 @@ class Choices:
     as_thesis : bool
         Select on the test split, as published; else on scenes held out of the training split.
     held_out : int or None
-        How many scenes to hold out; None for a fifth, at least one.
+        How many scenes to hold out, or more, as groups stay whole; None for a fifth, at least one.
     gamma : float
         Weight of the training pairs in Eq. 6.1.
     variant : str
