@@ -27,7 +27,7 @@ def process_kept() -> Iterator[None]:
 
     This covers the working directory, the environment, Python's recursion limit, NumPy's print
     options and error handling, the warning filters, and the thread counts of OpenCV, Numba and
-    PyTorch if they are loaded.
+    PyTorch if they are loaded. A process that the block forked ends with it.
 
     Examples
     --------
@@ -41,11 +41,14 @@ def process_kept() -> Iterator[None]:
     environment = dict(os.environ)
     filters = list(warnings.filters)
     depth = sys.getrecursionlimit()
-    threads = _threads()
+    threads, process = _threads(), os.getpid()
     try:
         with np.printoptions(), np.errstate():
             yield
     finally:
+        # What a method forked must not go on as a second run.
+        if os.getpid() != process:
+            os._exit(1)
         sys.setrecursionlimit(depth)
         if folder and folder != _working_directory():
             # A method may even have removed it.

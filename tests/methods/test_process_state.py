@@ -1,5 +1,6 @@
 import os
 import random
+import subprocess
 import sys
 import warnings
 from functools import partial
@@ -64,6 +65,15 @@ def test_a_method_cannot_change_the_numbers_of_threads(monkeypatch: pytest.Monke
     before = state()
     call(hurrying, IMAGE, IMAGE)
     assert state() == before
+
+
+def test_a_process_that_a_method_forked_does_not_go_on() -> None:
+    program = (
+        "import os\nfrom dfdbench.methods.process_state import process_kept\n"
+        "with process_kept():\n    os.fork()\nprint('once', flush=True)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.stdout == b"once\n"
 
 
 def test_random_numbers_drawn_in_a_call_reach_nobody_else() -> None:
