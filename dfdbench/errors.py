@@ -197,8 +197,10 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     unknown scene: expected one of: Art, Books, Reindeer, got Xylophone
     """
     choices, name = sorted(known), str(name)
+    # A number's digits say nothing of what is near it.
+    words = [] if name.isdigit() else choices
     # In a short name one letter makes a large difference.
-    near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5 if len(name) < 4 else 0.55)
+    near = difflib.get_close_matches(name, words, n=3, cutoff=0.5 if len(name) < 4 else 0.55)
     near.sort(key=lambda each: (-difflib.SequenceMatcher(None, each, name).ratio(), each))
     if not near:
         near = [choice for choice in choices if choice.casefold() == name.casefold()][-1:]

@@ -9,5 +9,5 @@ STATUSES = {
     "covered by its training, a search found nothing, or you said no",
     MISTAKE: "not done, or only in part: a mistake in what was asked, or something missing; "
     "standard error says what, where, and what to do",
-    INTERRUPTED: "stopped by Ctrl-C or SIGTERM; standard error says how to go on",
+    INTERRUPTED: "stopped by Ctrl-C or SIGTERM; standard error says how to go on, if one can",
 }

@@ -181,7 +181,9 @@ def difficulty_rows(manifest: Manifest, found: Mapping[Pair, Difficulty]) -> lis
     ]
 
 
-def difficulty_table(manifest: Manifest, rows: list[dict[str, Any]], noise: int) -> Table:
+def difficulty_table(
+    manifest: Manifest, split: str, rows: list[dict[str, Any]], noise: int
+) -> Table:
     """Return the rows as a table."""
     lighting = _lighting(manifest)
     columns = ("scene", *lighting, "1 apart", f"{COARSE} apart", "median step")
@@ -201,7 +203,7 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, Any]], noise: int)
         _SEEN.format(noise=noise),
         "steps tried: " + ", ".join(map(str, STEPS)),
     )
-    title = f"what blur does not show of depth in {manifest.label}"
+    title = f"what blur does not show of depth in {manifest.label}, {split}"
     return Table(title, columns, cells, "l", notes)
 
 

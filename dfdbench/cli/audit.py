@@ -145,7 +145,7 @@ def difficulty(
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
     content = hardness.difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    table = hardness.difficulty_table(manifest, rows, noise)
+    table = hardness.difficulty_table(manifest, split, rows, noise)
     screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
@@ -189,7 +189,9 @@ def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result
         ]
         if not own:
             what = f"no run of split {split} of this {store.manifest.stem}"
-            raise InputError(what, where=str(place), fix="name a run's folder, or rows of a board")
+            runs_in = [path.parent for path in sorted(place.glob(f"*/{RESULT}"))]
+            fix = f"name a run: {runs_in[0]}" if runs_in else "name a run, or rows of a board"
+            raise InputError(what, where=str(place), fix=fix)
         runs += own
     return {name: result for name, _, result in _told_apart(runs)}
 

@@ -135,6 +135,8 @@ def compare(
     (tables,) = found.tables.values()
     # A sheet holds one kind of row.
     screen.show(format, tables[:1] if format is Format.csv else tables)
+    if format is Format.csv:
+        screen.say("the pairs that changed most: --format json")
     figure = found.figure(min(most, _PANELS))
     if figure is None:
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))

@@ -80,9 +80,10 @@ def experiment(
     how, changed = configs or config, options.values_of(changes, "--set")
     planned = trials(asked, method, store, how, changed, folder, chosen, repeats, start)
     tables, cards = run_trials(asked, planned, folder, limit, device, progress)
-    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
+    figure = experiment_figure(asked.title, cards, asked.baseline, asked.varies)
+    save_figure(figure, folder / f"{name}.png")
     show(format, tables, folder=folder)
-    say(f"table        {folder / 'scores.md'}, scores.csv")
+    say(f"table        {folder / f'{name}.md'}, {name}.csv")
 
 
 def _rows_of(

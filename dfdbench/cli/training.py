@@ -84,7 +84,8 @@ def train_command(
     folder = _folder(out or default, start, resume, fresh)
     learner = make(folder.path)
     with progress(f"training {method}", RESUMED) as bar:
-        outcome = trainer.train(learner, folder.path, limit, bar, fresh)
+        again = "--resume goes on where it stopped"
+        outcome = trainer.train(learner, folder.path, limit, bar, fresh, again)
     tables = [card_table(outcome.card), *_keep_figures(folder, learner, outcome)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
     _tell(outcome, f"--method {method}" + (f" --dataset {dataset}" if dataset else ""))

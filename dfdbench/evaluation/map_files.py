@@ -100,7 +100,7 @@ class KeptMaps:
         with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
             before = parse_json((folder / _RECORD).read_text("utf-8"))
             self._maps = {
-                str(name): {"file": f"{found['file']}", "images": f"{found['images']}"}
+                str(name): {key: f"{found[key]}" for key in ("file", "images", "map")}
                 for name, found in before.pop("maps").items()
             }
             differences = differences_from(before, identity, method)
@@ -134,7 +134,7 @@ class KeptMaps:
         found = self._maps.get(name, {})
         place = self._folder / found.get("file", name)
         same = place.is_file() and found.get("images") == _sha256(images)
-        return place if same else None
+        return place if same and found["map"] == _sha256([place]) else None
 
     def add(
         self, name: str, images: Iterable[Path], depth: DepthMap, sigma: DepthMap | None
@@ -143,7 +143,7 @@ class KeptMaps:
         place = self._folder / f"{name}.{'npy' if sigma is None else 'npz'}"
         write_depth(place, depth, sigma=sigma)
         file = place.relative_to(self._folder).as_posix()
-        self._maps[name] = {"file": file, "images": _sha256(images)}
+        self._maps[name] = {"file": file, "images": _sha256(images), "map": _sha256([place])}
         record = {**self._identity, "used": self._method.used, "maps": self._maps}
         _write_content(self._folder / _RECORD, json.dumps(record).encode(), "record")
         return place
@@ -340,7 +340,7 @@ def _sorted_out(
         "fix": f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs",
     }
     problems = [
-        Problem(f"{what}: {len(names)}", expected=wish, got=listed(names, _NAMED), **about)
+        Problem(f"{what}: {len(names)}, {listed(names, _NAMED)}", expected=wish, **about)
         for what, names, wish in lists
         if names
     ]

@@ -333,7 +333,7 @@ def warned(
         warnings.append(f"{_BEYOND} ({counted(beyond, 'pair')})")
     if together := sum(not pair.timed_alone for pair in evaluated):
         pairs_together = counted(together, "pair")
-        warnings.append(f"{pairs_together} run several at once: times are not comparable")
+        warnings.append(f"{pairs_together} ran several at once: times are not comparable")
     there = [environments[machine] for machine in {pair.machine for pair in evaluated}]
     machines = {(each.platform, each.cpu, each.cpu_count, each.gpu) for each in there}
     if len(machines) > 1:

@@ -135,6 +135,9 @@ def run_method(
         fix = "put it at the top of a file and pass its name, or leave out the pool"
         what = "only this process knows the method, so no other can run it"
         raise MethodError(what, where=method.entry, fix=fix)
+    if pool is not None:
+        # A cluster that does not answer says so now, before anything is moved or fitted.
+        pool.map(str, ())
     plan = plan_run(store, method, split, options or RunOptions())
     with _one_at_a_time(os.getpid()), writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)
@@ -223,10 +226,13 @@ class _Journal:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
         self._predictions = run_folder.Predictions(folder, plan.store.manifest)
         places, kept = range(len(known.environments)), plan.options.keep_predictions
+        journal, has = run_folder.read_journal(folder), self._predictions.has
+        found = {pair: journal[pair.id] for pair in plan.expected if pair.id in journal}
         self._finished = {
-            name: each
-            for name, each in run_folder.read_journal(folder).items()
-            if each.machine in places and (not kept or self._predictions.has(name))
+            pair.id: each
+            for pair, each in found.items()
+            # A map without any answer is not written.
+            if each.machine in places and (not kept or not each.answered or has(pair))
         }
         self.reused = len(self._finished)
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]

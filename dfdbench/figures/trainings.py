@@ -126,7 +126,9 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     return figure
 
 
-def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: str = "") -> Figure:
+def experiment_figure(
+    title: str, cards: Sequence[tuple[str, Card]], baseline: str = "", varies: str = "value"
+) -> Figure:
     """Draw the scores of trainings by value, as in Figs 5.18 and 5.21 to 5.23.
 
     A value trained several times gets the mean with bars of two standard deviations, minimum and
@@ -141,10 +143,12 @@ def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: s
         Value and card of each training.
     baseline : str
         The value that gets the band.
+    varies : str
+        What the values are.
     """
     by_value = grouped(cards)
     figure = Figure(figsize=(12, 4), layout="constrained")
-    figure.suptitle(title)
+    figure.suptitle(f"{title}, protocol thesis")
     for axis, metric in zip(figure.subplots(1, len(METRICS)), METRICS, strict=True):
         scores = {
             value: np.array([card.scores[metric] for card in group if metric in card.scores])
@@ -156,7 +160,8 @@ def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: s
             axis.set_xlabel("training")
         else:
             _draw_values(axis, scores)
-        axis.set(ylabel=METRICS[metric].title)
+            axis.set_xlabel(varies.replace("_", " "))
+        axis.set(ylabel=METRICS[metric].axis_label)
         axis.grid(alpha=0.3)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     if handles:

@@ -145,9 +145,13 @@ class Predictions:
         # Opened only once, since opening one takes as long as many methods need for a pair.
         self._arrays: dict[tuple[str, str], zarr.Array[Any]] = {}
 
-    def has(self, pair: str) -> bool:
-        """Return whether depth maps were kept for the scene of a pair, given the pair's id."""
-        return (self._folder / PREDICTIONS / pair.partition("/")[0]).is_dir()
+    def has(self, pair: Pair) -> bool:
+        """Return whether a depth map was kept of a pair; it is not read."""
+        chunk = ".".join(map(str, ("c", *self._place(pair), 0, 0)))
+        return (self._folder / PREDICTIONS / pair.scene / "depth" / chunk).is_file()
+
+    def _place(self, pair: Pair) -> tuple[int, ...]:
+        return tuple(self._axes[axis].index(value) for axis, value in pair.coordinates)
 
     def keep(
         self, pair: Pair, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None = None
@@ -156,7 +160,7 @@ class Predictions:
 
         Sigma is the standard deviation that the method gives; its array is beside the depth's.
         """
-        index = tuple(self._axes[axis].index(value) for axis, value in pair.coordinates)
+        index = self._place(pair)
         for name, values in (("depth", depth), ("sigma", sigma)):
             if values is None:
                 continue
@@ -236,7 +240,8 @@ def read_prediction(
             raise ValueError(f"{name} outside 0 to {most:g}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         maps = f"depth maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them"
-        what, fix = f"not a run's {maps}: {error!s:.200}", "run the method again with --fresh"
+        fix = f"remove {place}, and run the method again: it makes what is missing"
+        what = f"not a run's {maps}: {error!s:.200}"
         raise ResultError(what, where=str(place), fix=fix) from error
     return found if there.size else None
 

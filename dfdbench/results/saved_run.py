@@ -108,7 +108,8 @@ class SavedRun:
     def _replaced(self) -> ResultError:
         folder = self.path.parent
         moved = f"{folder.name}{run_folder.PREVIOUS}"
-        fix = f"look in {moved} beside it, where an earlier run is moved, or run the method again"
+        fix = f"look in {moved} beside it, where an earlier run is moved; or run the method again "
+        fix += "with --fresh"
         return ResultError("the folder holds another run than this", where=str(folder), fix=fix)
 
     def _repr_html_(self, protocol: str | None = None) -> str:

@@ -297,7 +297,7 @@ def fit_board(sighting: Sighting, rig: CaptureRig) -> Fitted:
     if best.agreement < _DOUBTFUL:
         share, least = 100 * best.agreement, 100 * _DOUBTFUL
         what = f"only {share:.1f} % of the rays agree with the board's outline, not {least:.0f} %"
-        raise SourceError(what, fix=_BY_HAND)
+        raise SourceError(what, fix=f"check the lens and the rig's measures; or {_BY_HAND}")
     return best
 
 

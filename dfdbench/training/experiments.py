@@ -10,7 +10,7 @@ from typing import Any
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, unknown_name
+from dfdbench.errors import InputError, MethodError, unknown_name
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
@@ -22,7 +22,7 @@ from dfdbench.training.configuration import TrainingConfiguration, read_configur
 from dfdbench.training.learner import Learner
 from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image, write_tables
 from dfdbench.training.task import LOGGED, PROTOCOL, Task, require_trainable, task_of
-from dfdbench.training.trainer import WEIGHTS, EndedBy, OnStep, train
+from dfdbench.training.trainer import WEIGHTS, EndedBy, OnStep, TrainingFolder, train
 
 #: An experiment that varies this changes no choice of the configuration, but what is left out.
 FOLD = "fold"
@@ -191,8 +191,14 @@ def run_trial(
         If the folder holds another training.
     """
     path = trial.folder / WEIGHTS
-    if path.exists():
-        card = load_weights(path, trial.task.method)[1]
+    try:
+        card = load_weights(path, trial.task.method)[1] if path.exists() else None
+    except MethodError:
+        # From a checkpoint, damaged weights are written again.
+        if not TrainingFolder(trial.folder).started:
+            raise
+        card = None
+    if card is not None:
         if not _is_of(card, trial.task, device):
             what = "the folder holds another training"
             raise InputError(what, where=str(trial.folder), fix="choose another with --out")
@@ -226,12 +232,12 @@ def run_trials(
         with shown(f"{number} of {len(planned)}: {trial.folder.name}") as step:
             cards.append((trial.value, run_trial(trial, max_seconds, device, step)))
         tables = [experiment_table(experiment, cards, protocol) for protocol in LOGGED]
-        write_tables(folder / "scores", tables)
+        write_tables(folder / experiment.name, tables)
     if experiment.name == REDUCTION:
         weights = {trial.value: trial.folder / WEIGHTS for trial in planned}
         seconds = seconds_an_image(weights, planned[0].task.store, device)
         tables = [comparison_table(experiment.title, cards, seconds, label) for label in LOGGED]
-        write_tables(folder / "scores", tables)
+        write_tables(folder / experiment.name, tables)
     return tables, cards
 
 

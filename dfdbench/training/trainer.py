@@ -177,6 +177,7 @@ def train(
     max_seconds: float | None = None,
     on_step: OnStep | None = None,
     fresh: bool = False,
+    again: str = "the same command goes on where it stopped",
 ) -> TrainingOutcome:
     """Train until there is no further step or time is up; continue from a checkpoint, if any.
 
@@ -192,6 +193,8 @@ def train(
         Called with (steps done, total steps if known).
     fresh : bool
         Remove an earlier training from the folder.
+    again : str
+        What goes on with a training that was stopped.
 
     Raises
     ------
@@ -207,7 +210,7 @@ def train(
     On a CPU, with the same number of threads, an interrupted and resumed training has the same
     losses, bit for bit, as an uninterrupted one, unless its learning rate follows the time spent.
     """
-    with writing_folder(folder, "training", "--resume goes on where it stopped"):
+    with writing_folder(folder, "training", again):
         ended, state, log = _drive(learner, TrainingFolder(folder), max_seconds, on_step, fresh)
         card = Card(
             parameters=count_parameters(learner.network),
@@ -249,6 +252,7 @@ def _drive(
         learner.restore(state)
         if ended():
             own["environment"] = earlier
+            save()
     else:
         # Report a folder that cannot be written now, not after the first minute.
         save()

@@ -227,7 +227,7 @@ GALLERY: dict[str, tuple[Drawn, ...]] = {
         Drawn(
             "experiment_figure",
             _EXPERIMENT,
-            "training/demo-1-experiments/noise-dfd-net/scores.png",
+            "training/demo-1-experiments/noise-dfd-net/noise.png",
             "Scores by the value that an experiment of the thesis varies.",
         ),
         Drawn(

@@ -73,7 +73,7 @@ def test_reduced_networks_are_trained_and_compared(dfdbench: Command, tiny_store
     assert lines[-1].endswith("thesis-networks-2")
     folders = {f"{name}-seed{seed}" for name in ("original", "B-01-01") for seed in (0, 1)}
     assert {path.name for path in kept.iterdir() if path.is_dir()} == folders
-    assert (kept / "scores.png").exists()
+    assert (kept / "reduction.png").exists()
     dfdbench.fine(f"train dfd-net --config {folder / 'B-01-01.toml'} --dataset {dataset}", *HERE)
 
 

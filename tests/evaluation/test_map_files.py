@@ -45,9 +45,12 @@ def test_a_folder_s_maps_are_taken_over_from_the_same_method_and_images(tmp_path
         assert first.place_of(name, [images[name[-1]]]) is None
         first.add(name, [images[name[-1]]], depth, sigma)
     a, b = (maps().place_of(name, [images[name[-1]]]) for name in ("a", "deep/b"))
+    assert a is not None
     assert (a, b) == (tmp_path / "out/a.npy", tmp_path / "out/deep/b.npz")
     assert maps().left(["a"]) == ["deep/b.npz"]
-    # Another image, a map that is gone, a record that is damaged.
+    # A damaged map, another image, a map that is gone, a record that is damaged.
+    a.write_bytes(a.read_bytes()[:-1])
+    assert maps().place_of("a", [images["a"]]) is None
     images["a"].write_bytes(b"other")
     assert maps().place_of("a", [images["a"]]) is None
     (tmp_path / "out/deep/b.npz").unlink()

@@ -14,10 +14,11 @@ import xarray
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import MethodError
+from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
+from dfdbench.methods.registry import load_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import RESULT, load_result
@@ -83,7 +84,15 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path
     shutil.rmtree(tmp_path / "out" / PREDICTIONS)
     third = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
     assert (third.reused, third.result.complete) == (0, True)
-    assert (tmp_path / "out" / PREDICTIONS).is_dir()
+    first = min((tmp_path / "out" / PREDICTIONS).glob("*/depth/c.*"))
+    first.unlink()
+    assert run_method(tiny_store, method(Counting()), "test", tmp_path / "out").reused == 6
+    assert first.exists()
+    # A cluster that does not answer moves nothing aside.
+    local, nowhere = load_method("local", {}, {}), Cluster("nowhere")
+    with pytest.raises(InputError, match="not a scheduler's address"):
+        run_method(tiny_store, local, "test", tmp_path / "out", pool=nowhere)
+    assert not (tmp_path / "out.previous").exists()
 
 
 MIXED = """

@@ -72,6 +72,10 @@ def test_a_training_that_has_ended_is_taken_over(tiny_store: Dataset, tmp_path: 
     again = run_trial(one(), None, "cpu", lambda step, total: steps.append(step))
     assert steps == [2]
     assert again == first
+    (one().folder / "weights.safetensors").write_bytes(b"damaged")
+    (one().folder / "losses.csv").unlink()
+    assert run_trial(one(), None, "cpu") == first
+    assert (one().folder / "losses.csv").exists()
     with pytest.raises(InputError, match="another training"):
         run_trial(one(noise=1), None, "cpu")
 
