@@ -62,7 +62,10 @@ class PairedDifference:
         """Whether the difference is more than chance.
 
         ``real`` if `p` is below 5 %, else ``may be chance``. Below ten groups there is no verdict.
+        If no pair differs, there is no difference.
         """
+        if not self.wins + self.losses:
+            return "none"
         if self.groups < intervals.GROUPS_TO_TELL or self.p is None:
             return TOO_FEW
         return "real" if self.p < intervals.LEVEL else "may be chance"

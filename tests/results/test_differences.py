@@ -89,6 +89,9 @@ def test_what_is_real_alone_may_be_chance_among_many() -> None:
     assert many[1].p == pytest.approx(10 * (alone.p or 0))
     assert many[1].verdict == "may be chance"
     assert (many[1].low, many[1].high) == (alone.low, alone.high)
+    same = paired_difference([0.0] * 10, list(SCENES), "nrmse")
+    assert same is not None
+    assert same.verdict == "none"
 
 
 def test_runs_beside_one_another_are_corrected_together(tmp_path: Path) -> None:
