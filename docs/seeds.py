@@ -80,7 +80,9 @@ def main(family: str = "unseen") -> None:
     print(f"Told apart by two seeds, but in other orders: {len(turned)}.")
     print(f"Of these, pairs of methods better than a constant: {len(useful)}.")
     late = [name for draw in board.draws for name, _ in board.late(draw)]
-    print(f"Rows of later code than the draw: {', '.join(str(late.count(n)) for n in seeds)}.")
+    print(
+        f"Rows of another commit than the seed's: {', '.join(str(late.count(n)) for n in seeds)}."
+    )
     for one, other in combinations(seeds, 2):
         print(
             f"Rank correlation of {one} and {other}: {rank_correlation(means[[one, other]]):.2f}."

@@ -81,7 +81,7 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
         Minutes after which a method is stopped.
     """
     draw = draw_seed(LEADERBOARD, seed)
-    print(f"seed         {draw.seed}, {draw.date}, commit {draw.commit}")
+    print(f"seed         {draw.seed}, written down {draw.date} at commit {draw.commit}")
     print(f"once stopped make leaderboard SEED={draw.seed}", flush=True)
     cards = {name: card for name, card in load_cards(LEADERBOARD).items() if not card.given_blur}
     for takes, family in _FAMILIES.items():
@@ -158,7 +158,7 @@ def main() -> int:
         status = _dfdbench("leaderboard", "--format", "csv")
     except DfdbenchError as error:
         print(f"error: {error}", file=sys.stderr)
-        return MISTAKE
+        status = MISTAKE
     except KeyboardInterrupt:
         status = INTERRUPTED
     for text in left:

@@ -344,8 +344,7 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     sides = [side for record in records.values() for side in (record.train, record.test)]
     if absent := sorted({scene for side in sides for scene in side.absent_scenes}):
         notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
-    others = "all other scenes" if kind == "fold" else "the scenes of other groups"
-    title = f"each {kind} of {sides[1].label} against {others}"
+    title = f"each {kind} of {sides[1].label} against the others"
     columns = (kind, second, "thesis", "levels", "density", "levels", "missing")
     align = "llrlrll" if kind == "fold" else "lrrlrll"
     return Table(title, columns, rows, align, tuple(notes))

@@ -269,7 +269,7 @@ def all_but(store: Dataset, fold: str) -> Side:
     UnknownNameError
         If there is no such fold or scene.
     StoreError
-        If the store holds none of the other scenes.
+        If the store holds none of the others.
     """
     require_fold(store.manifest, fold)
     return side_of(store, f"all but {fold}", training_of(store.manifest, fold))
@@ -291,7 +291,7 @@ def sides_of(
     train, test : str, optional
         Splits; by default ``"train"`` and ``"test"``, or ``"all"`` of another data set.
     fold : str, optional
-        In place of both: test on this fold or scene, train on all other scenes.
+        In place of both: test on this fold or scene, train on the others.
     other : Dataset, optional
         The data set of the test. Its levels are inverted (Eq. 7.1) if they grow the other way.
 

@@ -54,7 +54,7 @@ def sides_of_run(
 
     Notes
     -----
-    If none is named, the split ``"train"`` is taken for training, or all other scenes if a fold or
+    If none is named, the split ``"train"`` is taken for training, or the others if a fold or
     a scene in ``"train"`` was tested.
     """
     test = side_of(store, split)

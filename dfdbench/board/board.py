@@ -222,7 +222,8 @@ class Board:
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
         late = self.late(self.newest).items() if self.newest else ()
-        told = ", ".join(f"{method} on {data} ({commit})" for (data, method), commit in late)
+        by_commit = grouped((commit, method) for (_, method), commit in late)
+        told = "; ".join(f"{listed(sorted({*of}))} ({commit})" for commit, of in by_commit.items())
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
             draw=self.newest,
             late=escape_markdown(told),

@@ -191,5 +191,5 @@ def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
     # The problem's path names the scene, or the problem is one that scenes share.
     named = problem.where.startswith(str(source))
     return (
-        problem if named else replace(problem, where=": ".join(filter(None, (name, problem.where))))
+        problem if named else replace(problem, where=f"{name}: {problem.where}".removesuffix(": "))
     )

@@ -23,7 +23,7 @@ from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, Table
 
 _CONSTANT = "constant"
-#: What is tested one by one against all other scenes.
+#: What is tested one by one against the others.
 Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
     cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
@@ -189,8 +189,7 @@ def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result
         ]
         if not own:
             what = f"no run of split {split} of this {store.manifest.stem}"
-            runs_in = [path.parent for path in sorted(place.glob(f"*/{RESULT}"))]
-            fix = f"name a run: {runs_in[0]}" if runs_in else "name a run, or rows of a board"
+            fix = "name a run's own folder, or a folder of a board's rows"
             raise InputError(what, where=str(place), fix=fix)
         runs += own
     return {name: result for name, _, result in _told_apart(runs)}
@@ -233,13 +232,13 @@ def coverage(
         str | None, Option(help="Tests; default: test, or all with --test-dataset.")
     ] = None,
     fold: Annotated[
-        str | None, Option(help="Test on this fold or scene, train on all other scenes.")
+        str | None, Option(help="Test on this fold or scene, train on the others.")
     ] = None,
     test_dataset: Annotated[
         str | None, Option(help="Test on another data set: its name or a store's path.")
     ] = None,
     each: Annotated[
-        Each | None, Option(help="Test every scene or fold against all other scenes.")
+        Each | None, Option(help="Test every scene or fold against the others.")
     ] = None,
     result: Annotated[
         Path | None, Option(help="A run's folder: show its errors by coverage, too.")

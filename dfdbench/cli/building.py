@@ -160,7 +160,8 @@ def new_dataset(
         Path | None, Option(help="The manifest to write; default: NAME-1.toml, here.")
     ] = None,
     name: Annotated[
-        str | None, Option(help="The data set's name; default: that of --out, or the folder's.")
+        str | None,
+        Option(help="The data set's name; default: from --out NAME-1.toml, or the folder's."),
     ] = None,
     format: options.Facts = "table",
 ) -> None:

@@ -194,7 +194,11 @@ def architecture(
     ] = False,
     hold_out: Annotated[
         int | None,
-        Option(min=1, help="Scenes held out to select on.", show_default="a fifth of them"),
+        Option(
+            min=1,
+            help="Scenes held out to select on, or more: groups stay whole.",
+            show_default="a fifth of them",
+        ),
     ] = None,
     gamma: Annotated[
         float, Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")

@@ -37,7 +37,7 @@ def train_command(
     ] = None,
     split: Annotated[str | None, Option(help="The split to train on; default: train.")] = None,
     fold: Annotated[
-        str | None, Option(help="Train on all scenes but this fold's, or this scene.")
+        str | None, Option(help="Train on all scenes but this fold's, or this scene's group.")
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,

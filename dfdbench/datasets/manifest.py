@@ -13,7 +13,7 @@ from pydantic import Field
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale, Rig
-from dfdbench.errors import unknown_name
+from dfdbench.errors import InputError, unknown_name
 from dfdbench.system.strict import StrictRecord
 
 if TYPE_CHECKING:
@@ -417,7 +417,12 @@ def excluded_pairs(exclusions: list[Exclusion], axes: dict[str, list[int]]) -> I
 def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     """Return the scenes that train when a fold, or a single scene, tests.
 
-    These are all others; of a single scene's group, none.
+    These are all scenes that are not tested; for a single scene, without the rest of its group.
+
+    Raises
+    ------
+    InputError
+        If all other scenes are of its group.
 
     Examples
     --------
@@ -427,10 +432,12 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     (24, 24)
     """
     tested, groups = set(manifest.scenes_of(fold)), manifest.groups
-    own = groups.get(fold, fold)
-    return tuple(
-        scene for scene in manifest.scene_names if scene not in tested and groups.get(scene) != own
-    )
+    others = [scene for scene in manifest.scene_names if scene not in tested]
+    left = [s for s in others if fold not in groups or groups.get(s) != groups[fold]]
+    if others and not left:
+        what = f"{fold} is tested, and all other scenes are of its group, {groups[fold]}"
+        raise InputError(what, where=manifest.stem, fix="take a split, or a set of more groups")
+    return tuple(left)
 
 
 def require_fold(manifest: Manifest, fold: str) -> None:

@@ -57,7 +57,7 @@ def training_pairs(
 ) -> tuple[str, Captures]:
     """Return the pairs that a method may be fitted on before it is run on a split.
 
-    They are the split ``train`` or, if a fold or a single scene is run, all other scenes. `images`
+    They are the split ``train`` or, if a fold or a single scene is run, the others. `images`
     are the two images of each capture to use as a pair.
 
     Returns
@@ -104,14 +104,14 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
     splits = [item.name for item in manifest.splits]
     if TRAINING not in splits:
         what = f"the method is to be fitted, and there is no split {TRAINING}"
-        fix = "run a fold or a single scene, --split NAME: all other scenes train"
+        fix = "run a fold or a single scene, --split NAME: the others train"
         fix = fix if len(manifest.scene_names) > 1 else "a method with a fit needs more scenes"
         raise StoreError(what, where=manifest.stem, fix=fix)
     train = frozenset(manifest.scenes_of(TRAINING))
     both = [scene for scene in manifest.scenes_of(split) if scene in train]
     if both:
         what = f"the method would be tested on what it was fitted on: {', '.join(both)}"
-        # Name the folds, or single scenes if there are none: all other scenes then train.
+        # Name the folds, or single scenes if there are none: the others then train.
         fair = [item.name for item in manifest.splits if train.isdisjoint(item.scenes)]
         fair += [fold.name for fold in manifest.folds] or list(manifest.scene_names)
         fix = f"--split NAME, one of: {', '.join(fair)}"
@@ -122,7 +122,7 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
 def mean_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
     """Return the name and the scenes of the data whose mean depth methods get for a split.
 
-    That is the training split; if the split is a fold or a scene of it, all other scenes.
+    That is the training split; if the split is a fold or a scene of it, the others.
 
     Raises
     ------

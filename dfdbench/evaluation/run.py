@@ -135,15 +135,15 @@ def run_method(
         fix = "put it at the top of a file and pass its name, or leave out the pool"
         what = "only this process knows the method, so no other can run it"
         raise MethodError(what, where=method.entry, fix=fix)
-    if pool is not None:
-        # A cluster that does not answer says so now, before anything is moved or fitted.
-        pool.map(str, ())
     plan = plan_run(store, method, split, options or RunOptions())
     with _one_at_a_time(os.getpid()), writing_folder(folder, "run"):
         before = None if plan.options.fresh else _begun(folder)
         because = differences_from(before, plan.identity, method) if before is not None else []
         if because:
             before = None
+        if pool is not None and before is None:
+            # A cluster that does not answer says so before anything is moved or fitted.
+            pool.map(str, ())
         plan = replace(plan, fit=_fitted(plan, folder if before else None, pool))
         known = _Known(plan.identity, before)
         set_aside = run_folder.open_run_folder(folder, known.content, before is not None)

@@ -194,7 +194,7 @@ def _misfits(session: Any, about: Description, path: Path) -> Iterator[Problem]:
             expected = f"{about.layout} with {about.channels} channels, as {file.name} says"
             what, fix = f"{node.name} has another shape", f"correct layout or colour in {file.name}"
             yield Problem(what, where=str(path), expected=expected, got=shape, fix=fix)
-        plain = (about.largest, *about.mean, *about.std) == (255, 0, 1)
+        plain = about.largest == 255 and not any(about.mean) and {*about.std} == {1}
         if node.type == "tensor(uint8)" and node.name in about.inputs and not plain:
             fix = f"leave largest, mean and std out of {file.name}, or export it with floats"
             yield Problem(f"{node.name} takes whole levels, 0 to 255", where=str(path), fix=fix)

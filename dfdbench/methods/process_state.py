@@ -48,7 +48,8 @@ def process_kept() -> Iterator[None]:
     finally:
         # What a method forked must not go on as a second run.
         if os.getpid() != process:
-            os._exit(1)
+            error = sys.exc_info()[1]
+            os._exit(0 if isinstance(error, SystemExit) and not error.code else 1)
         sys.setrecursionlimit(depth)
         if folder and folder != _working_directory():
             # A method may even have removed it.
@@ -114,15 +115,13 @@ def _working_directory() -> str | None:
 def _threads() -> dict[str, int]:
     # Libraries that are not loaded are not loaded for this.
     return {
-        name: getattr(sys.modules[name], told)()
+        name: _numba_threads() if name == "numba" else getattr(sys.modules[name], told)()
         for name, (told, _) in _THREADS.items()
-        if hasattr(sys.modules.get(name), told) and (name != "numba" or _numba_has_threads())
+        if hasattr(sys.modules.get(name), told)
     }
 
 
-def _numba_has_threads() -> bool:
-    # To ask for their number would start them, which resets PyTorch's.
-    try:
-        return bool(sys.modules["numba"].threading_layer())
-    except ValueError:
-        return False
+def _numba_threads() -> int:
+    from dfdbench.system.compiled import numba_threads  # only if numba is loaded already
+
+    return numba_threads()

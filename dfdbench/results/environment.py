@@ -26,12 +26,12 @@ def describe_environment() -> Environment:
     >>> describe_environment().versions["dfdbench"] == version("dfdbench")
     True
     """
-    import numba  # slow to import, and a run with nothing to do does not need it
+    # numba is slow to import, and a run with nothing to do does not need it.
+    from dfdbench.system.compiled import numba_threads
 
     # Only if the method has loaded PyTorch: asking must not load it.
     torch = sys.modules.get("torch")
-    # To ask Numba for its threads would start them, which resets PyTorch's.
-    threads = {"opencv": cv2.getNumThreads(), "numba": numba.config.NUMBA_NUM_THREADS}  # type: ignore[attr-defined]
+    threads = {"opencv": cv2.getNumThreads(), "numba": numba_threads()}
     return Environment(
         python=platform.python_version(),
         platform=f"{platform.system()} {platform.machine()}",

@@ -60,6 +60,15 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+def numba_threads() -> int:
+    """Return how many threads numba uses, without starting them: that would reset PyTorch's."""
+    try:
+        numba.threading_layer()  # type: ignore[attr-defined]
+    except ValueError:
+        return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    return int(numba.get_num_threads())
+
+
 def in_threads(function: Callable[[Item], Outcome], items: Sequence[Item]) -> list[Outcome]:
     """Return a function's result for each item, computed in as many threads as numba may use.
 

@@ -21,7 +21,7 @@ LINE = r"^[^\x00-\x1f\x7f-\x9f]+$"
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
 # Pydantic's kinds of errors, or the pattern, in our words.
 _WORDS = {
-    LINE: "text on one line",
+    LINE: "one line of text, not empty",
     "too_short": "{min_length} or more of them",
     "invalid-json-value": "text, a number, true, false, a list or a table",
     "string_type": "text",

@@ -125,7 +125,7 @@ def kept_examples(
         try:
             with np.load(path) as arrays:
                 found[name] = read(arrays)
-        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+        except (OSError, EOFError, ValueError, KeyError, RuntimeError, BadZipFile) as error:
             what, fix = f"damaged examples: {reason_of(error)}", "remove the file: it is made anew"
             raise InputError(what, where=str(path), fix=fix) from error
     return found

@@ -90,7 +90,7 @@ def task_of(
     seed: int = 0,
     start: Path | None = None,
 ) -> Task:
-    """Return the task of training on a split, or on all scenes except a fold or a scene.
+    """Return the task of training on a split, or on all scenes except a fold or a scene's group.
 
     Raises
     ------

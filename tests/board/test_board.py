@@ -86,7 +86,7 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     first, public = text.split("## Public truth")
     assert text.index("seed 12") < text.index("## Methods")
     assert "2026-11-24, after the code was fixed at commit `abc`" in first
-    late = "whose authors could know the rooms: mine on unseen-12-1 ("
+    late = "nobody can tell what they knew of the rooms: mine ("
     assert late in first
     commit = leaderboard(tmp_path).boards[-1].result.environment.git
     (tmp_path / "seeds.json").write_text(json.dumps([draws[1] | {"commit": commit}]))

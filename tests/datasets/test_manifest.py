@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import seeded
+from dfdbench.errors import InputError
 from tests.conftest import TINY_TOML
 
 # A released manifest never changes; a correction is a new version with a new line here.
@@ -38,6 +39,18 @@ def test_released_manifests_never_change_and_are_named_by_name_and_version() -> 
     files = [manifest for manifest in released_manifests() if not seeded(manifest.name)]
     assert {manifest.stem: manifest.sha256 for manifest in files} == RELEASED
     assert {manifest.recipe for manifest in files} <= {None, *RECIPES}
+
+
+def test_of_one_group_nothing_is_left_to_train(
+    tiny_manifest: Manifest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert training_of(tiny_manifest, "One") == ("Two", "Three")
+    monkeypatch.setattr(Manifest, "groups", {"One": "room", "Two": "room"})
+    assert training_of(tiny_manifest, "One") == ("Three",)
+    assert training_of(tiny_manifest, "Three") == ("One", "Two")
+    monkeypatch.setattr(Manifest, "groups", dict.fromkeys(tiny_manifest.scene_names, "room"))
+    with pytest.raises(InputError, match="all other scenes are of its group, room"):
+        training_of(tiny_manifest, "One")
 
 
 def test_only_simulated_captures_are_marked_so() -> None:

@@ -210,10 +210,12 @@ def _held_out(
     """Draw groups of scenes until there are enough; return the other scenes, and those."""
     count = choices.held_out or max(1, round(len(train) * _HELD_OUT))
     groups = [*grouped((group_of.get(scene, scene), scene) for scene in train).values()]
-    drawn = list[str]()
+    # A group that would leave less than half to train on stays in training.
+    drawn, most = list[str](), max(count, len(train) // 2)
     for number in np.random.default_rng((choices.seed, len(train))).permutation(len(groups)):
-        drawn += groups[number] if len(drawn) < count else []
-    if len(drawn) == len(train):
+        if len(drawn) < count and len(drawn) + len(groups[number]) <= most:
+            drawn += groups[number]
+    if len(drawn) < count or len(drawn) == len(train):
         what = f"{len(train)} training scenes are too few to hold {count} out, with their groups"
         fix = "hold out fewer, take another split, or --as-thesis, which selects on the test"
         raise InputError(what, where=f"split {choices.split}", fix=fix)

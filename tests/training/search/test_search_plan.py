@@ -3,10 +3,10 @@ from typing import Any
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at
+from dfdbench.training.search.search_plan import Choices, _held_out
 from tests.training.search.made_searches import position_of, small_plan
 
 
@@ -19,12 +19,19 @@ def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Datase
     assert plan.trained_on == f"tiny-1, split test, less {plan.other[0]}"
 
 
-def test_scenes_of_a_group_are_held_out_together(
-    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Manifest, "groups", {"Two": "pair", "Three": "pair"})
-    with pytest.raises(InputError, match="2 training scenes are too few to hold 1 out, with their"):
-        small_plan(tiny_store)
+@pytest.mark.parametrize("seed", range(8))
+def test_scenes_of_a_group_are_held_out_together(seed: int) -> None:
+    scenes = tuple("abcdefgh")
+    group_of = dict.fromkeys("bcd", "hall") | dict.fromkeys("fg", "room")
+    train, other = _held_out(scenes, group_of, Choices(held_out=2, seed=seed))
+    assert (*sorted((*train, *other)),) == scenes
+    assert 2 <= len(other) <= 4
+    for group in ("bcd", "fg"):
+        assert len({*group} & {*other}) in (0, len(group))
+    large = dict.fromkeys("abcdefg", "hall")
+    assert _held_out(scenes, large, Choices(held_out=1, seed=seed))[1] == ("h",)
+    with pytest.raises(InputError, match="8 training scenes are too few to hold 2 out, with their"):
+        _held_out(scenes, large, Choices(held_out=2, seed=seed))
 
 
 def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Dataset) -> None:
