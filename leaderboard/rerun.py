@@ -82,7 +82,7 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
     """
     draw = draw_seed(LEADERBOARD, seed)
     print(f"seed         {draw.seed}, written down {draw.date} at commit {draw.commit}")
-    print(f"once stopped make leaderboard SEED={draw.seed}", flush=True)
+    print(f"if stopped   make leaderboard SEED={draw.seed} goes on", flush=True)
     cards = {name: card for name, card in load_cards(LEADERBOARD).items() if not card.given_blur}
     for takes, family in _FAMILIES.items():
         methods = {name: card for name, card in cards.items() if takes in card.takes}

@@ -46,3 +46,7 @@ def test_a_lack_of_memory_is_told_from_other_errors() -> None:
         assert is_lack_of_memory(error)
         wrapped.__cause__ = error
         assert is_lack_of_memory(wrapped)
+
+
+def test_numbers_have_no_near_misses() -> None:
+    assert str(unknown_name("step", "126", ["132", "136"])).endswith("one of: 132, 136, got 126")

@@ -190,6 +190,5 @@ def _placed(
 def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
     # The problem's path names the scene, or the problem is one that scenes share.
     named = problem.where.startswith(str(source))
-    return (
-        problem if named else replace(problem, where=f"{name}: {problem.where}".removesuffix(": "))
-    )
+    where = problem.where if named else f"{name}: {problem.where}".removesuffix(": ")
+    return replace(problem, where=where)

@@ -100,10 +100,7 @@ class KeptMaps:
         with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
             before = parse_json((folder / _RECORD).read_text("utf-8"))
             self._maps = {
-                str(name): {
-                    **{key: f"{found[key]}" for key in ("file", "images")},
-                    "map": f"{found.get('map')}",
-                }
+                str(name): {key: f"{found[key]}" for key in ("file", "images", "map")}
                 for name, found in before.pop("maps").items()
             }
             differences = differences_from(before, identity, method)

@@ -1,6 +1,5 @@
 """A run's summary: its score, a constant's, the best comparable row's, its worst pairs."""
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -176,8 +175,8 @@ def _beside(own: float, other: float) -> str:
     """
     if score_text(own) == score_text(other):
         return "yours is the same"
-    percents = 100 * abs(own / other - 1) if other else math.inf
-    far = "much" if percents == math.inf else f"{percents:.0f} %" if percents >= 1 else "under 1 %"
+    far = f"{100 * abs(own / other - 1):.0f} %" if other else "much"
+    far = "under 1 %" if far == "0 %" else far
     return f"yours is {far} {'lower' if own < other else 'higher'}"
 
 

@@ -2,8 +2,7 @@
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -185,27 +184,13 @@ def evenly_spaced(pairs: Sequence[Pair], count: int) -> tuple[Pair, ...]:
     return tuple(pairs[index * len(pairs) // count] for index in range(count))
 
 
-@contextmanager
-def same_threads() -> Iterator[None]:
-    """Keep PyTorch's number of threads the same after the block as before.
-
-    Numba shares OpenMP with PyTorch and changes its number of threads.
-    """
-    threads = torch.get_num_threads()
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-@same_threads()
 def mean_scores(
     network: nn.Module,
     store: Dataset,
     pairs: Sequence[Pair],
     device: torch.device,
     readout: Readout = "mode",
-    protocols: Sequence[Protocol] = tuple(PROTOCOLS[label] for label in LOGGED),
+    protocols: Sequence[Protocol] = tuple(map(PROTOCOLS.__getitem__, LOGGED)),
     centre: tuple[int, int] | None = None,
 ) -> dict[str, dict[str, float]]:
     """Return the mean of each metric over pairs, under each protocol by its label.

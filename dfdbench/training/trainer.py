@@ -248,7 +248,7 @@ def _drive(
         place.clear()
     if place.started:
         state, log = place.load(learner.identity)
-        own["seconds"], earlier = state.pop("seconds"), state.pop("environment", own["environment"])
+        own["seconds"], earlier = state.pop("seconds"), state.pop("environment")
         learner.restore(state)
         if ended():
             own["environment"] = earlier

@@ -71,9 +71,12 @@ def test_a_process_that_a_method_forked_does_not_go_on() -> None:
     program = (
         "import os\nfrom dfdbench.methods.process_state import process_kept\n"
         "with process_kept():\n    os.fork()\nprint('once', flush=True)\n"
+        # A child that ends itself keeps its status.
+        "with process_kept():\n    child = os.fork()\n    child or exit(0)\n"
+        "print(os.waitpid(child, 0)[1])\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
-    assert done.stdout == b"once\n"
+    assert done.stdout == b"once\n0\n"
 
 
 def test_random_numbers_drawn_in_a_call_reach_nobody_else() -> None:

@@ -146,16 +146,3 @@ def test_a_network_gets_the_two_images_of_a_stack_that_a_run_gives_it(
     expected = np.concatenate(list(store.read(pairs[0]).images[2:4]), axis=2)
     assert len(seen) == 13
     assert all(np.array_equal(images, expected) for images in seen)
-
-
-def test_threads_are_as_many_afterwards_whatever_happens() -> None:
-    before = torch.get_num_threads()
-
-    @tasks.same_threads()
-    def fail() -> None:
-        torch.set_num_threads(before + 1)
-        raise ValueError("wrong")
-
-    with pytest.raises(ValueError, match="wrong"):
-        fail()
-    assert torch.get_num_threads() == before
