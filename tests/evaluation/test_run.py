@@ -70,7 +70,7 @@ def test_a_stopped_run_goes_on(tiny_store: Dataset, tmp_path: Path) -> None:
 
 
 def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path: Path) -> None:
-    run = run_method(tiny_store, method(Counting(fail_at=3)), "test", tmp_path / "out")
+    run = run_method(tiny_store, method(Counting(fail_at=4)), "test", tmp_path / "out")
     (failed,) = [pair for pair in run.result.pairs if pair.status == "failed"]
     assert str(failed.error).startswith("raised RuntimeError: out of memory (")
     assert run.result.averages is None
@@ -197,6 +197,19 @@ def test_answers_that_differ_by_call_are_told(tiny_store: Dataset, tmp_path: Pat
     # It is still known when the run has gone on.
     result = run_method(tiny_store, method(drawing), "test", tmp_path / "out").result
     assert result.pairs[0].id in str(result.warnings)
+
+
+def test_an_answer_left_from_another_pair_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
+    kept = [np.zeros((0, 0))]
+
+    def late(infocus: Any, defocus: Any) -> Any:
+        kept.append(infocus[..., 0] / 2)
+        return kept[-2] if kept[-2].shape == kept[-1].shape else kept[-1]
+
+    options = RunOptions(limit=3)
+    result = run_method(tiny_store, method(late), "test", tmp_path / "out", options).result
+    assert result.pairs[0].id in str(result.warnings)
+    assert "cannot be reproduced" in str(result.warnings)
 
 
 def test_a_lacking_pair_is_told(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> None:
