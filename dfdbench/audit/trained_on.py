@@ -123,7 +123,7 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
         train = training_side(trained_on, store)
         if train is None:
             said = trained_on.split(TRAININGS)[0]
-            what = f'depths not compared with training: trained_on is "{said}", not {FORM}'
+            what = f'depths not compared with training, "{said}": only {FORM} can be looked up'
             return [*warnings, what]
         test = side_of(store, split)
     except DfdbenchError as error:

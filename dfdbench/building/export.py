@@ -105,13 +105,17 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
     for name, image in zip(names, capture.images, strict=True):
         _write(folder / name, image)
     known = {key: stack[key].values.tolist() for key in ("role", *BY_IMAGE)}
-    # JSON has no NaN.
-    coordinates = {key: [None if v != v else v for v in values] for key, values in known.items()}
-    attributes = {key: None if v != v else v for key, v in stack.attrs.items()}
+    coordinates = {key: [_in_json(value) for value in values] for key, values in known.items()}
+    attributes = {key: _in_json(value) for key, value in stack.attrs.items()}
     said = {"images": names, "coordinates": coordinates, "attributes": attributes}
     write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
     if not images_only:
         _write(folder / _STACK_DEPTH, capture.depth)
+
+
+def _in_json(value: Any) -> Any:
+    # JSON has neither NaN nor infinity.
+    return {"nan": None, "inf": "inf"}.get(str(value), value)
 
 
 def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:

@@ -421,7 +421,7 @@ def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None
     ends = np.percentile(told * unit, [_SHARE, 100 - _SHARE])
     near, far = _rounded(float(ends[0]), False), _rounded(float(ends[1]), True)
     facts.files["depth_unit"], facts.scale = f"{unit} # metres", (near, far)
-    facts.unit = "metres" if metres else f"linear in 1/z from {near:g} m (255) to {far:g} m (1)"
+    facts.unit = "metres" if metres else "linear in 1/z"
     facts.open.append(
         f"whether one unit of depth is {unit:g} m: the median is {median * unit:.3g} m then"
     )

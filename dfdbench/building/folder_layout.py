@@ -36,6 +36,8 @@ _FORMS = tuple(
 )
 # A number in a file's name, in one piece unless it is an f-number.
 _NUMBER = re.compile(r"(?P<number>(?<![fF])(?<![fF][ _-])\d+\.\d+|\d+)")
+# Images f4, f8, f16 differ in aperture; f1, f2, f3 are frames.
+_F, _STOPS = re.compile(rf"(?<![A-Za-z])[fF][ _-]?\{{{IMAGE}\}}"), {1, 2, 4, 8, 11, 16, 22, 32}
 # One of a scene's files may have nothing but the scene's name.
 _BARE = rf"(?:.*/)?(?P<scene>[^/]+?)(?:[ _\-.]{_WORD})?\.[^./]+"
 # Of a photograph and its depth map: in folders of any depth, or with several words before a number.
@@ -242,6 +244,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
     for path in paths:
         for template, number in _templates(PurePosixPath(path)):
             families[template][number] = path
+    families = {t: f for t, f in families.items() if not (_F.search(t) and f.keys() <= _STOPS)}
     if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
         return None
     # Tables take precedence over numbers: two columns may belong together, such as run and motor.
@@ -261,8 +264,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Layout | None:
     layouts = [one for form in _folders(left) if (one := _layout(left, form, 1, images))]
     if len(images) == 1:
         layouts.insert(0, one_scene(folder, left, images))
-    with_stacks = (layout for layout in layouts if layout.stacks)
-    return max(with_stacks, key=lambda layout: len(layout.scenes), default=None)
+    return max((o for o in layouts if o.stacks), key=lambda o: len(o.scenes), default=None)
 
 
 def one_scene(folder: Path, paths: tuple[str, ...], images: Stacks = _NO_STACK) -> Layout:
@@ -363,8 +365,7 @@ def _folders(paths: tuple[str, ...], forms: tuple[str, ...] = (_FOLDER,)) -> tup
 
 
 def _with_depth(groups: tuple[Group, ...], others_each: int = _ROLES - 1) -> int:
-    depths: set[Key] = set()
-    others: Counter[Key] = Counter()
+    depths, others = set[Key](), Counter[Key]()
     for group in groups:
         (depths if group.is_depth else others).update(list(group.files))
     return sum(others[key] >= others_each for key in depths)
@@ -420,8 +421,7 @@ def _has_frames(layout: Layout) -> bool:
         zip_longest(*(g.pattern.split("/")[:-1] for g in groups if g.is_depth is depth))
         for depth in (True, False)
     )
-    levels = ((set(one), set(other)) for one, other in zip(depths, others, strict=False))
-    return any(one == other and len(one) > 1 for one, other in levels)
+    return any(set(a) == set(b) and len(set(a)) > 1 for a, b in zip(depths, others, strict=False))
 
 
 def _kinds(paths: tuple[str, ...], form: str) -> Kinds:
@@ -458,8 +458,8 @@ def _endings_joined(found: Kinds) -> Kinds:
 
 def _by_order(paths: tuple[str, ...]) -> Layout | None:
     found = _kinds(paths, _FORMS[0])
-    sizes = Counter(map(_sizes, found.values()))
-    common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
+    sizes = Counter(map(_sizes, found.values())).most_common(1)
+    common, times = sizes[0] if sizes else ((), 0)
     if not _ROLES <= times <= _MOST_GROUPS:
         return None
     scenes = tuple(

@@ -283,7 +283,7 @@ def _without_recipe(manifest: Manifest) -> str:
     if manifest.on_track:
         return "not given: a track"
     captured = "SIMULATED captures" if manifest.simulated else "captured"
-    return f"none: both images are {captured}"
+    return f"none: the images are {captured}"
 
 
 def _degradation_text(manifest: Manifest) -> str:

@@ -128,6 +128,13 @@ class CapturedFiles(StrictRecord):
         named = ("infocus", "defocus", "images", "depth", "metadata")
         return {name: pattern for name in named if (pattern := getattr(self, name)) is not None}
 
+    @property
+    def of_pairs(self) -> bool:
+        """Whether captures are pairs: by two patterns, or by one and both roles."""
+        roles = [row.get("role") for row in self.image]
+        both = len(roles) == 2 and {*roles} == {"infocus", "defocus"}
+        return self.images is None or (both and self.infocus is None)
+
     def values_of(
         self, scene: str, names: Mapping[str, str], axes: Mapping[str, int]
     ) -> dict[str, str]:

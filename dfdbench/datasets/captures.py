@@ -189,7 +189,7 @@ class Capture:
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:
-            fix = "take a method of stacks, or name the two images of a pair, as images=0,4"
+            fix = "take a method of stacks, or name the two images of a pair: images=FIRST,SECOND"
             raise InputError(f"the capture has no {role} image", where=self.pair.id, fix=fix)
         return eight_bits(self.images[self.facts.roles.index(role)])
 

@@ -188,8 +188,12 @@ class Depth(StrictRecord):
 
     @property
     def text(self) -> str:
-        """The unit, and of levels which way they go, in words."""
-        return self.unit if self.kind == "metres" else f"brighter is {self.direction}; {self.unit}"
+        """The unit and its ends, and of levels which way they go, in words."""
+        text = self.unit if self.kind == "metres" else f"brighter is {self.direction}; {self.unit}"
+        # Some units name the ends themselves.
+        if self.scale and f"{self.scale.far:g} m" not in text:
+            text += f", from {self.scale.near:g} m to {self.scale.far:g} m"
+        return text
 
 
 class TableLayout(StrictRecord):

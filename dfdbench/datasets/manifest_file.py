@@ -202,11 +202,11 @@ def _check_files(manifest: Manifest) -> Iterator[Finding]:
         yield "files", what + blurred
     if "images" not in there:
         return
-    if files.flat_field:
+    if files.flat_field and not files.of_pairs:
         yield "files.flat_field", "it is for pairs, of two apertures, and this is a stack"
     if files.metadata is not None and files.image:
         yield "files", "two tables of the images, metadata and [[files.image]]"
-    if files.moved == "infocus":
+    if files.moved == "infocus" and not files.of_pairs:
         yield "files.moved", "images of a stack are laid on the first"
     places = set(places_in(files.images or ""))
     columns = files.table_columns

@@ -267,10 +267,10 @@ def camera_note(
     # The best of many levels leaves less than the noise.
     if times < _OTHER_CAMERA or (there < own and not training):
         return None
-    how = "worse" if there > own else "better"
+    how, noise = ("worse", "more") if there > own else ("better", "less")
     than = "the training's" if training else "its own noise allows"
     what = f"the method's blur explains the images {times:.1f} times {how} than {than}"
-    return f"{what}: more noise or compression, another camera, or other settings?"
+    return f"{what}: {noise} noise or compression, another camera, or other settings?"
 
 
 def keep_fit(folder: Path, fit: Fit) -> None:

@@ -122,6 +122,7 @@ class DepthPredictor:
         self._scale: DepthScale | None = None
         self._levels_grow_with: Literal["nearness", "distance"] = "nearness"
         self._files: CapturedFiles | None = None
+        self._pair_images: list[int] | None = None
         self._store: Dataset | None = None
         self._unknown = ""
         camera = Path(camera) if isinstance(camera, os.PathLike) else camera  # a run is one, too
@@ -167,7 +168,8 @@ class DepthPredictor:
         if same:
             self._scale, files = same[0].depth.scale, same[0].files
             self._levels_grow_with = same[0].depth.grows_with
-            self._files = files if files and not files.images else None
+            self._files = files if files and files.of_pairs else None
+            self._pair_images = same[0].pair_images
         elif not result.dataset.recipe["name"]:
             self._unknown = name
         if "recipe" in result.method.uses:
@@ -298,7 +300,7 @@ class DepthPredictor:
         MethodError
             If the method raises or returns no depth map.
         """
-        capture = capture_of(stack).two_of(self.method.two_images(None))
+        capture = capture_of(stack).two_of(self.method.two_images(self._pair_images))
         self.unit = self.method.answers_in(capture.about.kind)
         estimate = self._answer(*self.method.called_on(capture))
         return replace(estimate, odd=_few_bits(capture.images))
@@ -344,7 +346,8 @@ class DepthPredictor:
         if self._align:
             digest = sha256(defocus.tobytes()).digest()
             # Blurring by a recipe says nothing of how photographs are to be matched.
-            files = self._files if self._files and self._files.defocus else None
+            files = self._files
+            files = files if files and (files.defocus or files.images) else None
             files = CapturedFiles() if digest in self._matched_already else files
             infocus, defocus, found = matched_as_learned(infocus, defocus, files, laws)
         unknown = np.full(infocus.shape[:2], np.nan, np.float32)

@@ -41,7 +41,7 @@ def paper_tables(
     there = (*metrics_of(protocol), SECONDS)
     for name in columns:
         if name not in there:
-            raise unknown_name("metric", name, there)
+            raise unknown_name(f"metric of protocol {protocol}", name, there)
     shown = tuple(dict.fromkeys(columns or there))
     found = boards([Entry((run.result,), run.path, run.label) for run in runs])
     tables = [_table(board, shown) for board in found if board.protocol == protocol]

@@ -20,7 +20,7 @@ def test_the_text_names_scenes_of_the_store(tiny_store: Dataset) -> None:
 
 def test_what_is_uncovered_or_unknown_and_training_on_the_test_is_said(tiny_store: Dataset) -> None:
     for text, told in (
-        ("cats", 'trained_on is "cats", not "MANIFEST, split NAME"'),
+        ("cats", 'training, "cats": only "MANIFEST, split NAME"'),
         ("tiny-1, split tarin", "unknown split"),
         ("nosuch-1, split train", "unknown data set"),
         ("middlebury-third-1, split train", "not built"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import dfdbench as dfd
+from dfdbench.building.export import export_png
 from dfdbench.building.folder_layout import find_layout, find_stacks, image_files
 from dfdbench.building.new_manifest import new_manifest
 from tests.made_folder import SCENES, built, photograph, rearranged
@@ -147,6 +148,18 @@ def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
     assert asked == ["whether an image is in focus all over", "depth", "focus distances"]
 
 
+def test_photographs_of_several_apertures_are_no_stack(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        for name in ("focus.csv", "sharp.png"):
+            (folder / scene / name).unlink()
+        for path, stop in zip(sorted((folder / scene).glob("f_*.png")), (2, 4, 16), strict=True):
+            path.rename(path.with_name(f"f{stop}.png"))
+    toml = new_manifest(folder).toml
+    assert 'infocus = "{scene}/f16.png"' in toml
+    assert "images" not in toml
+
+
 def test_what_may_not_be_a_stack_or_is_not_read_is_told(tmp_path: Path) -> None:
     folder = make_stacks(tmp_path / "mine")
     for scene in SCENES:
@@ -160,6 +173,11 @@ def test_what_may_not_be_a_stack_or_is_not_read_is_told(tmp_path: Path) -> None:
     _, store = built(folder)
     stack = store.captures()[0].stack
     np.testing.assert_array_equal(stack.focus_distance, [np.nan, np.inf, 2, 1])
+    export_png(store, tmp_path / "png", images_only=True)
+    said = next((tmp_path / "png").rglob("stack.json")).read_text()
+    # Readers in other languages know no constants: here int refuses them.
+    focus = json.loads(said, parse_constant=int)["coordinates"]["focus_distance"]
+    assert focus == [None, "inf", 2, 1]
     assert np.nanmax(dfd.load_method("shape-from-focus")(stack[1:])) <= 255
     for number, scene in enumerate(SCENES):
         write_image(folder / scene / "f_004.png", photograph(10 + number))

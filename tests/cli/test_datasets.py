@@ -17,7 +17,7 @@ def test_list_and_version(dfdbench: Command) -> None:
     assert "SIMULATED" in line
     shown = dfdbench("info realworld-sim").out
     assert shown.startswith("SIMULATED captures")
-    assert "both images are SIMULATED captures" in shown
+    assert "the images are SIMULATED captures" in shown
     assert dfdbench("--version").out.startswith("dfdbench ")
 
 
@@ -76,7 +76,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
         assert part in shown
     assert "brighter is nearer; " in shown
-    assert "  depth      metres\n" in dfdbench("info zedd").out
+    assert "  depth      metres, from 0.3 m to 20 m\n" in dfdbench("info zedd").out
     lines = dfdbench("info middlebury --pairs test").out.splitlines()
     assert (len(lines), lines[0]) == (54, "Art/view1/illumination1/exposure0")
 

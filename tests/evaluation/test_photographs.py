@@ -39,9 +39,11 @@ def test_a_stack_keeps_all_bits_of_its_images(tmp_path: Path) -> None:
     }
     for name, image in images.items():
         assert cv2.imwrite(str(tmp_path / name), image[..., ::-1])
-    said = {"images": [*images], "coordinates": {}, "attributes": {"near": None}}
+    focus = {"focus_distance": ["inf", None, 2.5]}
+    said = {"images": [*images], "coordinates": focus, "attributes": {"near": None}}
     (tmp_path / "stack.json").write_text(json.dumps(said))
     stack = read_stack(tmp_path)
+    np.testing.assert_array_equal(stack.focus_distance, [np.inf, np.nan, 2.5])
     np.testing.assert_array_equal(stack.values, [deep, deep // 257 * 257, deep // 16])
 
 

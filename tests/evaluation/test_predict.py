@@ -1,4 +1,5 @@
 import shutil
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.predict import DepthPredictor, predict
 from dfdbench.methods.view_change import ViewChange
 from tests.conftest import read_rgb, write_png
-from tests.made_folder import FOLDER_TOML, make_folder
+from tests.made_folder import FOLDER_TOML, SCENES, make_folder
+from tests.made_stack_folder import STACK_TOML, make_stacks
 
 Image = NDArray[np.uint8]
 LENS = """
@@ -237,6 +239,28 @@ def test_a_run_that_took_its_set_s_lens_lends_it(tmp_path: Path) -> None:
     images = store.captures("lamp")[0]
     pair = images.infocus, images.defocus
     np.testing.assert_array_equal(lent(*pair).depth, named(*pair).depth)
+
+
+def test_a_run_tells_how_its_set_s_captures_become_pairs(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "pairs")
+    for number, name in enumerate(product(SCENES, ("sharp", "blurred"))):
+        (folder / f"{'/'.join(name)}.png").rename(folder / name[0] / f"IMG_{number}.png")
+    roles = "".join(f'[[files.image]]\nrole = "{role}"\n' for role in ("infocus", "defocus"))
+    patterns = 'infocus = "{scene}/sharp.png"\ndefocus = "{scene}/blurred.png"'
+    pairs = FOLDER_TOML.replace("[table]", f"{roles}\n[table]")
+    pairs = pairs.replace(patterns, 'images = "{scene}/IMG_{image}.png"')
+    stacks = STACK_TOML.replace("[axes]", "pair_images = [2, 0]\n[axes]")
+    for toml, source in ((pairs, folder), (stacks, make_stacks(tmp_path / "stacks"))):
+        manifest = parse_manifest(toml.encode(), "mine-1.toml")
+        place = tmp_path / f"{source.name}.zarr"
+        build_store(manifest, open_source(manifest, source), place)
+        store = Dataset(place)
+        run = dfdbench.run("local", store, limit=1, out=tmp_path / f"{source.name}-run")
+        capture = store.captures("test")[0]
+        images = (capture.infocus, capture.defocus) if source == folder else capture.stack
+        # The defocus image is darker, and the manifest does not want that matched.
+        depth = manifest.depth.of_unit(predict(None, images, run), "levels")
+        np.testing.assert_array_equal(depth, run.images(capture.pair.id)[1])
 
 
 def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:

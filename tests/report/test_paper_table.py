@@ -63,7 +63,7 @@ def test_columns_are_chosen_and_other_data_is_another_table(tmp_path: Path) -> N
     labels = [table.label for table in tables]
     assert labels == ["demo-1 test valid 22222222", "demo-1 test valid 55555555"]
     assert [table.columns[2:] for table in tables] == [("seconds per pair", "SSIM ↑")] * 2
-    with pytest.raises(UnknownNameError, match="unknown metric"):
+    with pytest.raises(UnknownNameError, match="unknown metric of protocol valid"):
         paper_tables(saved(tmp_path, other), "valid", ["nrms"])
     with pytest.raises(UnknownNameError):
         paper_tables(saved(tmp_path, other), "thesis")

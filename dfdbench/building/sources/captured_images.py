@@ -68,7 +68,9 @@ def depth_of(
         in another unit, or values are not levels.
     """
     numbers = values.astype(np.float64)
-    known = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
+    # A float32 is not the number that the manifest says, but the nearest to it.
+    missing = np.array(files.depth_missing, values.dtype if values.dtype.kind == "f" else None)
+    known = np.isfinite(numbers) & ~np.isin(values, missing)
     metres = depth.kind == "metres" or files.depth_unit is not None
     if metres:
         known &= numbers > 0
@@ -197,12 +199,13 @@ def captured_images(
         alignment found, a crop beyond the image.
     """
     problems: list[Problem] = []
-    is_pair = files.images is None
     bits, rotation = files.image_bits, files.exif_rotation
     read: list[tuple[Image, str]] = []
     for content, where in photographs:
         with gathered(problems):
-            read.append((read_photograph(content, where, bits, rotation, not is_pair), where))
+            read.append(
+                (read_photograph(content, where, bits, rotation, not files.of_pairs), where)
+            )
     sized = list(read)
     found = None
     if depth is not None:
@@ -220,7 +223,7 @@ def captured_images(
     SourceError.raise_if(problems)
     if found is None:
         found = np.full(read[0][0].shape[:2], np.nan, np.float32)
-    warnings = _swapped(read) if is_pair and len(read) > 1 else ()
+    warnings = _swapped(read) if files.of_pairs and len(read) > 1 else ()
     laid, covered, told = _laid_on_the_first(read, files)
     kept = _kept(files.crop, found.shape, read[0][1])
     known = np.where(covered, found, np.float32(np.nan))[kept]

@@ -168,7 +168,12 @@ def decode_file(content: bytes, where: str) -> NDArray[Any]:
         got = damage or f"{len(content)} bytes that do not decode"
         fix = "fetch or copy it again"
         raise SourceError(f"the {kind} file is damaged", where=where, got=got, fix=fix)
-    return np.asarray(found)
+    if kind == "TIFF":
+        # OpenCV turns a TIFF upright even if it is to leave the file unchanged.
+        mirrored, turns = _UPRIGHT.get(orientation_of(content), (False, 0))
+        found = np.rot90(found, -turns)
+        found = np.fliplr(found) if mirrored else found
+    return np.ascontiguousarray(found)
 
 
 def _damage(content: bytes) -> str:

@@ -106,6 +106,10 @@ def test_a_file_with_fractions_keeps_them_in_levels_and_in_metres() -> None:
     values = np.array([[0.75, 1.0, 5.5, np.nan]], np.float32)
     (levels,) = depth_of(values, files(depth_unit=1.0), INVERSE, "d.npy").tolist()
     assert levels[:2] == pytest.approx([160.926, 113.889], abs=1e-3)
+    # A fraction in the manifest is found in a file that rounds it to float32.
+    told, values = files(depth_unit=1.0, depth_missing=[2.8]), np.array([[2.8, 3]], np.float32)
+    assert np.isnan(depth_of(values, told, INVERSE, "d.npy")).tolist() == [[True, False]]
+    values = np.array([[0.75, 1.0, 5.5, np.nan]], np.float32)
     metres = INVERSE.model_copy(update={"unit": "metres"})
     found = depth_of(values, files(depth_unit=None), metres, "d.npy")
     np.testing.assert_array_equal(found, np.array([[0.75, 1, np.nan, np.nan]], np.float32))

@@ -60,8 +60,18 @@ def test_a_pair_may_keep_the_numbers_of_its_camera(folder: Path) -> None:
         'infocus = "{scene}/sharp.png"\ndefocus = "{scene}/blurred.png"',
         'images = "{scene}/IMG_{image}.png"',
     )
-    numbered = open_source(manifest_of(text.replace("[table]", f"{roles}\n[table]")), folder)
-    assert np.array_equal(numbered.read("lamp").images, named.images)
+    text = text.replace("[table]", f"{roles}\n[table]")
+    numbered = open_source(manifest_of(text), folder).read("lamp")
+    assert np.array_equal(numbered.images, named.images)
+    assert not numbered.warnings
+    flat = text.replace(
+        "[[files.image]]", "flat_field = [[1, 1], [1, 1], [1, 1]]\n[[files.image]]", 1
+    )
+    assert np.array_equal(open_source(manifest_of(flat), folder).read("lamp").images, named.images)
+    # The counter of a camera begins again after 9999: the blurred one comes first.
+    turned = text.replace('"infocus"', '"x"').replace('"defocus"', '"infocus"')
+    swapped = open_source(manifest_of(turned.replace('"x"', '"defocus"')), folder).read("lamp")
+    assert "are the two swapped?" in str(swapped.warnings)
 
 
 def test_a_flat_field_gives_the_defocus_image_back_its_corners(folder: Path) -> None:

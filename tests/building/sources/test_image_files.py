@@ -65,18 +65,21 @@ def test_sixteen_bits_that_are_twelve_are_told() -> None:
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_exif_rotation_is_applied_ignored_or_refused(orientation: int) -> None:
-    exif = Pillow.Exif()
-    exif[0x0112] = orientation
-    file = io.BytesIO()
-    Pillow.fromarray(RGB).save(file, "png", exif=exif)
-    content = file.getvalue()
-    np.testing.assert_array_equal(image_files.read_photograph(content, "a", rotation="ignore"), RGB)
-    upright = np.asarray(ImageOps.exif_transpose(Pillow.open(io.BytesIO(content))))
-    turned = image_files.read_photograph(content, "a", rotation="apply")
-    np.testing.assert_array_equal(turned, upright)
-    if orientation > 1:
-        with pytest.raises(SourceError, match="is to be turned"):
-            image_files.read_photograph(content, "a")
+    grey, metres = RGB[..., 0].astype(np.uint16) * 257, RGB[..., 0] / np.float32(3)
+    for values, kind in ((RGB, "png"), (RGB, "tiff"), (grey, "tiff"), (metres, "tiff")):
+        exif = Pillow.Exif()
+        exif[0x0112] = orientation
+        file = io.BytesIO()
+        Pillow.fromarray(values).save(file, kind, exif=exif)
+        content = file.getvalue()
+        read = image_files.read_photograph if values is RGB else image_files.read_depth_file
+        np.testing.assert_array_equal(read(content, "a", rotation="ignore"), values)
+        # Pillow turns a picture as any viewer shows it.
+        upright = np.asarray(ImageOps.exif_transpose(Pillow.open(io.BytesIO(content))))
+        np.testing.assert_array_equal(read(content, "a", rotation="apply"), upright)
+        if orientation > 1:
+            with pytest.raises(SourceError, match="is to be turned"):
+                read(content, "a")
 
 
 def test_a_file_cut_short_is_damaged() -> None:
