@@ -14,7 +14,7 @@ from dfdbench.board import LEADERBOARD
 from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import AT, find_manifest, released_headings
 from dfdbench.datasets.manifest import Manifest, Name, Pair
-from dfdbench.datasets.rendered import seeded, unseen_manifest
+from dfdbench.datasets.rendered import seeded
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
@@ -263,10 +263,8 @@ def _with(shared: _R, own: dict[str, Any]) -> _R:
 
 @functools.lru_cache(maxsize=64)
 def _manifest_of(dataset: str) -> Manifest:
-    if drawn := seeded(dataset):
-        return unseen_manifest(*drawn)
     known = [heading.stem for heading in released_headings()]
-    if dataset not in known:
+    if dataset not in known and seeded(dataset) is None:
         raise unknown_name("data set", dataset, known)
     return find_manifest(dataset)
 

@@ -240,15 +240,11 @@ def _find(name: str) -> Manifest:
             what = f"the name of the released {manifest.file_stem}, and other content"
             raise errors.ManifestError(what, where=name, fix="give it another name or version")
         return manifest
-    if (drawn := seeded(name)) is not None:
-        return unseen_manifest(*drawn)
-    by_name: dict[str, str] = {}
-    for heading in released_headings():
-        by_name |= dict.fromkeys(heading.names, heading.stem)
-    if name not in by_name:
+    by_name = {known: heading.stem for heading in released_headings() for known in heading.names}
+    if name not in by_name and seeded(name) is None:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise errors.unknown_name("data set", name, by_name, fix)
-    return _released(by_name[name])
+    return _released(by_name.get(name, name))
 
 
 def _released_sha256(manifest: Manifest) -> str | None:
