@@ -393,10 +393,6 @@ class Captures(Sequence[Capture]):
         _check_region(region, self.dataset.shape_of(pair.scene))
         return self.dataset.read(pair, region).two_of(self._images)
 
-    def scene(self, name: str) -> xarray.Dataset:
-        """Return all of a scene as lazily read arrays with named dimensions."""
-        return self.dataset.to_xarray(name)
-
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Python clips slices at the end, and empties those that start before 0; stores have no steps.
