@@ -113,31 +113,21 @@ def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
 
     All lightings of a view show the same picture; the last one in the store is hashed.
     """
-    hashes: dict[str, Hashes] = {}
-    for scene in scenes:
-        with store.reading(f"{scene}/images or available"):
-            hashes[scene] = _hashes_of(store, scene)
-    return hashes
+    return {scene: _hashes_of(store, scene) for scene in scenes}
 
 
 # One scene is on many sides if each is tested against all others.
 @functools.lru_cache(maxsize=1024)
 def _hashes_of(store: Dataset, scene: str) -> Hashes:
-    manifest = store.manifest
-    views = manifest.depth.axes
-    # Depth axes need not come first among the pair's axes.
-    order = [*views, *(axis for axis in manifest.axes if axis not in views)]
-    arrays = store.to_xarray(scene)
+    views = store.manifest.depth.axes
     last = {
-        tuple(place[: len(views)]): place
-        for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
+        "/".join([scene, *(f"{axis}{pair.at[axis]}" for axis in views)]): pair
+        for pair in store.pairs(scene)
     }
-    infocus = arrays["images"][{"image": 0}].transpose(*order, "y", "x", "channel")
-    found = {}
-    for view, place in last.items():
-        at = [f"{axis}{manifest.axes[axis][i]}" for axis, i in zip(views, view, strict=True)]
-        found["/".join([scene, *at])] = image_hash(infocus[place].values)
-    return found
+    # Lazily read: of each view only one image is decoded.
+    infocus = store.stored(scene)["images"][{"image": 0}]
+    with store.reading(f"{scene}/images"):
+        return {name: image_hash(infocus.sel(pair.at).values) for name, pair in last.items()}
 
 
 def manifest_leaks(
