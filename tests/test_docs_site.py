@@ -17,12 +17,15 @@ from selenium.webdriver.common.keys import Keys
 
 import dfdbench.figures
 from dfdbench.board.board import Board, leaderboard
+from dfdbench.board.ranking import ScoreBoard, boards
 from dfdbench.cli import VERBS
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Pair
 from dfdbench.methods.registry import find_entry
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, make_tracks, scored, submit
+from tests.board.made_boards import add, entry_of, make_tracks, scored, submit
 from tests.made_results import make_demo_result
 from tests.report import test_browser
 
@@ -195,6 +198,37 @@ def test_the_gallery_holds_every_figure_that_the_package_draws(made: Any) -> Non
     for line in {line for one in shown for line in (*one.before, one.command)}:
         if line.startswith("dfdbench"):
             assert parsed(line).params
+
+
+def board_of(*results: Result) -> ScoreBoard:
+    (board,) = boards([entry_of(result, ROOT) for result in results])
+    return board
+
+
+def by_name(pair: Pair) -> float:
+    return 0.01 * len(pair.scene)
+
+
+def test_a_row_is_the_mean_of_a_scene_and_a_column_a_method(made: Any) -> None:
+    worse = make_demo_result(lambda pair: by_name(pair) + 0.1 * pair.at["exposure"], "worse")
+    table = made("board").scenes_table(board_of(make_demo_result(by_name, "better"), worse))
+    assert table.columns == ("scene", "better", "worse")
+    assert table.rows[0] == ("Kitchen", "0.0700", "0.1700")
+    assert [row[0] for row in table.rows] == ["Kitchen", "Library", "Market"]
+    assert table.records[0]["worse"] == pytest.approx(0.17)
+
+
+def test_folds_are_those_that_the_split_holds_whole(made: Any) -> None:
+    def score(pair: Pair) -> float:
+        return by_name(pair) + 0.1 * pair.at["view"]
+
+    manifest = find_manifest("middlebury-default")
+    whole = make_demo_result(score, dataset="middlebury-default", split="all")
+    table = made("board").scenes_table(board_of(whole), folds=True)
+    assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
+    for fold, record in zip(manifest.folds, table.records, strict=True):
+        expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
+        assert record["mine"] == pytest.approx(expected + 0.3)
 
 
 def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A ranking's tables: methods, scores by lighting, scene and fold, how each was run."""
+"""A ranking's tables: methods, scores by lighting, how each was run."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.ranking import Entry, ScoreBoard, over_tracks
-from dfdbench.datasets.catalog import part_name, released_headings, released_manifests
+from dfdbench.datasets.catalog import part_name, released_headings
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
@@ -29,18 +29,6 @@ def ranking_table(board: ScoreBoard, folder: Path) -> Table:
         The leaderboard's folder; links are relative to it.
     """
     return (standings_table if board.suite == CLEAN else tracks_table)(board, folder)
-
-
-def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
-    """Return the non-empty tables beside a ranking of single runs.
-
-    What each method is, and where it ran, is told only once, beside the headline.
-    """
-    if board.suite != CLEAN or board.result.method.scored:
-        return []
-    tables = [lighting_table(board), scenes_table(board), scenes_table(board, folds=True)]
-    tables += [runs_table(board, folder)] * board.headline
-    return [table for table in tables if table.rows]
 
 
 def standings_table(board: ScoreBoard, folder: Path) -> Table:
@@ -132,30 +120,6 @@ def _by_level(board: ScoreBoard) -> pd.DataFrame:
     axis = board.result.dataset.blocks
     levels = board.scores["coordinates"].map(lambda coordinates: coordinates[axis])
     return board.means(board.scores.assign(level=levels), "metric", "level")
-
-
-def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
-    """Return each method's mean over each scene, or over a fold's test scenes.
-
-    There are no rows of folds unless the split holds at least two whole ones.
-    """
-    what, there = "scene", set(board.scores["scene"])
-    groups = {name: [name] for name in sorted(there)}
-    if folds:
-        known = {manifest.stem: manifest.folds for manifest in released_manifests()}
-        tests = {f.name: f.test_scenes for f in known.get(board.result.dataset.name, [])}
-        whole = {name: scenes for name, scenes in tests.items() if there.issuperset(scenes)}
-        what, groups = "fold", whole if len(whole) > 1 else {}
-    own = board.scores[board.scores["metric"] == board.metric]
-    labels = [standing.entry.label for standing in board.standings]
-    rows, records = [], []
-    for name, scenes in groups.items():
-        part = own[own["scene"].isin(scenes)].assign(group=name)
-        found = board.means(part, "group").loc[name]
-        rows.append((name, *map(wording.score_text, found)))
-        records.append({what: name, **dict(zip(labels, map(frame.defined, found), strict=True))})
-    title = f"{find_metric(board.metric).heading} by {what}"
-    return Table(title, (what, *labels), tuple(rows), "l", records=tuple(records))
 
 
 def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:

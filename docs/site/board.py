@@ -14,21 +14,22 @@ import pandas as pd
 from links import relinked
 
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
-from dfdbench.board.board import NOTE, Board
+from dfdbench.board.board import Board
 from dfdbench.board.cards import Card, cards_table
 from dfdbench.board.ranking import Entry, ScoreBoard, Standing
-from dfdbench.board.tables import further_tables, link_to, ranking_table, tracks_of
-from dfdbench.datasets.catalog import part_name
+from dfdbench.board.tables import lighting_table, link_to, ranking_table, runs_table, tracks_of
+from dfdbench.datasets.catalog import part_name, released_manifests
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.frame import defined
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.wording import NOTHING, given_to, machine_of, seconds_text
+from dfdbench.results.wording import NOTHING, given_to, machine_of, score_text, seconds_text
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table
 from leaderboard.published import load_published, published_summary, published_table
 
 PICTURES = Path(__file__).parents[1] / "assets/pictures/demo"
+NOTE = "note.md"
 #: What the pictures are of; other sets have none.
 DRAWN = "demo-1"
 SCORES, TABLES_PLACE = "board/scores.csv.gz", "board/tables.md"
@@ -188,6 +189,42 @@ def _set_page(members: Sequence[ScoreBoard], folder: Path) -> str:
         else:
             parts.append(_folded(ranking.title, text))
     return "\n".join(parts)
+
+
+def further_tables(board: ScoreBoard, folder: Path) -> list[Table]:
+    """Return the non-empty tables beside a ranking of single runs.
+
+    What each method is, and where it ran, is told only once, beside the headline.
+    """
+    if board.suite != CLEAN or board.result.method.scored:
+        return []
+    tables = [lighting_table(board), scenes_table(board), scenes_table(board, folds=True)]
+    tables += [runs_table(board, folder)] * board.headline
+    return [table for table in tables if table.rows]
+
+
+def scenes_table(board: ScoreBoard, folds: bool = False) -> Table:
+    """Return each method's mean over each scene, or over a fold's test scenes.
+
+    There are no rows of folds unless the split holds at least two whole ones.
+    """
+    what, there = "scene", set(board.scores["scene"])
+    groups = {name: [name] for name in sorted(there)}
+    if folds:
+        known = {manifest.stem: manifest.folds for manifest in released_manifests()}
+        tests = {f.name: f.test_scenes for f in known.get(board.result.dataset.name, [])}
+        whole = {name: scenes for name, scenes in tests.items() if there.issuperset(scenes)}
+        what, groups = "fold", whole if len(whole) > 1 else {}
+    own = board.scores[board.scores["metric"] == board.metric]
+    labels = [standing.entry.label for standing in board.standings]
+    rows, records = [], []
+    for name, scenes in groups.items():
+        part = own[own["scene"].isin(scenes)].assign(group=name)
+        found = board.means(part, "group").loc[name]
+        rows.append((name, *map(score_text, found)))
+        records.append({what: name, **dict(zip(labels, map(defined, found), strict=True))})
+    title = f"{find_metric(board.metric).heading} by {what}"
+    return Table(title, (what, *labels), tuple(rows), "l", records=tuple(records))
 
 
 def _folded(title: str, text: str) -> str:

@@ -6,17 +6,11 @@ from typing import Any
 import pytest
 
 from dfdbench.board import ranking, tables
-from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.board.made_boards import ALL, add, entry_of, make_tracks, only_board, scored, submit
 from tests.made_results import edited, limited, make_demo_result, make_result
 
 HERE = Path(__file__)
-
-
-def by_name(pair: Pair) -> float:
-    return 0.01 * len(pair.scene)
 
 
 def board_of(*results: Result) -> ranking.ScoreBoard:
@@ -80,28 +74,6 @@ def test_lightings_are_means_of_their_pairs() -> None:
     assert table.rows[0] == ("mine", "NRMSE ↓", "0.0000", "0.1000", "0.2000", "0.1000")
     assert [row[0] for row in table.rows] == ["mine", "", ""]
     assert table.records[1]["overall"] == pytest.approx(0.05)
-
-
-def test_a_row_is_the_mean_of_a_scene_and_a_column_a_method() -> None:
-    worse = make_demo_result(lambda pair: by_name(pair) + 0.1 * pair.at["exposure"], "worse")
-    table = tables.scenes_table(board_of(make_demo_result(by_name, "better"), worse))
-    assert table.columns == ("scene", "better", "worse")
-    assert table.rows[0] == ("Kitchen", "0.0700", "0.1700")
-    assert [row[0] for row in table.rows] == ["Kitchen", "Library", "Market"]
-    assert table.records[0]["worse"] == pytest.approx(0.17)
-
-
-def test_folds_are_those_that_the_split_holds_whole() -> None:
-    def score(pair: Pair) -> float:
-        return by_name(pair) + 0.1 * pair.at["view"]
-
-    manifest = find_manifest("middlebury-default")
-    whole = make_demo_result(score, dataset="middlebury-default", split="all")
-    table = tables.scenes_table(board_of(whole), folds=True)
-    assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
-    for fold, record in zip(manifest.folds, table.records, strict=True):
-        expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
-        assert record["mine"] == pytest.approx(expected + 0.3)
 
 
 def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
