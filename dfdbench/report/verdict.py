@@ -13,7 +13,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
-from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record import PairResult, Result, average
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import ranked
 from dfdbench.results.wording import given_to, knew_blur, method_label, score_text
@@ -69,7 +69,7 @@ def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
         if result.method.name != CONSTANT and known is not None:
             lines |= _constant(known, pairs, protocol, own, result.dataset.split)
         lines |= _best(result, own, name, title, others)
-        lines |= _worst(result, protocol, pairs, title)
+        lines |= _worst(result, protocol, pairs, own, title)
     return lines
 
 
@@ -99,15 +99,9 @@ def _score(result: Result, protocol: str) -> Line:
     return means | {"pairs": len(done), "text": f"{scores}  ({under}, {count})"}
 
 
-def _means(pairs: Sequence[PairResult], protocol: str) -> tuple[dict[str, float | None], str]:
+def _means(pairs: list[PairResult], protocol: str) -> tuple[dict[str, float | None], str]:
     """Return the means of evaluated pairs, by metric, and their text."""
-    metrics = metrics_of(protocol)
-    means = {
-        name: None
-        if any(pair.lacks_answers(protocol, name) for pair in pairs)
-        else mean_of(pair.score(protocol, name) for pair in pairs)
-        for name in metrics
-    }
+    metrics, means = metrics_of(protocol), average(pairs, [protocol])[protocol]
     texts = (f"{metrics[name].title} {score_text(mean)}" for name, mean in means.items())
     return means, "  ".join(texts)
 
@@ -209,7 +203,7 @@ def _best(
 
 
 def _worst(
-    result: Result, protocol: str, pairs: Sequence[PairResult], title: str
+    result: Result, protocol: str, pairs: Sequence[PairResult], own: float, title: str
 ) -> dict[str, Line]:
     """Return where the mean is highest, by scene or an axis, and the worst pair."""
     groups: dict[str, list[float]] = {}
@@ -221,7 +215,7 @@ def _worst(
     score = _of(last, protocol)
     text = f"pair {last.id}, {title} {score_text(score)}"
     place = max(means, key=means.__getitem__, default="")
-    if place and means[place] > _STANDS_OUT * (mean_of(_of(p, protocol) for p in pairs) or 0.0):
+    if place and means[place] > _STANDS_OUT * own:
         text = f"{place}, {title} {score_text(means[place])} on average; {text}"
     line = {"pair": last.id, ranked_by(protocol)[0]: score, "text": text}
     return {"worst": line} if len(pairs) > 1 else {}
