@@ -17,7 +17,6 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.tables import lighting_table, runs_table, standings_table
 from dfdbench.figures import comparisons, style, sureness
@@ -33,7 +32,7 @@ from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import one_by_one
 from dfdbench.system.thumbnails import webp_address
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Table, grouped
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,6 @@ def write_html(
         pictures={key: address for address, key in pictures.items()},
         filters=_filters(cards, content.methods),
         scales={"depth": scale("viridis"), "error": scale("PuOr")},
-        error_limit=_error_limit(content.pairs),
         style=Markup((beside / "report.css").read_text("utf-8")),
         script=Markup((beside / "report.js").read_text("utf-8")),
     )
@@ -265,16 +263,8 @@ def _cards(
     }
     height, width = images.depth.shape
     size = {"width": width, "height": height, "low": f"{low:.3g}", "high": f"{high:.3g}"}
-    return [_texts(run, pair, protocol) | size | {"pictures": shown, "brighter": times}]
-
-
-def _error_limit(pairs: Sequence[tuple[SavedRun, PairResult]]) -> str:
-    """Return the error at the end of the colour scale, with its unit."""
-    dataset = next((run.store for run, _ in pairs if run.store), None)
-    if dataset is None:
-        return f"{style.ERROR_LIMIT:.0f} levels"
-    about = dataset.manifest.depth
-    return f"{style.ERROR_LIMIT * about.span / LAST_LEVEL:.3g} {about.kind}"
+    more = {"limit": f"{errors['vmax']:.3g} {images.about.kind}", "brighter": times}
+    return [_texts(run, pair, protocol) | size | more | {"pictures": shown}]
 
 
 def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
@@ -289,15 +279,10 @@ def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
 
 
 def _filters(cards: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[str, list[str]]:
-    found: dict[str, dict[str, None]] = {"method": dict.fromkeys(methods)}
-    for card in cards:
-        for name, value in card["places"].items():
-            found.setdefault(name, {})[value] = None
-    return {
-        name: list(values) if name == "method" else sorted(values, key=lambda v: (len(v), v))
-        for name, values in found.items()
-        if len(values) > 1
-    }
+    found = grouped(place for card in cards for place in card["places"].items())
+    values = {name: sorted({*some}, key=lambda v: (len(v), v)) for name, some in found.items()}
+    values["method"] = [*methods]  # best first
+    return {name: some for name, some in values.items() if len(some) > 1}
 
 
 def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
