@@ -4,7 +4,6 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings, filterwarnings
@@ -213,7 +212,6 @@ def write_html(
     cards = []
     for run, pair in one_by_one(content.pairs, on_pair):
         cards += _cards(run, pair, protocol, pictures, of_data)
-    beside = resources.files("dfdbench.report")
     text = _TEMPLATES.get_template("report.html.jinja").render(
         content=content,
         plots=plots,
@@ -221,8 +219,6 @@ def write_html(
         pictures={key: address for address, key in pictures.items()},
         filters=_filters(cards, content.methods),
         scales={"depth": scale("viridis"), "error": scale("PuOr")},
-        style=Markup((beside / "report.css").read_text("utf-8")),
-        script=Markup((beside / "report.js").read_text("utf-8")),
     )
     path = folder / _PAGE
     write_whole(path, text)
