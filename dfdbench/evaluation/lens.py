@@ -30,6 +30,12 @@ _LEAST_SIGMA = 0.1
 _SAY = "say it in FILE.toml (--param recipe=FILE.toml; predict: --lens FILE.toml)"
 
 
+class _Lens(Rig):
+    """A lens, and what depth levels are in metres."""
+
+    scale: DepthScale
+
+
 def rig_of(manifest: Manifest) -> Rig:
     """Return what a manifest knows about lens and camera; a fact that it lacks is None.
 
@@ -136,10 +142,11 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
         what = f"the lens is not known well enough: no {', '.join(lacking)}"
         problems.append(Problem(what, where=where, fix=_SAY))
     MethodError.raise_if(problems)
-    rig, scale = _checked(given, where)
+    facts = _checked(given, where)
     try:
-        lens = ThinLens(*(getattr(rig, name) for name in _NEEDED))
-        blurred = lens.blur_sigma(scale.to_metres(np.arange(LEVELS)), rig.infocus_f_number)
+        lens = ThinLens(*(getattr(facts, name) for name in _NEEDED))
+        distances = facts.scale.to_metres(np.arange(LEVELS))
+        blurred = lens.blur_sigma(distances, facts.infocus_f_number)
         sigmas = np.maximum(blurred, _LEAST_SIGMA)
         size = {"kernel_size": 2 * math.ceil(3 * float(sigmas.max())) + 1}
         rest = {name: given[name] for name in _OF_LAW if name in given}
@@ -151,19 +158,14 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
         ) from error
 
 
-def _checked(given: Mapping[str, Any], where: str) -> tuple[Rig, DepthScale]:
-    found: list[Any] = []
-    problems: list[Problem] = []
-    lens = {name: given[name] for name in _LENS if name in given}
-    for model, facts, section in ((Rig, lens, ""), (DepthScale, given[_SCALE], _SCALE)):
-        try:
-            found.append(model.model_validate(facts))
-        except ValidationError as error:
-            problems += problems_of(error, "wrong fact of a lens", file=where, section=section)
-    scale = found[-1] if found else None
-    if isinstance(scale, DepthScale) and not scale.near < scale.far:
-        got = f"near {scale.near:g}, far {scale.far:g}"
-        where = f"{where}: {_SCALE}"
-        problems.append(Problem("near is not before far", where=where, got=got))
-    MethodError.raise_if(problems)
-    return found[0], found[1]
+def _checked(given: Mapping[str, Any], where: str) -> _Lens:
+    facts = {name: given[name] for name in (*_LENS, _SCALE) if name in given}
+    try:
+        lens = _Lens.model_validate(facts)
+    except ValidationError as error:
+        raise MethodError.of(problems_of(error, "wrong fact of a lens", file=where)) from error
+    near, far = lens.scale.near, lens.scale.far
+    if not near < far:
+        got = f"near {near:g}, far {far:g}"
+        raise MethodError("near is not before far", where=f"{where}: {_SCALE}", got=got)
+    return lens

@@ -51,9 +51,7 @@ class StrictRecord(Record):
     model_config = ConfigDict(strict=True)
 
 
-def problems_of(
-    error: ValidationError, what: str, *, file: object, section: str = "", fix: str = ""
-) -> list[Problem]:
+def problems_of(error: ValidationError, what: str, *, file: object, fix: str = "") -> list[Problem]:
     """Return the problems of a record: each field that pydantic refused.
 
     Parameters
@@ -64,8 +62,6 @@ def problems_of(
         The problem in a few words, if a value does not fit.
     file : str or Path
         Where the record is from.
-    section : str, optional
-        The part of the record that was checked, if not the whole.
     fix : str, optional
         What the user can do about it.
 
@@ -82,8 +78,7 @@ def problems_of(
     problems = []
     for detail in error.errors():
         place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in detail["loc"])
-        place = (section + place).removeprefix(".")
-        where = f"{file}: {place}" if place else str(file)
+        where = f"{file}: {place.removeprefix('.')}" if place else str(file)
         got = repr(detail["input"])[:_LONGEST]
         match detail["type"]:
             case "missing":
