@@ -27,43 +27,32 @@ Image = NDArray[np.uint8]
 def read_images(
     images: Iterable[Image | Path | str], files: CapturedFiles | None = None, deep: bool = False
 ) -> list[Image]:
-    """Read images that are files, as `read_image` does; return arrays as they are.
+    """Read images that are files; return arrays as they are.
+
+    A photograph is RGB, uint8 of shape (y, x, 3), or as `deep` uint16 if the file has it. It is
+    upright according to its EXIF data, unless its data set's `files` say otherwise.
 
     Raises
     ------
     SourceError
-        If images cannot be read; it lists the problems of each.
+        If images are missing, damaged or not photographs; it lists the problems of each.
     """
     found, problems = list[Image](), list[Problem]()
+    bits, rotation = (files.image_bits, files.exif_rotation) if files else (None, None)
+    how = (bits, rotation or "apply", deep)
     for image in images:
-        try:
-            if isinstance(image, str | Path):
-                image = read_image(Path(image), files, deep)
+        if not isinstance(image, str | Path):
             found.append(image)
+            continue
+        path = Path(image)
+        try:
+            found.append(image_files.read_photograph(path.read_bytes(), str(path), *how))
         except DfdbenchError as error:
             problems += error.problems
+        except OSError as error:
+            problems.append(Problem(f"cannot read it: {reason_of(error)}", where=str(path)))
     SourceError.raise_if(problems)
     return found
-
-
-def read_image(path: Path, files: CapturedFiles | None = None, deep: bool = False) -> Image:
-    """Read a photograph: RGB, uint8 of shape (y, x, 3), or as `deep` uint16 if the file has it.
-
-    It is upright according to its EXIF data, unless its data set's `files` say otherwise.
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
-    SourceError
-        If it is damaged or not a photograph.
-    """
-    try:
-        bits, rotation = (files.image_bits, files.exif_rotation) if files else (None, None)
-        content = path.read_bytes()
-        return image_files.read_photograph(content, str(path), bits, rotation or "apply", deep)
-    except OSError as error:
-        raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
 
 def read_stack(place: Path) -> xarray.DataArray:
