@@ -104,8 +104,6 @@ def _write_page(
 ) -> None:
     from dfdbench.report.page import write_html, write_markdown
 
-    # Before the drawing, which takes a while.
-    folder.mkdir(parents=True, exist_ok=True)
     if format == "html":
         with screen.progress("drawing pairs", "the same command draws them anew") as step:
             path = write_html(runs, protocol, folder, step, also)

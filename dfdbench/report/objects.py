@@ -240,7 +240,6 @@ class Run:
         from dfdbench.report.page import write_html  # it imports matplotlib
 
         folder = output_place(path, self._first.path.parent)
-        folder.mkdir(parents=True, exist_ok=True)
         return write_html(list(self._runs.values()), self._asked(protocol), folder)
 
     def save(self, path: Path | str) -> Path:

@@ -196,6 +196,8 @@ def write_html(
     `on_pair` is called with (pairs done, total pairs); `also` names further formats of the plots,
     "pdf" and "svg", to write beside the page.
     """
+    # Before the drawing, which takes a while.
+    folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(ink()):
         content = gather(runs, protocol)
         write_plots(content, folder, also)
@@ -340,8 +342,8 @@ def write_markdown(
 
     `also` names further formats of the plots, "pdf" and "svg".
     """
-    content = gather(runs, protocol)
     folder.mkdir(parents=True, exist_ok=True)
+    content = gather(runs, protocol)
     plots = write_plots(content, folder, ("png", *also))
     text = _TEMPLATES.get_template("report.md.jinja").render(
         content=content, plots=plots, panels=_panels(content, folder)
