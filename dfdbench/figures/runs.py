@@ -202,7 +202,11 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
 
     Pairs that ran at the same time as others are left out.
     """
-    times = _times_by_pixels(store, result)
+    times = grouped(
+        (math.prod(store.shape_of(pair.scene)), pair.seconds)
+        for pair in result.evaluated
+        if pair.timed_alone and pair.seconds is not None
+    )
     if len(times) < 2:
         return None
     pixels = np.array([size for size, taken in times.items() for _ in taken])
@@ -222,14 +226,6 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     axis.xaxis.set_major_formatter("{x:,.0f}")
     style.legend_below(figure, axis)
     return figure
-
-
-def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
-    return grouped(
-        (math.prod(store.shape_of(pair.scene)), pair.seconds)
-        for pair in result.evaluated
-        if pair.timed_alone and pair.seconds is not None
-    )
 
 
 def group_figures(
