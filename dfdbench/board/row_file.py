@@ -15,11 +15,11 @@ from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import AT, find_manifest, released_headings
 from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.rendered import seeded
-from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
+from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results import record, wording
-from dfdbench.system.files import read_whole, shipped
+from dfdbench.system.files import read_as, read_whole, shipped
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
@@ -357,14 +357,12 @@ def read_row(path: Path) -> Row:
     ResultError
         If it cannot be read or is not such a file, or its data set or pairs are not released ones.
     """
+    content = read_as(ResultError, path, "the row", fix="name a file of leaderboard/results")
     try:
-        row = Row.model_validate_json(read_whole(path), strict=True)
+        row = Row.model_validate_json(content, strict=True)
     except ValidationError as error:
         found = problems_of(error, "wrong value in a row of the leaderboard", file=path, fix=_FIX)
         raise ResultError.of(found) from error
-    except OSError as error:
-        what, fix = f"cannot read the row: {reason_of(error)}", "name a file of leaderboard/results"
-        raise ResultError(what, where=str(path), fix=fix) from error
     require_pairs(row, str(path))
     return row
 
