@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError
@@ -29,8 +27,6 @@ from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
-_ENVIRONMENTS = "environments"
-_Environments = TypeAdapter(list[record.Environment])
 
 
 @functools.cache
@@ -137,7 +133,7 @@ def run_method(
         raise MethodError(what, where=method.entry, fix=fix)
     plan = plan_run(store, method, split, options or RunOptions())
     with _one_at_a_time(os.getpid()), writing_folder(folder, "run"):
-        before = None if plan.options.fresh else _begun(folder)
+        before = None if plan.options.fresh else run_folder.read_identity(folder)
         because = differences_from(before, plan.identity, method) if before is not None else []
         if because:
             before = None
@@ -162,16 +158,6 @@ def run_method(
     return RunDone(result, folder, journal.reused, set_aside, tuple(because))
 
 
-def _begun(folder: Path) -> dict[str, Any] | None:
-    """Return the identity of a folder's run; None if there is no run, empty if it is damaged."""
-    found = run_folder.read_identity(folder)
-    try:
-        _Environments.validate_python((found or {}).get(_ENVIRONMENTS, []), strict=True)
-    except ValidationError:
-        return {}
-    return found
-
-
 class _Known:
     """What identifies a run, here and on disk: its identity, and the machines it was run on.
 
@@ -185,7 +171,8 @@ class _Known:
 
     def __init__(self, identity: dict[str, Any], before: dict[str, Any] | None) -> None:
         found = before or {}
-        self.environments = _Environments.validate_python(found.get(_ENVIRONMENTS, []))
+        environments = found.get(run_folder.ENVIRONMENTS, [])
+        self.environments = run_folder.Environments.validate_python(environments)
         self._identity = identity
         self._used: Hashes = dict(found.get("used", {}))
         self.add(identity["used"], None)
@@ -194,7 +181,7 @@ class _Known:
     def content(self) -> dict[str, Any]:
         """What is written to disk."""
         environments = [environment.model_dump() for environment in self.environments]
-        return {**self._identity, "used": self._used, _ENVIRONMENTS: environments}
+        return {**self._identity, "used": self._used, run_folder.ENVIRONMENTS: environments}
 
     def add(self, used: Hashes, environment: record.Environment | None) -> bool:
         """Add the files that were used and the machine; return whether any were new."""

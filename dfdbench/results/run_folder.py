@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import zarr
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.dataset import Dataset
@@ -18,7 +19,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import ResultError
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.output_place import RUN_IDENTITY
-from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record import Environment, PairResult, Result
 from dfdbench.system.files import whole_files, write_whole
 from dfdbench.system.location import CHUNK_KEYS, Place, as_location, is_local
 from dfdbench.system.text import parse_json
@@ -29,6 +30,9 @@ _STORE = "store.txt"
 #: The suffix of a run that was set aside for a newer one; if there are several, they are numbered.
 PREVIOUS = ".previous"
 PREDICTIONS = "predictions.zarr"
+#: What an identity says of the machines that the run was on.
+ENVIRONMENTS = "environments"
+Environments = TypeAdapter(list[Environment])
 
 
 def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) -> Path | None:
@@ -84,10 +88,11 @@ def read_identity(folder: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        content = parse_json(path.read_bytes())
-    except ValueError:
+        content: dict[str, Any] = parse_json(path.read_bytes())
+        Environments.validate_python(content.get(ENVIRONMENTS, []), strict=True)
+    except (ValueError, AttributeError):  # of other fields, or no record at all
         return {}
-    return content if isinstance(content, dict) else {}
+    return content
 
 
 def read_journal(folder: Path) -> dict[str, PairResult]:
