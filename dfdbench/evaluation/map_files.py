@@ -61,21 +61,20 @@ def write_depth(
         If the file has another suffix or cannot be written, or if it is a PNG file and pixels have
         no answer or are farther than 65.535 m.
     """
+    require_map(path)
     file = io.BytesIO()
     if path.suffix == ".npy":
         np.save(file, depth)
     elif path.suffix == ".npz":
         arrays: dict[str, Any] = {"depth": depth} | ({} if sigma is None else {"sigma": sigma})
         np.savez_compressed(file, **arrays)
-    elif path.suffix == ".png":
+    else:
         whole = np.rint(depth * SIXTEEN_BIT[unit])
         for wrong, said in ((np.isnan(whole), "have no answer"), (whole > _MOST_16, _TOO_FAR)):
             if count := np.count_nonzero(wrong):
                 what = f"{count} of {depth.size} pixels {said}, which a PNG file cannot say"
                 raise InputError(what, where=str(path), fix="name a file that ends in .npy or .npz")
         Image.fromarray(whole.astype(np.uint16)).save(file, "png")
-    else:
-        require_map(path)
     _write_content(path, file.getvalue(), "depth map")
 
 
@@ -196,7 +195,6 @@ def write_submission(path: Path, depths: Iterable[tuple[str, DepthMap]]) -> None
 
 def _write_content(path: Path, content: bytes, what: str) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
         raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
