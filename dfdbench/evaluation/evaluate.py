@@ -20,13 +20,7 @@ from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.pair import PairEvaluator, blank_record, record_of
-from dfdbench.evaluation.plan import (
-    RunOptions,
-    protocol_on,
-    protocols_on,
-    require_truth,
-    require_what_was_built,
-)
+from dfdbench.evaluation.plan import RunOptions, protocol_on, protocols_on, require_scorable
 from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
 from dfdbench.methods.calling import SMALL_LEVEL
 from dfdbench.methods.measured_law import Calibration
@@ -203,14 +197,13 @@ def score_predictions(
     UnknownNameError
         If the unit is unknown.
     StoreError
-        If the store has lost something that was built.
+        If there is no depth to score against, or the store has lost something that was built.
     ResultError
         If files are invalid (it lists every problem, before anything is written), or the folder
         cannot be written.
     """
     method = _method_record(name, unit)
-    require_truth(store)
-    require_what_was_built(store, split)
+    require_scorable(store, split)
     found = find_predictions(predictions, store, split, unit)
     with writing_folder(folder, "run"):
         identity = {"scored": name, "fingerprint": store.fingerprint, "split": split, "unit": unit}

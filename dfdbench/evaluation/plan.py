@@ -195,22 +195,12 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     MethodError
         If the method needs stacks and the store holds pairs.
     """
-    require_truth(store)
-    require_what_was_built(store, split)
+    require_scorable(store, split)
     available = store.some_pairs(split)
     require_stacks(method, store, available[0])
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
-
-
-def require_truth(store: Dataset) -> None:
-    """Raise if a data set has no depth to score against."""
-    if not store.manifest.has_truth:
-        name = store.manifest.short
-        export = f"dfdbench export {name} --png IMAGES --images-only"
-        fix = f"{export}, then dfdbench predict IMAGES --method NAME --out MAPS"
-        raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
 
 
 def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
@@ -225,18 +215,24 @@ def require_stacks(method: Method, store: Dataset, pair: Pair) -> None:
         raise MethodError(what, where=str(store.path), fix=fix)
 
 
-def require_what_was_built(store: Dataset, split: str) -> None:
-    """Raise if a store has lost scenes, or pairs of the split, since it was built.
+def require_scorable(store: Dataset, split: str) -> None:
+    """Raise if there is no depth to score against, or a store has lost what was built of a split.
 
-    Its fingerprint, which a result records, then no longer matches its content. Anything that was
-    already missing when it was built is different: the store records it, and a run is incomplete.
+    The fingerprint of a store that has lost scenes or pairs, which a result records, no longer
+    matches its content. Anything that was already missing when it was built is different: the store
+    records it, and a run is incomplete.
 
     Raises
     ------
     StoreError
-        If something was lost; it names the scenes.
+        If there is no depth, or scenes or pairs were lost; it names the scenes.
     """
     manifest = store.manifest
+    if not manifest.has_truth:
+        name = manifest.short
+        export = f"dfdbench export {name} --png IMAGES --images-only"
+        fix = f"{export}, then dfdbench predict IMAGES --method NAME --out MAPS"
+        raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
     lacking = set(store.attributes.get("missing_pairs", ()))
     there = {pair.id for pair in store.pairs(split)} | lacking
     # For other scenes, on which a method may be fitted, only check that they exist.
