@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, JsonValue, TypeAdapter, ValidationError
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
 from dfdbench.datasets.manifest import Name
 from dfdbench.errors import Problem, ResultError, reason_of
-from dfdbench.methods.registry import built_in_methods
+from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.results.record import Line
 from dfdbench.results.wording import NOTHING, plain
 from dfdbench.system.files import read_text
@@ -36,7 +36,7 @@ class Card(StrictRecord):
     title: Line
     authors: Annotated[list[Line], Field(min_length=1)]
     paper: Line | None = None
-    code: Annotated[Line, Field(pattern=r"^(https?://|dfdbench/)\S+$")]
+    code: Annotated[Line, Field(pattern=r"^(https?://|dfdbench/)[^\s<>|]+$")]
     licence: Line
     entry: Line
     parameters: dict[str, JsonValue] = Field(default_factory=dict)
@@ -46,6 +46,13 @@ class Card(StrictRecord):
     takes: Annotated[list[Takes], Field(min_length=1)] = Field(default=["pair"])
     given_blur: bool = False
     limits: Line | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        # The site shows a command of one line.
+        if not all(word.isprintable() for word in self.arguments()):
+            raise ValueError("entry and parameters are to be printable, in one line")
+        return self
 
     def arguments(self, on_tracks: bool = False) -> list[str]:
         """Return the method's command-line arguments after ``run`` or ``tracks``."""
@@ -82,13 +89,20 @@ def load_cards(folder: Path) -> dict[str, Card]:
             problems.append(Problem(what, where=str(path), fix="give the card another name"))
     for (one, first), (other, second) in combinations(cards.items(), 2):
         where = listed([f"{folder / METHODS / name}.toml" for name in (one, other)])
-        same = first.is_of(second.entry, second.entry, second.parameters)
         if one.casefold() == other.casefold():
             problems.append(Problem("two cards of one name", where=where, fix="rename one"))
-        elif same and first.given_blur == second.given_blur:
+        elif _method_of(first) == _method_of(second):
             problems.append(Problem("two cards of one method", where=where, fix="remove one"))
     ResultError.raise_if(problems)
     return cards
+
+
+def _method_of(card: Card) -> tuple[str, Mapping[str, Any], bool]:
+    """Return what tells a card's method from others, whether its entry is a name or a place."""
+    name = card.entry
+    # Asking what packages offer takes a while, and no package takes a built-in name.
+    entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
+    return entry or name, card.parameters, card.given_blur
 
 
 def cards_table(cards: Mapping[str, Card], in_repository: bool) -> Table:

@@ -29,6 +29,8 @@ _Fingerprints = TypeAdapter(dict[str, list[str]])
 RESULTS = "results"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
+# What may differ between runs of one method; the rest of its record is the row's.
+_OF_RUN = {"uses", "trained_on", "fitted_on", "fit_seconds", "chosen", "source_sha256"}
 _TRACKS = (*TRACKS.values(), *STACKS.values())
 _LABELS = (CLEAN, *(label for track in _TRACKS for label in track.labels))
 
@@ -48,9 +50,10 @@ class RowRun(Record):
     """A run on clean images or on a track at a severity.
 
     Lists have a place for each of the row's pairs, null if it was not evaluated. `method` and
-    `environment` hold what differs from the row's. If the run went on elsewhere, `machine` says for
-    each pair where: 0 for `environment`, then `other_environments`. `answered` is the share of each
-    pair's pixels that have an answer, empty where all have. `scores` are by protocol and metric.
+    `environment` hold what differs from the row's; of the method, only what each run finds anew. If
+    the run went on elsewhere, `machine` says for each pair where: 0 for `environment`, then
+    `other_environments`. `answered` is the share of each pair's pixels that have an answer, empty
+    where all have. `scores` are by protocol and metric.
     """
 
     label: Annotated[str, Field(json_schema_extra={"enum": list(_LABELS)})]
@@ -172,6 +175,8 @@ class Row(Record):
         return self
 
     def _require_records(self, run: RowRun) -> None:
+        if others := sorted(run.method.keys() - _OF_RUN):
+            raise ValueError(f"{run.label}: method.{others[0]} is the same in all runs of a row")
         for name in ("method", "environment"):
             try:
                 _with(getattr(self, name), getattr(run, name))

@@ -1,8 +1,10 @@
 """Write or update a row of the leaderboard with a method's runs, and rerun part of one."""
 
+import math
 import random
+import re
 import secrets
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,9 @@ from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import without_folders
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import differences
+
+# A file may be called dfdbench.py, too.
+_OURS = re.compile(r"dfdbench(\.\w+)+(?<!\.py)(?<!\.onnx):\w+")
 
 
 def require_submittable(limit: int | None) -> None:
@@ -240,16 +245,12 @@ def verify(
     InputError
         If the tolerance is not from 0 to 1.
     ResultError
-        If the method is neither built in nor trusted, there is no run, or data sets of the draw are
-        missing here or differ.
+        As for `require_trusted`; if there is no run, or data sets of the draw are missing here or
+        differ.
     """
     if not 0 <= tolerance <= 1:
         raise InputError(f"a tolerance is a number from 0 to 1, not {tolerance:g}")
-    if row.method.entry not in {*built_in_methods().values(), *trusted}:
-        entry, where = f"{row.method.entry!a}", f"{path}: method.entry"
-        what = f"{entry} is not built in, and its code is run only if you trust it"
-        fix = f"read the code, then add --trust {entry}; use a container (CONTRIBUTING.md)"
-        raise ResultError(what, where=where, fix=fix)
+    require_trusted({path: row}, trusted)
     done = [(result, pair) for result in row.results for pair in result.evaluated]
     if not done:
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
@@ -270,6 +271,25 @@ def verify(
             if on_pair:
                 on_pair(len(found), len(drawn))
     return Verification(seed, len(done), tolerance, tuple(found), same_source)
+
+
+def require_trusted(rows: Mapping[Path, Row], trusted: Collection[str]) -> None:
+    """Refuse rows of methods that are neither this package's nor trusted.
+
+    Raises
+    ------
+    ResultError
+        If their code would have to be imported; it names all of them.
+    """
+    ResultError.raise_if(
+        Problem(
+            f"{entry!a} is not built in, and its code is run only if you trust it",
+            where=f"{path}: method.entry",
+            fix=f"read the code, then add --trust {entry!a}; use a container (CONTRIBUTING.md)",
+        )
+        for path, entry in ((path, row.method.entry) for path, row in rows.items())
+        if not _OURS.fullmatch(entry) and entry not in trusted
+    )
 
 
 def _opened(results: Sequence[Result], path: Path) -> list[Dataset]:
@@ -306,8 +326,9 @@ def _run_again(
         "trained_on": trained_on_of(method, store.manifest, dataset.split),
         "weights_sha256": method.weights_sha256,
         "fitted_on": fit.fitted_on if fit else None,
+        "recipe": store.attributes["recipe"],
     }
-    claimed = {**record.model_dump(), "uses": sorted(record.uses)}
+    claimed = {**record.model_dump(), "uses": sorted(record.uses), "recipe": dataset.recipe}
     wrong = [f"{k} is {v}, not {claimed[k]}" for k, v in facts.items() if claimed[k] != v]
     same_source = method.source_sha256 == record.source_sha256
     protocols = [RELEASED[label] for label in result.protocol_names]
@@ -321,6 +342,9 @@ def _run_again(
 
 
 def _differences(claim: PairResult, rerun: PairResult) -> Iterator[float]:
+    yield abs(claim.answered - rerun.answered)
+    for name, number in claim.numbers.items():
+        yield abs(number - rerun.numbers.get(name, math.inf)) / max(abs(number), 1.0)
     for protocol, scores in claim.scores.items():
         for metric, claimed in scores.items():
             found = rerun.score(protocol, metric)

@@ -211,11 +211,12 @@ def verify_rows(
 ) -> None:
     """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
     from dfdbench.board.row_file import read_row
-    from dfdbench.board.submission import verify
+    from dfdbench.board.submission import require_trusted, verify
 
     answers: list[dict[str, object]] = []
-    for path in rows:
-        row = read_row(path)
+    found_rows = {path: read_row(path) for path in rows}
+    require_trusted({p: r for p, r in found_rows.items() if not r.method.scored}, trust or ())
+    for path, row in found_rows.items():
         if row.method.scored:
             screen.say(f"left out     {path}: scored, not run: there is nothing to run again")
             continue

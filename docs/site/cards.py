@@ -6,6 +6,7 @@ import importlib
 import inspect
 import json
 import re
+import shlex
 from collections.abc import Iterator
 from typing import Any
 
@@ -62,12 +63,18 @@ def method_pages(board: Board) -> Iterator[tuple[str, str]]:
 
 
 def _entry(name: str, card: Card) -> str:
-    picture = f"../assets/pictures/demo/{name}.jpg"
+    place = f"../assets/pictures/demo/{name}.jpg"
+    shown = f"[![Depth by {name}]({place}){{ loading=lazy }}]({name}.md)" if _is_drawn(name) else ""
     return (
-        f"<figure markdown>\n[![Depth by {name}]({picture}){{ loading=lazy }}]({name}.md)\n"
+        f"<figure markdown>\n{shown}\n"
         f"<figcaption markdown>[**{name}**]({name}.md)<br>{escape_markdown(card.title)}"
         "</figcaption>\n</figure>\n"
     )
+
+
+def _is_drawn(file: str) -> bool:
+    # A method that was submitted is not.
+    return (PICTURES / f"{file}.jpg").is_file()
 
 
 def _figures(views: dict[str, str], prefix: str) -> str:
@@ -75,6 +82,7 @@ def _figures(views: dict[str, str], prefix: str) -> str:
         f"<figure markdown>\n![{words}, {prefix or 'the pair shown'}]"
         f"(../assets/pictures/demo/{file}.jpg)\n<figcaption>{words}</figcaption>\n</figure>\n"
         for file, words in views.items()
+        if _is_drawn(file)
     )
     return f'<div class="views" markdown>\n\n{shown}\n</div>\n'
 
@@ -95,14 +103,13 @@ def _page(
         "authors": escape_markdown(listed(card.authors)),
         "paper": _with_doi(card.paper) if card.paper else NOTHING,
         "code": f"<{card.code}>" if "://" in card.code else f"`{card.code}`",
-        "licence": card.licence,
+        "licence": escape_markdown(card.licence),
         "takes": " and ".join(f"{kind}s" for kind in card.takes),
         "given": escape_markdown("; ".join(given).removeprefix("given ")),
     }
     table = "".join(f"| {head} | {text} |\n" for head, text in facts.items() if text)
-    run = " ".join(
-        ["dfdbench run --dataset", "demo@stack-9" if stack else "demo", *card.arguments()]
-    )
+    data = "demo@stack-9" if stack else "demo"
+    run = shlex.join(["dfdbench", "run", "--dataset", data, *card.arguments()])
     drawn = "as a focal stack of nine" if stack else "one pair"
     score = f", NRMSE {score_text(pair['nrmse'])}" if pair.get("nrmse") is not None else ""
     return (
@@ -128,7 +135,7 @@ def _with_doi(paper: str) -> str:
 
 def _parameters(card: Card) -> str:
     """Return the parameters with their defaults and what the code says of each."""
-    if ":" in card.entry and "://" in card.code:
+    if "://" in card.code:
         return ""
     place, _, attribute = find_entry(card.entry).partition(":")
     target = getattr(importlib.import_module(place), attribute)

@@ -25,15 +25,23 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     add_card(tmp_path, "Mine", "other:predict")
     add_card(tmp_path, "twin", "mine:predict")
     add_card(tmp_path, "local", "mine:another")
+    # One by its name, the other by where it is.
+    add_card(tmp_path, "flat", "constant")
+    add_card(tmp_path, "flatter", "dfdbench.methods.baselines:Constant")
+    add_card(tmp_path, "script", code="https://example.org/><script>")
+    add_card(tmp_path, "lines", parameters={"a": "x\n```\n<script>"})
     (tmp_path / "methods/torn.toml").write_text("title = ")
     found = problems(tmp_path)
     folder = tmp_path / "methods"
     assert f"field is missing ({folder}/bare.toml: licence)" in found
     assert f"two cards of one name ({folder}/Mine.toml, {folder}/mine.toml)" in found
     assert f"two cards of one method ({folder}/mine.toml, {folder}/twin.toml)" in found
+    assert f"two cards of one method ({folder}/flat.toml, {folder}/flatter.toml)" in found
+    assert any(f"({folder}/script.toml: code)" in text for text in found)
+    assert any(f"({folder}/lines.toml)" in text for text in found)
     assert any(text.startswith("the name is that of our own local") for text in found)
     assert any(text.startswith("cannot read the card") for text in found)
-    assert len(found) == 5
+    assert len(found) == 8
 
 
 def test_a_row_needs_the_card_of_its_name(tmp_path: Path) -> None:
@@ -51,7 +59,7 @@ def test_a_row_needs_the_card_of_its_name(tmp_path: Path) -> None:
 
 def test_our_own_cards_name_methods_that_can_be_loaded() -> None:
     pytest.importorskip("torch", reason="needs the extra nets")
-    for card in load_cards(HERE).values():
+    for card in (card for card in load_cards(HERE).values() if "://" not in card.code):
         method = load_to_check(card.entry, card.parameters)
         assert method.takes_stack == ("pair" not in card.takes)
 

@@ -74,7 +74,10 @@ def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
         (change(*RUN, "label", to="fog-1"), "no such run"),
         (change(*RUN, "machine", to=[1] * 54), "a machine that is not listed"),
         (change(*RUN, "environment", to={"gpus": 3}), "environment.gpus: Extra inputs"),
-        (change(*RUN, "method", to={"name": 5}), "method.name: Input should be a valid string"),
+        (change(*RUN, "method", to={"fitted_on": 5}), "method.fitted_on: Input should be a valid"),
+        # What would be imported is the row's, which is checked.
+        (change(*RUN, "method", to={"entry": "evil:predict"}), "method.entry is the same in all"),
+        (change(*RUN, "method", to={"weights_sha256": "0" * 64}), "method.weights_sha256 is the"),
         (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
     ):
         content = json.loads(whole)

@@ -218,6 +218,9 @@ def test_what_a_method_was_given_is_as_the_row_says(row: Row) -> None:
         found = verify(edited(row, method=claim), HERE, count=1)
         assert not found.passed
         assert f"{next(iter(claim))} is " in str(found.pairs[0])
+    (run,) = row.runs
+    for told in ({"recipe": {**run.recipe, "name": "text"}}, {"answered": [0.5] * 7}):
+        assert not verify(edited(row, runs=[edited(run, **told)]), HERE, count=1).passed
 
 
 def test_code_is_imported_if_trusted(
@@ -237,6 +240,11 @@ def test_code_is_imported_if_trusted(
         with pytest.raises(ResultError, match="only if you trust it"):
             verify(forged, HERE, trusted=trusted)
     assert not Path("imported").exists()
+    # A file may be called as the package is.
+    Path("theirs.py").rename("dfdbench.theirs.py")
+    with pytest.raises(ResultError, match="only if you trust it"):
+        verify(edited(row, method={"entry": "dfdbench.theirs.py:predict"}), HERE)
+    Path("dfdbench.theirs.py").rename("theirs.py")
     found = verify(forged, HERE, count=2, trusted=[entry])
     assert Path("imported").exists()
     assert [pair.same_map for pair in found.pairs] == [True, True]
