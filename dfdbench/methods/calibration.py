@@ -22,7 +22,7 @@ from dfdbench.methods.blurred import blur
 from dfdbench.methods.fitted import Array, part_of
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import TrainingPair
-from dfdbench.methods.stacks import is_pair, require_alike, sharp_and_blurred, view_and_blurred
+from dfdbench.methods.stacks import require_alike, sharp_and_blurred, view_and_blurred
 from dfdbench.methods.view_change import Images, ViewChange, find_change
 from dfdbench.system.compiled import in_threads
 
@@ -108,18 +108,8 @@ class Sample:
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
-# Reads the in-focus image and the defocus images of a capture.
-Read = Callable[[TrainingPair], tuple[Array, Sequence[Array]]]
-
-
-def _of_pair(capture: TrainingPair) -> tuple[Array, Sequence[Array]]:
-    return capture.infocus, [capture.defocus]
-
-
 def parts_of(
-    captures: Sequence[TrainingPair],
-    read: Read = _of_pair,
-    changes: Sequence[ViewChange] = (ViewChange(),),
+    captures: Sequence[TrainingPair], changes: Sequence[ViewChange] = (ViewChange(),)
 ) -> list[list[Part]]:
     """Return the parts of each defocus image, with its `changes` undone.
 
@@ -132,18 +122,18 @@ def parts_of(
         capture = captures[place]
         region = part_of(capture.levels.shape, number, _SIDE)
         known = capture.levels[region], capture.valid[region]
-        infocus, images = read(capture)
+        infocus, images = sharp_and_blurred(capture.stack, changes)
         # The changes are about the middle of the whole image.
         images = [c.undone(image)[region] for c, image in zip(changes, images, strict=True)]
         parts.append([_part(infocus[region], image, *known) for image in images])
     return [_without_bare(each) for each in zip(*parts, strict=True)]
 
 
-def _changes(captures: Sequence[TrainingPair], read: Read) -> list[ViewChange]:
+def _changes(captures: Sequence[TrainingPair]) -> list[ViewChange]:
     """Return what the camera changes in each defocus image besides the blur."""
     seen: list[list[Images]] = []
     for place in _places(len(captures), _VIEWS):
-        infocus, images = read(captures[place])
+        infocus, images = view_and_blurred(captures[place].stack)
         seen.append([Images.small(infocus, image) for image in images])
     return [find_change(each) for each in zip(*seen, strict=True)]
 
@@ -224,10 +214,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     nonetheless continues straight (`grown_from_focus`). The kernel shape, and blur in grey levels
     or in linear light, are chosen by the least difference.
     """
-    require_alike(pairs)
-    (change,) = _changes(pairs, _of_pair)
-    (parts,) = parts_of(pairs, _of_pair, [change])
-    return _calibrated(parts, change)
+    return calibrate_images(pairs)[0]
 
 
 def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
@@ -240,11 +227,9 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     MethodError
         As for `calibrate`, and if captures are focused at different depths.
     """
-    if not len(captures) or is_pair(captures[0].stack):
-        return [calibrate(captures)]
     require_alike(captures)
-    changes = _changes(captures, lambda one: view_and_blurred(one.stack))
-    parts = parts_of(captures, lambda one: sharp_and_blurred(one.stack, changes), changes)
+    changes = _changes(captures)
+    parts = parts_of(captures, changes)
     return [_calibrated(each, change) for each, change in zip(parts, changes, strict=True)]
 
 

@@ -281,8 +281,6 @@ class Solver(Calibrated):
 
     def _images_of(self, capture: TrainingPair) -> tuple[Image, list[Image]]:
         """Return a capture's in-focus image, or what replaces it, and its defocus images."""
-        if capture.is_pair:
-            return capture.infocus, [capture.defocus]
         return self._images_in(capture.stack)
 
     def _images_in(self, stack: DataArray) -> tuple[Image, list[Image]]:

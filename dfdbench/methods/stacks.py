@@ -34,7 +34,8 @@ def sharp_and_blurred(
     """Return an image in focus everywhere, and the images to explain by blurring it, as uint8.
 
     If no image has the role ``infocus``, the first one returned is fused from the defocus images.
-    It is also fused if they are sharper: even at f/8 a lens that focuses near blurs what is far.
+    It is also fused if several of them are sharper: even at f/8 a lens that focuses near blurs what
+    is far.
 
     Parameters
     ----------
@@ -50,6 +51,8 @@ def sharp_and_blurred(
         If there is no defocus image.
     """
     sharp, blurred = _images_of(stack)
+    if sharp is not None and len(blurred) == 1:
+        return sharp, blurred
     seen = [
         np.rint(change.undone(image)).astype(np.uint8) if change.changes else image
         for change, image in zip(changes or [ViewChange()] * len(blurred), blurred, strict=True)
@@ -79,9 +82,7 @@ def _images_of(stack: DataArray) -> tuple[Image | None, list[Image]]:
 
 
 def _others_are_sharper(sharp: Image, others: Sequence[Image]) -> bool:
-    """Return whether a good part of an image is sharper in others; never so with one other."""
-    if len(others) < 2:
-        return False
+    """Return whether a good part of an image is sharper in others."""
     own, *contrast = (cv2.blur(focus_cells(image), (3, 3)) for image in (sharp, *others))
     return bool((np.max(contrast, axis=0) - own > _CLEARLY).mean() > _PART)
 
