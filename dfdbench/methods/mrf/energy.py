@@ -299,16 +299,19 @@ class Energy:
         down[:-1] = 1 if self.weights_vertical is None else self.weights_vertical
         return right, down
 
-    def evaluate(self, labels: ArrayLike) -> int:
+    def evaluate(self, labels: ArrayLike, costs: NDArray[Any] | None = None) -> int:
         """Return the exact energy of a labeling.
 
         Parameters
         ----------
         labels : (y, x) integer
             Label of every pixel.
+        costs : (y, x) integer, optional
+            The cost of each pixel's label, if the caller has it.
         """
         index = np.asarray(labels, np.int32)
-        total = int(costs_at(self.unary, index).sum(dtype=np.int64))
+        own = costs_at(self.unary, index) if costs is None else costs
+        total = int(own.sum(dtype=np.int64))
         for axis, weights in ((1, self.weights_horizontal), (0, self.weights_vertical)):
             costs = self.smoothness[np.abs(np.diff(index, axis=axis))].astype(np.int64)
             total += int((costs if weights is None else costs * weights).sum())

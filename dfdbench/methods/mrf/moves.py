@@ -151,42 +151,21 @@ class Mover:
                 favoured[(slice(None), lines) if columns else lines] = part.argmin(2)
             best_lines(part, labels, costs, favoured, *law, *edges, columns, lines.start)
         self._favoured = favoured
-        change = self._sum(labels, costs) - self._sum(self._labels, self._costs)
+        change = self._energy.evaluate(labels, costs) - self.value()
         if change < 0:
             self._labels[...], self._costs[...] = labels, costs
         return min(change, 0)
 
     def value(self) -> int:
         """Return the energy of the current labels."""
-        return self._energy.offset + self._sum(self._labels, self._costs)
-
-    def _sum(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
-        return int(_sum_costs(self._table, self._right, self._down, labels, costs))
+        return self._energy.evaluate(self._labels, self._costs)
 
 
-@compiled()
-def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Array) -> int:
-    height, width = labels.shape
-    total = 0
-    for y in range(height):
-        for x in range(width):
-            total += int(costs[y, x])
-            if x + 1 < width:
-                total += right[y, x] * table[abs(labels[y, x] - labels[y, x + 1])]
-            if y + 1 < height:
-                total += down[y, x] * table[abs(labels[y, x] - labels[y + 1, x])]
-    return total
-
-
-@compiled()
 def _largest_gains(table: Array) -> Array:
     # The most that an edge can save if one of its ends changes its label by 0, 1, ...
-    gains = np.zeros_like(table)
-    for change in range(1, table.size):
-        for before in range(change - table.size + 1, table.size):
-            gain = table[abs(before)] - table[abs(before - change)]
-            gains[change] = max(gains[change], gain)
-    return gains
+    costs = table[np.abs(np.arange(1 - table.size, table.size))]
+    steps = range(table.size)
+    return np.array([(costs[step:] - costs[: costs.size - step]).max() for step in steps])
 
 
 @compiled()
