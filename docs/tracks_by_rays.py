@@ -23,9 +23,10 @@ from dfdbench.blur.tracks import DISK, Formation, find_degradation
 from dfdbench.building.sources.demo import SCENES
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.lens import Camera, depth, render
-from dfdbench.simulation.lighting import shaded
+from dfdbench.simulation.lighting import places_on
 from dfdbench.simulation.photographs import photograph
-from dfdbench.simulation.shapes import pack
+from dfdbench.simulation.raycast import Board, Floor, Surface
+from dfdbench.simulation.shapes import UPRIGHT, Panel, Round, Scene, Shape, Vector, pack
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +34,8 @@ SHAPE, FOCAL_PIXELS, LEVEL_AT_ONE_METRE = (240, 320), 330.0, 247.5
 RECIPE = RECIPES["published"]
 FOCAL_LENGTH = 0.025  # metres; any will do, as only pixels are compared
 LAMP, AMBIENT = (0.0, -0.6, -0.8), 0.5
+ENDLESS = 50.0  # metres: half the side of an infinite plane's stand-in
+SHADE_SPACING = 0.02  # metres
 RAYS, BORDER, NEAR_A_JUMP = 256, 12, 5
 FORMATIONS = {
     "own blur": Formation(exponent=DISK, linear=True),
@@ -56,11 +59,37 @@ def camera(f_number: float | None = None) -> Camera:
     return Camera(lens, SHAPE)
 
 
+def facing(surface: Surface) -> Shape:
+    """Return a demo scene's surface as one that faces any direction."""
+    right, bottom, behind = UPRIGHT
+    if isinstance(surface, Board):
+        normal = np.array([-surface.slant, -surface.tilt, 1.0])
+        x, y, z = normal / np.sqrt((normal * normal).sum())
+        # Lengths across and down are measured along x and y, not along the slope.
+        frame = (right, bottom, (float(x), float(y), float(z)))
+        return Panel(surface.centre, frame, surface.size, surface.texture, surface.shape)
+    if isinstance(surface, Floor):
+        centre, side = (0.0, surface.height, 0.0), 2 * ENDLESS
+        return Panel(centre, (right, behind, bottom), (side, side), surface.texture)
+    return Round(surface.centre, UPRIGHT, surface.radius, surface.texture, surface.upright)
+
+
+def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
+    """Return a scene shaded by an infinitely distant lamp without shadows, as in the demo scenes.
+
+    `direction` is where the light comes from, `ambient` the share that falls equally everywhere.
+    """
+    charts, _, normals = places_on(scene, SHADE_SPACING)
+    ahead = sum(normals[:, axis] * direction[axis] for axis in range(3))
+    light = ambient + (1 - ambient) * np.maximum(ahead, 0)
+    return scene._replace(charts=charts, lightmap=light.astype(np.float32))
+
+
 def compare(scene: str) -> tuple[dict[str, tuple[float, float]], list[Floats]]:
     """Return rms at jumps and away by formation; the lens's image, and the formations'."""
     surfaces = SCENES[scene]
     photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
-    packed = shaded(pack(surfaces, photographs), LAMP, AMBIENT)
+    packed = shaded(pack([*map(facing, surfaces)], photographs), LAMP, AMBIENT)
     by_lens = encode(render(packed, camera(), RAYS, (1,)))
     sharp = render(packed, camera(1e6), RAYS, (2,))
     levels = np.rint(LEVEL_AT_ONE_METRE / depth(packed, camera())).astype(np.uint8)

@@ -14,7 +14,7 @@ _LAMP_POINTS = 24
 _SKY_RAYS = 48
 _FEWEST, _MOST = 3, 160  # steps along a surface's side
 _FINE = 2.0**26  # places are multiples of 1 m / _FINE: sines may differ in their last bit
-_LIGHT_SPACING, _SHADE_SPACING = 0.05, 0.02  # metres
+_LIGHT_SPACING = 0.05  # metres
 _REACH = 1.0  # metres: surfaces nearer than this block ambient light
 _LIGHT_FINE = 2.0**14
 _MARGIN = 0.3  # metres beyond the visible part
@@ -61,7 +61,7 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
     even sky, minus most of the share that is hidden within a metre. No light is reflected. Light is
     interpolated between the places at which it is computed.
     """
-    charts, points, facing = _places(scene, _LIGHT_SPACING)
+    charts, points, facing = places_on(scene, _LIGHT_SPACING)
     beyond = np.abs(points[:, :2]) - points[:, 2:] * np.array(slope)
     seen = (beyond.max(axis=1) < _MARGIN) & (points[:, 2] > -_MARGIN)
     out = np.zeros(int(seen.sum()))
@@ -78,25 +78,7 @@ def lit(scene: Scene, lamps: Sequence[Lamp], ambient: float, slope: tuple[float,
     return scene._replace(charts=charts, lightmap=lightmap)
 
 
-def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
-    """Return a scene shaded by an infinitely distant lamp without shadows, as in the demo scenes.
-
-    Parameters
-    ----------
-    scene : Scene
-        From `dfdbench.simulation.shapes.pack`.
-    direction : tuple of float
-        Where the light comes from, a unit vector.
-    ambient : float
-        Share of the light that falls equally everywhere.
-    """
-    charts, _, normals = _places(scene, _SHADE_SPACING)
-    facing = sum(normals[:, axis] * direction[axis] for axis in range(3))
-    light = ambient + (1 - ambient) * np.maximum(facing, 0)
-    return scene._replace(charts=charts, lightmap=light.astype(np.float32))
-
-
-def _places(scene: Scene, spacing: float) -> tuple[Floats, Floats, Floats]:
+def places_on(scene: Scene, spacing: float) -> tuple[Floats, Floats, Floats]:
     """Return each surface's chart, and all the places and normals in the charts."""
     charts, places, normals = [], [], []
     first = 0

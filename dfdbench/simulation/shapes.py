@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.raycast import Ball, Board, Floats, Floor, Surface, Texture
+from dfdbench.simulation.raycast import Floats, Texture
 
 Vector = tuple[float, float, float]
 Outline = Literal["rectangle", "disc", "lattice"]
@@ -18,8 +18,6 @@ Frame = tuple[Vector, Vector, Vector]
 
 UPRIGHT: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-#: Half the side of an infinite plane's stand-in, in metres.
-_ENDLESS = 50.0
 #: Anything nearer to the lens than this is invisible, in metres.
 CLOSEST = 0.05
 _WIDEST = 0.05  # metres: no lens has a larger radius
@@ -81,8 +79,8 @@ class Round:
     half_height: float | None = None
 
 
-#: What can be packed; other surfaces come from `dfdbench.simulation.raycast`.
-Shape = Panel | Round | Surface
+#: What can be packed.
+Shape = Panel | Round
 
 
 class Scene(NamedTuple):
@@ -132,18 +130,17 @@ def pack(shapes: Sequence[Shape], photographs: Mapping[str, Floats]) -> Scene:
 
     Parameters
     ----------
-    shapes : sequence of Panel, Round, Board, Floor or Ball
+    shapes : sequence of Panel or Round
         The surfaces.
     photographs : mapping of str to ndarray, shape (y, x, 3)
         Linear reflectance of each texture's photograph.
     """
-    facing = [_facing(shape) for shape in shapes]
     names = sorted({shape.texture.photograph for shape in shapes})
     pyramids = [_pyramid(photographs[name]) for name in names]
     flat = [level for pyramid in pyramids for level in pyramid]
     firsts = np.cumsum([0] + [level.shape[0] * level.shape[1] for level in flat])
     levels = [(first, image.shape[1], image.shape[0]) for first, image in zip(firsts, flat)]  # noqa: B905
-    kinds, rows = zip(*map(_row, facing), strict=True)
+    kinds, rows = zip(*map(_row, shapes), strict=True)
     count = len(shapes)
     scene = Scene(
         kinds=np.array(kinds),
@@ -157,11 +154,11 @@ def pack(shapes: Sequence[Shape], photographs: Mapping[str, Floats]) -> Scene:
         lightmap=np.ones(1, np.float32),
     )
     near = [max(float(scene.hull(surface)[:, 2].min()), CLOSEST) for surface in range(count)]
-    away = [_turned_away(shape) for shape in facing]
+    away = [_turned_away(shape) for shape in shapes]
     return scene._replace(near=np.where(away, np.inf, near))
 
 
-def _turned_away(shape: Panel | Round) -> bool:
+def _turned_away(shape: Shape) -> bool:
     if not isinstance(shape, Panel) or not shape.closed:
         return False
     ahead = sum(place * way for place, way in zip(shape.centre, shape.frame[2], strict=True))
@@ -178,26 +175,7 @@ def _pyramid(photograph: Floats) -> list[Floats]:
     return levels
 
 
-def _facing(shape: Shape) -> Panel | Round:
-    """Convert a surface of `raycast` to one that faces any direction."""
-    right, bottom, behind = UPRIGHT
-    match shape:
-        case Board():
-            normal = np.array([-shape.slant, -shape.tilt, 1.0])
-            x, y, z = normal / np.sqrt((normal * normal).sum())
-            # Lengths across and down are measured along x and y, not along the slope.
-            frame = (right, bottom, (float(x), float(y), float(z)))
-            return Panel(shape.centre, frame, shape.size, shape.texture, shape.shape)
-        case Floor():
-            centre, side = (0.0, shape.height, 0.0), 2 * _ENDLESS
-            return Panel(centre, (right, behind, bottom), (side, side), shape.texture)
-        case Ball():
-            return Round(shape.centre, UPRIGHT, shape.radius, shape.texture, shape.upright)
-        case _:
-            return shape
-
-
-def _row(shape: Panel | Round) -> tuple[int, Floats]:
+def _row(shape: Shape) -> tuple[int, Floats]:
     row = np.zeros(tracing.COLUMNS)
     across, down, away = shape.frame
     if isinstance(shape, Panel):

@@ -1,7 +1,9 @@
 """The lens against the thin-lens equation, closed forms, another ray caster, and more rays."""
 
 import math
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +13,9 @@ from dfdbench.blur.light import encode
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation import lens as lens_module
 from dfdbench.simulation.lens import Camera, depth, develop, render
-from dfdbench.simulation.raycast import Board, Texture, look
+from dfdbench.simulation.raycast import Texture, look
 from dfdbench.simulation.rooms import draw_room
-from dfdbench.simulation.shapes import Scene, pack
+from dfdbench.simulation.shapes import UPRIGHT, Panel, Scene, pack
 from dfdbench.simulation.unseen import draw_camera
 from tests.simulation.through_lens import demo_scene, through_lens
 
@@ -27,14 +29,14 @@ def camera(focus: float = 1.0, f_number: float = 2.0, size: int = 64, **options:
     return Camera(ThinLens(f_number, FOCAL, focus, PITCH), (size, size), **options)  # type: ignore[arg-type]
 
 
-def in_front_of_black(board: Board) -> Scene:
-    return pack([board, Board((0, 0, 20), (99, 99), BLACK)], PHOTOGRAPHS)
+def in_front_of_black(board: Panel) -> Scene:
+    return pack([board, Panel((0, 0, 20), UPRIGHT, (99, 99), BLACK)], PHOTOGRAPHS)
 
 
 def dot(z: float, x: float = 0.0, pixels: float = 1.0) -> Scene:
     """Return a white disc of so many pixels across, seen at x metres per metre of z."""
     size = pixels * PITCH / FOCAL * z
-    return in_front_of_black(Board((x * z, 0, z), (size, size), WHITE, shape="disc"))
+    return in_front_of_black(Panel((x * z, 0, z), UPRIGHT, (size, size), WHITE, "disc"))
 
 
 def moments(light: Floats) -> tuple[float, float]:
@@ -65,7 +67,7 @@ def test_a_dot_is_as_wide_as_thin_lenses_say() -> None:
 @pytest.mark.parametrize(("distance", "focus"), [(0.6, 1.5), (3.0, 0.9)])
 def test_a_straight_edge_has_the_closed_form(distance: float, focus: float) -> None:
     taken = camera(focus)
-    scene = in_front_of_black(Board((-5, 0, distance), (10, 10), WHITE))
+    scene = in_front_of_black(Panel((-5, 0, distance), UPRIGHT, (10, 10), WHITE))
     seen = render(scene, taken, 1024, (2,))[..., 1].mean(axis=0)
     radius = abs(distance - focus) / distance * FOCAL**2 / (2 * (focus - FOCAL)) / PITCH / 2
     # The share of a disc to the right of a line, averaged over the pixel.
@@ -97,14 +99,16 @@ def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole() -> None:
 @pytest.mark.parametrize("scene", ["Market", "Library"])
 def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
     surfaces, photographs = demo_scene(scene)
+    facing = runpy.run_path(str(Path(__file__).parents[2] / "docs/tracks_by_rays.py"))["facing"]
+    packed = pack([*map(facing, surfaces)], photographs)
     shape, focus = (48, 64), 1.2
     taken = Camera(ThinLens(2.0, FOCAL, focus, FOCAL / 165), shape)
-    ours = encode(render(pack(surfaces, photographs), taken, 256, (5,)))
+    ours = encode(render(packed, taken, 256, (5,)))
     focal, radius = taken.focal_pixels, taken.lens_radius
     theirs = through_lens(scene, shape, focal, radius, focus, lambda view: view.reflectance)
     assert np.abs(ours - encode(theirs)).mean() < 0.8
     view = look(surfaces, photographs, 0.0, shape, focal)
-    assert np.allclose(depth(pack(surfaces, photographs), taken), view.distance, rtol=1e-6)
+    assert np.allclose(depth(packed, taken), view.distance, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -154,14 +158,14 @@ def test_a_polygon_has_the_area_of_the_round_aperture_and_its_own_corners() -> N
 
 
 def test_light_falls_off_with_the_fourth_power_of_the_cosine() -> None:
-    wall = pack([Board((0, 0, 2), (99, 99), WHITE)], PHOTOGRAPHS)
+    wall = pack([Panel((0, 0, 2), UPRIGHT, (99, 99), WHITE)], PHOTOGRAPHS)
     light = render(wall, camera(size=400, cos4=True), 4, (11,))[200, :, 0]
     angle = np.arctan((np.arange(400) - 199.5) / camera().focal_pixels)
     assert np.allclose(light, np.cos(angle) ** 4, rtol=1e-4)
 
 
 def test_a_ring_darkens_corners_only() -> None:
-    wall = pack([Board((0, 0, 2), (99, 99), WHITE)], PHOTOGRAPHS)
+    wall = pack([Panel((0, 0, 2), UPRIGHT, (99, 99), WHITE)], PHOTOGRAPHS)
     radius = camera().lens_radius
     ringed = camera(size=100, ring=(0.03, radius * 1.4))
     ringed = replace(ringed, lens=replace(ringed.lens, pixel_size=4 * PITCH))

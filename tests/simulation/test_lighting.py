@@ -1,8 +1,11 @@
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.lighting import Lamp, lit, shaded
+from dfdbench.simulation.lighting import Lamp, lit
 from dfdbench.simulation.raycast import Texture
 from dfdbench.simulation.rooms import upright
 from dfdbench.simulation.shapes import UPRIGHT, Panel, Round, Scene, Shape, pack
@@ -53,6 +56,7 @@ def test_a_ball_is_lit_on_the_side_of_the_lamp() -> None:
 
 def test_a_far_lamp_shades_by_the_angle_and_casts_no_shadow() -> None:
     ball = Round((0, 0, 2), UPRIGHT, 0.5, PLAIN)
+    shaded = runpy.run_path(str(Path(__file__).parents[2] / "docs/tracks_by_rays.py"))["shaded"]
     scene = shaded(pack([WALL, ball], {"plain": np.ones((4, 4, 3))}), (0.0, -0.6, -0.8), 0.5)
     assert at(scene, 0, 0) == pytest.approx(0.5 + 0.5 * 0.8)
     exact = 0.5 + 0.5 * (0.6 * 0.6 + 0.8 * 0.8)
