@@ -91,12 +91,7 @@ def _planes(costs: Array) -> Array:
     return planes
 
 
-def repair(
-    energy: Energy,
-    start: ArrayLike,
-    rounds: Iterable[tuple[int, ...]],
-    graph: GridGraph | None = None,
-) -> Solution:
+def repair(energy: Energy, start: ArrayLike, rounds: Iterable[tuple[int, ...]]) -> Solution:
     """Lower an energy by jumps, snaps and lines (`moves`) from given labels.
 
     Parameters
@@ -108,8 +103,6 @@ def repair(
     rounds : iterable of tuples of int
         A positive number d means jumps by d and -d, a negative one means snaps of that period in
         all its phases, and 0 means the best labels along rows, then along columns.
-    graph : GridGraph, optional
-        Memory of the energy's height and width to reuse.
 
     Returns
     -------
@@ -125,7 +118,7 @@ def repair(
     ([[2, 2, 2]], (23, 3, 2))
     """
     labels = np.array(start, np.int32)
-    mover = Mover(energy, labels, graph)
+    mover = Mover(energy, labels)
     history = [mover.value()]
     for lengths in rounds:
         for length in lengths:
@@ -338,8 +331,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     if _goes_coarse_to_fine(energy, len(rounds)):
         return coarse_to_fine(energy, _halve, rounds)
     energy = energy.held()
-    graph = GridGraph(*energy.shape)
-    return repair(energy, _halve(energy, graph), REPAIRS[quality], graph)
+    return repair(energy, _halve(energy), REPAIRS[quality])
 
 
 def _nearly_convex(table: NDArray[np.int32]) -> bool:
@@ -372,9 +364,9 @@ def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
     return bool(largest < COST_LIMIT)
 
 
-def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
+def _halve(energy: Energy) -> NDArray[np.int32]:
     """Find labels by deciding one bit of all of them per cut, the highest first."""
-    graph = GridGraph(*energy.shape) if graph is None else graph
+    graph = GridGraph(*energy.shape)
     # A range is as good as its best label. Its mean would do for flat costs, but if only one label
     # explains a pixel, the labels beside it must not count against their range.
     costs = [energy.unary]
