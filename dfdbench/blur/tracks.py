@@ -2,8 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from dfdbench.errors import UnknownNameError
 
@@ -107,10 +106,6 @@ class Track:
     def labels(self) -> list[str]:
         """Its name with each severity, such as ``noise-1``."""
         return [f"{self.name}-{number}" for number in range(1, len(self.severities) + 1)]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the definition by name, fit for JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
