@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from pydantic import Field, FiniteFloat
 from pydantic_core import to_jsonable_python
 
 from dfdbench.blur.light import Floats
@@ -24,7 +24,6 @@ GREYS = 17
 #: Variance of rounding to whole grey levels.
 ROUNDING_VARIANCE = 1 / 12
 _Sigma = Annotated[float, Field(gt=0, le=1000)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Shift = Annotated[float, Field(ge=-100, le=100)]
 _Turn = Annotated[float, Field(ge=-0.5, le=0.5)]
 _Size = Annotated[float, Field(ge=-0.3, le=0.3)]
@@ -83,7 +82,7 @@ class BlurLaw:
     exponent: Annotated[float, Field(ge=1, le=64)] = 2.0
     kernel_size: Annotated[KernelSize, Field(lt=1000)] = 27
     gain: _Sigma = 1.0
-    offset: _Finite = 0.0
+    offset: FiniteFloat = 0.0
     noise: Annotated[tuple[_Noise, ...], Field(min_length=1, max_length=LEVELS)] = (0.0,)
     infocus_noise: _Noise = 0.0
     linear: bool = False

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.method import Image
@@ -36,7 +36,6 @@ _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
 
 _INPUTS = "name the inputs infocus and defocus, or stack"
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -64,14 +63,14 @@ class Description(StrictRecord):
     layout: str = "NCHW"
     colour: Literal["rgb", "bgr", "grey"] = "rgb"
     largest: Literal[1, 255] = 255
-    mean: list[Finite] = Field([0.0], min_length=1, max_length=3)
+    mean: list[FiniteFloat] = Field([0.0], min_length=1, max_length=3)
     std: list[Positive] = Field([1.0], min_length=1, max_length=3)
     multiple: Annotated[int, Field(ge=1, le=4096)] = 1
     depth: Name
     sigma: Name | None = None
     unit: Literal["levels", "metres"] = "levels"
-    scale: Finite = 1.0
-    offset: Finite = 0.0
+    scale: FiniteFloat = 1.0
+    offset: FiniteFloat = 0.0
     inverse: bool = False
     clip: bool = False
     trained_on: str = ""
