@@ -9,12 +9,12 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
 from dfdbench.tables.table import listed
 
-# A residual block adds its input to its output: these columns of Table D.2 must be equal.
-EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
 #: Rows and columns of a filter.
 Kernel = tuple[int, int]
 #: The thesis's numbering of the convolutions, input to output: the columns of filters.toml.
 LAYERS = (52, 48, 45, 42, 40, 37, 34, 32, 29, 27, 24, 20, 17, 15, 12, 8, 5, 1)
+#: A residual block adds its input to its output, so these layers have the same width.
+TIED = ((52, 45), (42, 37), (34, 29), (24, 17), (12, 5))
 
 #: Filters of the 18 convolutions, input to output, by the name in Table D.2, and ``pso``.
 FILTERS: dict[str, tuple[int, ...]] = {
@@ -97,16 +97,16 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
         what = f"filters do not fit DfD-Net: {listed(numbers)}"
         expected = f"{len(LAYERS)} positive numbers, the last {LEVELS}"
         raise InputError(what, where="filters", expected=expected)
-    problems = [
+    of = dict(zip(LAYERS, numbers, strict=True))
+    InputError.raise_if(
         Problem(
-            f"layers {LAYERS[one]} and {LAYERS[other]} are equally wide, not {numbers[one]} and "
-            f"{numbers[other]}, as a residual block adds them",
+            f"layers {one} and {other} are equally wide, not {of[one]} and {of[other]}, as a "
+            "residual block adds them",
             where="filters",
         )
-        for one, other in EQUAL
-        if numbers[one] != numbers[other]
-    ]
-    InputError.raise_if(problems)
+        for one, other in TIED
+        if of[one] != of[other]
+    )
     return numbers
 
 

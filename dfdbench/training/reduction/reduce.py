@@ -13,7 +13,7 @@ import torch
 from dfdbench.blur.recipe import LEVELS as DEPTH_LEVELS
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, unknown_name
-from dfdbench.methods.networks.choices import LAYERS
+from dfdbench.methods.networks.choices import LAYERS, TIED
 from dfdbench.methods.networks.inference import Predictor, find_device
 from dfdbench.methods.networks.weights import Card, build_network, count_parameters, load_weights
 from dfdbench.metrics.metric import METRICS, RANKED_BY
@@ -28,8 +28,6 @@ from dfdbench.training.reduction import counts as counting
 
 Widths = tuple[int, ...]
 Rounding = Literal["H", "L"]
-#: Layers that are added to each other have the same width.
-TIED = ((52, 45), (42, 37), (34, 29), (24, 17), (12, 5))
 #: The layers of each level; the last stage counts 27 again, as in Table D.2.
 LEVELS: Mapping[int, tuple[int, ...]] = {
     1: (52, 48, 45, 15, 12, 8, 5),
