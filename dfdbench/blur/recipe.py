@@ -91,14 +91,18 @@ class BlurRecipe:
 
         The 2-D kernel is the outer product of a row with itself.
         """
-        radius = self.kernel_size // 2
-        offsets = np.arange(-radius, radius + 1, dtype=np.float64)
-        rows = np.exp(-(offsets**2) / (2 * self.sigmas[:, np.newaxis] ** 2))
-        return np.asarray(rows / rows.sum(axis=1, keepdims=True), dtype=np.float64)
+        return gaussian_rows(self.sigmas, self.kernel_size // 2)
 
     def as_dict(self) -> dict[str, float | int | bool]:
         """Return the parameters by name, fit for JSON."""
         return asdict(self)
+
+
+def gaussian_rows(sigmas: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
+    """Sample a Gaussian for each sigma, each of sum 1: shape (sigma, 2 * radius + 1)."""
+    offsets = np.arange(-radius, radius + 1, dtype=np.float64)
+    rows = np.exp(-(offsets**2) / (2 * sigmas[:, np.newaxis] ** 2))
+    return np.asarray(rows / rows.sum(axis=1, keepdims=True), dtype=np.float64)
 
 
 #: The recipes by name. `published` (step 2.88 / 256) made the images published with the thesis,

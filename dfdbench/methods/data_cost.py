@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dfdbench.blur.recipe import gaussian_rows
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 
@@ -97,7 +98,7 @@ def data_cost(
     require_pair(sharp, blurred, "uint8", "float32")
     radius = kernel_size // 2
     nodes, mixture = _mixture(values, radius)
-    kernels = _kernels(nodes, radius)
+    kernels = gaussian_rows(nodes, radius)
     padded, blurred = part_of_pair(sharp, blurred, radius, rows, columns)
     shape = (*blurred.shape[:2], len(values))
     unary = np.empty(shape, np.uint16) if out is None else out
@@ -149,25 +150,18 @@ def require_pair(infocus: Array, defocus: Array, *kinds: str) -> None:
         raise InputError(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")
 
 
-def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:
-    """Sample a Gaussian for each sigma, normalised: (sigma, 2 * radius + 1) float64."""
-    at = np.arange(-radius, radius + 1)
-    kernels = np.exp(-(at**2) / (2 * np.square(sigmas)[:, None]))
-    return np.asarray(kernels / kernels.sum(1, keepdims=True))
-
-
 def _mixture(sigmas: Array, radius: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Choose few sigmas, and weights with which their 2-D kernels sum to the given ones.
 
     Returns the sigmas of the nodes and a (node, label) float64 matrix whose columns sum to 1.
     """
-    wanted = planes_of(_kernels(sigmas, radius))
+    wanted = planes_of(gaussian_rows(sigmas, radius))
     for count in range(4, min(len(sigmas), 33), 4):
         # Chebyshev points in sqrt(sigma): dense where the kernel changes fast.
         points = np.cos((2 * np.arange(count) + 1) * math.pi / (2 * count))[::-1]
         low, high = math.sqrt(sigmas[0]), math.sqrt(sigmas[-1])
         nodes = ((low + high) / 2 + (high - low) / 2 * points) ** 2
-        planes = planes_of(_kernels(nodes, radius))
+        planes = planes_of(gaussian_rows(nodes, radius))
         # Least squares over factors that sum to 1, so that flat areas are exact.
         others, last = planes[:-1] - planes[-1], planes[-1]
         bent = np.concatenate([others.T, RIDGE * np.eye(count - 1)])
