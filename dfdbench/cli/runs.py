@@ -202,7 +202,7 @@ def tune(
         fix = "name all values together: --range NAME=A,B,C"
         raise InputError("a parameter is named twice", where="--range", fix=fix)
     ranges = {name: options.several(values, f"--range {name}") for name, values in given.items()}
-    with progress(f"tuning {method}") as step:
+    with progress(f"tuning {method}", "the same command begins anew") as step:
         found = dfdbench.tune(
             method,
             dataset,

@@ -1,5 +1,6 @@
 """Run a method on a data set and its tracks, tune its parameters, or score maps made elsewhere."""
 
+import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -269,26 +270,32 @@ def cross_validate(
     method is fitted on the other three, if it has a fit, and scored on the fold. Parameters, return
     value and errors are those of `dfdbench.tune`.
     """
-    loaded = load_for(store, method, parameters, seed)
-    ranges = _values_of(ranges or loaded.attribute("ranges") or {})
+
+    def loaded(trial: Mapping[str, Any]) -> Method:
+        # Anew: it may keep in itself what it learned from captures that are scored now.
+        return load_for(store, copy.deepcopy(method), {**parameters, **trial}, seed)
+
+    ranges = _values_of(ranges or {})
+    # A parameter to try may have no default.
+    first = loaded({name: values[0] for name, values in ranges.items() if values})
+    ranges = ranges or _values_of(first.attribute("ranges") or {})
     if not ranges or not all(ranges.values()):
         what = "nothing to try: the method states no ranges of its own"
-        raise InputError(what, where=loaded.name, fix="name some: --range window=7,31,91")
+        raise InputError(what, where=first.name, fix="name some: --range window=7,31,91")
     rule = find_protocol(protocol_on(store.manifest, protocol))
     folds = folds_of(store)
     trials = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     # Invalid parameters fail before anything is run.
-    methods = [load_for(store, method, {**parameters, **trial}, seed) for trial in trials]
+    for trial in trials:
+        loaded(trial)
     every = [pair for fold in folds for pair in fold]
     # At random: every n-th capture may be of one illumination.
-    chosen = np.random.default_rng(seed).permutation(len(every))[:limit]
-    scored = {every[place] for place in chosen}
-    total = len(scored) * len(trials)
-    rows: list[dict[str, Any]] = []
-    done = 0
-    for trial, ready in zip(trials, methods, strict=True):
+    scored = {every[n] for n in np.random.default_rng(seed).permutation(len(every))[:limit]}
+    rows, done = list[dict[str, Any]](), 0
+    for trial in trials:
         found = []
-        for fold in folds:
+        for fold in filter(scored.intersection, folds):
+            ready = loaded(trial)
             if ready.learner is not None:
                 others = tuple(pair for pair in every if pair not in fold)
                 two = ready.two_images(store.manifest.pair_images)
@@ -296,25 +303,24 @@ def cross_validate(
             evaluator = PairEvaluator(store, ready, seed, [rule])
             for pair in (pair for pair in fold if pair in scored):
                 record, _ = evaluator(pair)
-                _require_score(record, rule.label, f"{pair.id} with {words(trial)}")
-                found.append(record.scores[rule.label])
+                found.append(_scores_of(record, rule.label, f"{pair.id} with {words(trial)}"))
                 done += 1
                 if on_pair:
-                    on_pair(done, total)
+                    on_pair(done, len(scored) * len(trials))
         rows.append({**trial, **pd.DataFrame(found).mean()})
     # As they were given: a column of whole numbers and others would make all of them fractions.
-    given = {name: pd.Series([one[name] for one in trials], dtype=object) for name in ranges}
-    tried = pd.DataFrame(rows).assign(**given).set_index(list(ranges))
+    tried = pd.DataFrame(rows).assign(**pd.DataFrame(trials, dtype=object)).set_index([*ranges])
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
 
 
-def _require_score(record: PairResult, label: str, where: str) -> None:
+def _scores_of(record: PairResult, label: str, where: str) -> dict[str, float | None]:
     if record.error:
         raise MethodError(record.error, where=where)
     if record.lacks_answers(label, ranked_by(label)[0]):
         what = f"too many pixels have no answer for a score by protocol {label}"
         fix = "leave these values out" if label == SURE else f"--protocol {SURE}"
         raise MethodError(what, where=where, fix=fix)
+    return record.scores[label]
 
 
 def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:

@@ -244,6 +244,7 @@ class Off:
         self.off, self.log, self.peek = off, log, peek
 
     def fit(self, pairs):
+        assert not hasattr(self, "scenes"), "it still knows the captures of another fold"
         self.scenes = sorted({pair.pair.scene for pair in pairs})
         return {"level": np.mean([pair.levels[pair.valid].mean() for pair in pairs])}
 
@@ -281,6 +282,8 @@ def test_no_capture_is_scored_by_its_own_group(few_demo: Dataset, off: str, tmp_
 
 
 def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: str) -> None:
+    # What is to be tried needs no default.
+    Path(off.partition(":")[0]).write_text(OFF.replace('log="", off=0', 'off, log=""'))
     ranges: dict[str, Any] = {"off": np.array([30, 0]), "peek": [np.False_]}
     seen: list[int] = []
     given: Any = {"limit": 6, "on_pair": lambda *numbers: seen.extend(numbers)}
