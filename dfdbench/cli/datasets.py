@@ -408,7 +408,7 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
     free = shutil.disk_usage(above).free
     writable = "" if os.access(above, os.W_OK) else ", cannot be written"
     yield "cache", f"{folder}: {decimal(size)}, {decimal(free)} free{writable}"
-    stores = [entry.name.removesuffix(".zarr") for entry in entries if entry.kind == "stores"]
+    stores = [entry.path.stem for entry in entries if entry.path.match("stores/*.zarr")]
     yield "built", ", ".join(stores) or "nothing"
 
 

@@ -14,6 +14,7 @@ DOWNLOADS = "downloads"
 STORES = "stores"
 #: What the cache holds, by the name of its folder.
 KINDS = (DOWNLOADS, STORES)
+_REMOVED = ".removed"
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ def cache_folder(folder: Path | str | None = None) -> Path:
 def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
     """Return the contents of a cache folder, by kind and name.
 
-    An interrupted build leaves ``NAME.zarr.partial``, which the next one continues.
+    An interrupted build leaves ``NAME.zarr.partial``, which the next one continues; an interrupted
+    removal leaves ``.NAME.removed``.
 
     Raises
     ------
@@ -89,4 +91,10 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
 def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
     """Remove entries that `cache_entries` found."""
     for entry in entries:
-        shutil.rmtree(entry.path)
+        # What a stopped removal leaves must not lie where a store is looked for.
+        gone = entry.path
+        if gone.suffix != _REMOVED:
+            gone = gone.with_name(f".{gone.name}{_REMOVED}")
+            shutil.rmtree(gone, ignore_errors=True)
+            entry.path.rename(gone)
+        shutil.rmtree(gone)

@@ -86,6 +86,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
 ) -> None:
     monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
     (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
+    (tmp_path / "stores" / ".mine-1.zarr.removed").mkdir()
     (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
     (table,) = dfdbench.facts("doctor --cache", str(tmp_path))["tables"]
     told = {row["what"]: row["found"] for row in table["rows"]}

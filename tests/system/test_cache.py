@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import pytest
@@ -38,3 +39,25 @@ def test_what_is_in_it_and_removal(tmp_path: Path) -> None:
     remove_entries((first,))
     assert cache_entries(tmp_path) == (second,)
     assert (tmp_path / "mine").exists()
+
+
+def test_a_stopped_removal_leaves_no_half_of_a_store(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    store = tmp_path / "stores/b.zarr"
+    (store / "c").mkdir(parents=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", _stopped)
+        with pytest.raises(KeyboardInterrupt):
+            remove_entries(cache_entries(tmp_path))
+    assert not store.exists()
+    # Built again, removed again: nothing is left of either.
+    for again in (store / "c", store.with_name(".b.zarr.removed") / "c"):
+        again.mkdir(parents=True, exist_ok=True)
+        remove_entries(cache_entries(tmp_path)[-1:])
+        assert list(store.parent.iterdir()) == []
+
+
+def _stopped(path: Path, ignore_errors: bool = False) -> None:
+    if not ignore_errors:
+        raise KeyboardInterrupt
