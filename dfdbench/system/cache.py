@@ -7,8 +7,8 @@ from pathlib import Path
 
 import platformdirs
 
-from dfdbench.errors import InputError
-from dfdbench.system.files import is_address
+from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.system.files import hold, is_address
 
 DOWNLOADS = "downloads"
 STORES = "stores"
@@ -89,12 +89,32 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
 
 
 def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
-    """Remove entries that `cache_entries` found."""
+    """Remove entries that `cache_entries` found.
+
+    Raises
+    ------
+    StoreError
+        If a build is writing some; the others are removed.
+    """
+    problems: list[Problem] = []
     for entry in entries:
-        # What a stopped removal leaves must not lie where a store is looked for.
-        gone = entry.path
-        if gone.suffix != _REMOVED:
-            gone = gone.with_name(f".{gone.name}{_REMOVED}")
-            shutil.rmtree(gone, ignore_errors=True)
-            entry.path.rename(gone)
-        shutil.rmtree(gone)
+        store = entry.path.with_name(f"{entry.name.partition('.zarr')[0]}.zarr")
+        fix = "wait for it; all others are removed"
+        taken = StoreError("a build is writing this store", where=str(store), fix=fix)
+        try:
+            with hold(store.with_name(f".{store.name}.lock"), taken):
+                _remove(entry.path)
+        except StoreError as error:
+            problems += error.problems
+    # A store and what is written beside it have one lock.
+    StoreError.raise_if(dict.fromkeys(problems))
+
+
+def _remove(path: Path) -> None:
+    # What a stopped removal leaves must not lie where a store is looked for.
+    gone = path
+    if path.suffix != _REMOVED:
+        gone = path.with_name(f".{path.name}{_REMOVED}")
+        shutil.rmtree(gone, ignore_errors=True)
+        path.rename(gone)
+    shutil.rmtree(gone)

@@ -14,6 +14,7 @@ from dfdbench.datasets.fingerprint import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import SourceError, StoreError
+from dfdbench.system.cache import cache_entries, remove_entries
 from dfdbench.system.location import copy_folder, exists, folders_in
 from dfdbench.system.parallel import Threads
 
@@ -72,6 +73,18 @@ def test_two_builds_do_not_mix_on_disk(tmp_path: Path, tiny_manifest: Manifest) 
         pass
     with StoreWriter(tmp_path / "a.zarr", tiny_manifest, {}):
         pass
+
+
+def test_what_a_build_writes_is_not_removed_from_the_cache(
+    tmp_path: Path, tiny_manifest: Manifest
+) -> None:
+    (tmp_path / "stores/b.zarr").mkdir(parents=True)
+    with StoreWriter(tmp_path / "stores/a.zarr", tiny_manifest, {}):
+        with pytest.raises(StoreError, match="a build is writing this store"):
+            remove_entries(cache_entries(tmp_path))
+        assert [entry.name for entry in cache_entries(tmp_path)] == ["a.zarr.partial"]
+    remove_entries(cache_entries(tmp_path))
+    assert list((tmp_path / "stores").iterdir()) == []
 
 
 def test_a_build_that_failed_goes_on(
