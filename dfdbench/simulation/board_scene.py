@@ -26,7 +26,7 @@ from dfdbench.rig.registration import NAME, write_registration
 from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Board, Floats, Texture, View, fields_of, look
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import write_whole, writing_folder
 from dfdbench.system.parallel import Threads
 
 RIG = CaptureRig()
@@ -269,10 +269,11 @@ def write_captures(
     ------
     InputError
         If a scene's folder holds something else; then nothing is written.
+    ResultError
+        If another process is writing the folder, or it cannot be written.
     """
     wanted = json.dumps({"version": _VERSION, **asdict(settings)}, indent=1) + "\n"
     InputError.raise_if([p for name in scenes if (p := _foreign(folder / name, wanted))])
-    left = [name for name in scenes if not (folder / name).exists()]
     table = read_lens_table()
 
     height, width = capture.frame_size
@@ -286,7 +287,9 @@ def write_captures(
         write_whole(partial / _SETTINGS, wanted)
         partial.rename(folder / name)
 
-    Threads(workers).map(write, left, on_done=on_scene)
+    with writing_folder(folder, "simulation"):
+        left = [name for name in scenes if not (folder / name).exists()]
+        Threads(workers).map(write, left, on_done=on_scene)
     return tuple(left)
 
 

@@ -228,8 +228,10 @@ def writing_folder(
     fix = "wait for it, or choose another with --out DIR"
     taken = ResultError(f"another {what} is writing this folder", where=str(folder), fix=fix)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with hold(folder.with_name(f".{folder.name}.lock"), taken):
+        # "." has no name of its own.
+        place = Path(os.path.abspath(folder))
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with hold(place.with_name(f".{place.name}.lock"), taken):
             yield
     except OSError as error:
         elsewhere = "choose another place with --out DIR"

@@ -5,13 +5,14 @@ import pytest
 
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Recording
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.rig.geometry import Pose
 from dfdbench.rig.lidar import read_beams
 from dfdbench.rig.registration import read_registration
 from dfdbench.simulation.board_scene import CaptureSettings, SimulatedScene, defocus, write_captures
 from dfdbench.simulation.raycast import View
+from dfdbench.system.files import writing_folder
 
 MID_GREY = np.full((200, 200, 3), 0.5)
 
@@ -81,6 +82,9 @@ def test_captures_are_the_same_again_and_a_stopped_one_goes_on(
     assert Path("k05/frames/exp_30/image_135_30.00_0.png") in files
     for path in files:
         assert (first / path).read_bytes() == (second / path).read_bytes(), path
+    second_writer = pytest.raises(ResultError, match="another simulation is writing this folder")
+    with writing_folder(first, "simulation"), second_writer:
+        write_captures(first, ("k03", "k05"), capture, FEW)
     assert read_registration(first / "truth/k03/registration.toml").shape == (3, 3)
 
 

@@ -102,7 +102,9 @@ def test_processes_that_come_and_go_are_never_in_one_place_together(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_second_writer_is_told_and_the_first_goes_on(tmp_path: Path) -> None:
+def test_a_second_writer_is_told_and_the_first_goes_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     folder = tmp_path / "deep" / "run"
     with files.writing_folder(folder, "search"):
         with (
@@ -113,6 +115,9 @@ def test_a_second_writer_is_told_and_the_first_goes_on(tmp_path: Path) -> None:
         folder.mkdir()
     with files.writing_folder(folder, "search"):
         pass
+    monkeypatch.chdir(folder)
+    with files.writing_folder(Path(), "search"):
+        assert sorted(path.name for path in folder.parent.iterdir()) == [".run.lock", "run"]
     assert [path.name for path in folder.parent.iterdir()] == ["run"]
 
 
