@@ -197,7 +197,9 @@ def pair_difference(table: LensTable, first: int, second: int, near: float, far:
     distances = tuple(d for d in table.distances if near - 1e-9 <= d <= far + 1e-9)
     if len(distances) < 2:
         what = f"fewer than two measured distances in {near:g} to {far:g} m"
-        fix = f"stay within {table.distances[0]:g} to {table.distances[-1]:g} m"
+        apart = np.diff(table.distances).max()
+        ends = f"{table.distances[0]:g} to {table.distances[-1]:g} m"
+        fix = f"widen it: distances are measured {apart:g} m apart, {ends}"
         raise InputError(what, where="--range", fix=fix)
     radii = [table.radius_at(step, distances) for step in (first, second)]
     differences = np.abs(radii[0] - radii[1]).astype(np.int64)

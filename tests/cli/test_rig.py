@@ -91,6 +91,7 @@ def test_a_mistake_is_told_and_nothing_printed(dfdbench: Command) -> None:
         (f"{BLUR} {PIXEL} --range 5mm 8mm", "within the focal length"),
         (f"{BLUR} {PIXEL} --focus 1mm", "focus_distance"),
         ("rig optics pairs --lens none.csv", "cannot read the lens table"),
+        ("rig optics pairs --range 1.52 1.58", "widen it: distances are measured 0.1 m apart, 0.4"),
         ("rig optics pairs --range 5 6", "0.4 to 4 m"),
     ):
         assert dfdbench.refused(told, words).out == ""
