@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +10,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli import options
-from dfdbench.cli.screen import progress, say, show
+from dfdbench.cli.screen import command, progress, say, show
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import MISTAKE
@@ -175,7 +174,7 @@ def new_dataset(
         what = f"a {'folder' if path.is_dir() else 'file'} of that name is there"
         raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
     write_whole(path, written.toml)
-    then = shlex.join(["dfdbench", "build", str(path), "--source", str(folder)])
+    then = command("build", path, source=folder)
     lines = ("found:", *(f"  {line}" for line in written.found))
     lines += ("say yourself:", *(f"  {line}" for line in written.open))
     lines += (f"manifest     {path}", f"next         {then}")

@@ -17,7 +17,7 @@ from typer import Argument, Context, Exit, Option, confirm
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Facts, Printed, Workers, data_sets, pool_of
-from dfdbench.cli.screen import progress, say, show
+from dfdbench.cli.screen import command, progress, say, show
 from dfdbench.datasets import catalog
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
@@ -119,8 +119,7 @@ def verify(
     show(format, text="\n".join(lines), store=store.path, sound=found.sound, **asdict(found))
     if not found.sound:
         usual = str(store.path) == str(catalog.default_store(store.manifest, cache))
-        place = "" if usual else f" --store {store.path}"
-        build = f"dfdbench build {store.manifest.short}{place}"
+        build = command("build", store.manifest.short, store=None if usual else store.path)
         say(
             f"error: the store is not what was built\n"
             f"  fix       {build}, with the options it was "

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Exit, Option
 
 from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
-from dfdbench.cli.screen import GOES_ON, progress, require_picture, save_figure, say, show
+from dfdbench.cli.screen import GOES_ON, command, progress, require_picture, save_figure, say, show
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
@@ -248,7 +248,7 @@ def export_onnx_command(
     description = export_onnx(method, output_place(out), **values)
     text = f"model        {out}\ndescription  {description}"
     show(format, text=text, model=out, description=description)
-    say(f"next         dfdbench check-method {out}")
+    say(f"next         {command('check-method', out)}")
 
 
 def check_method_command(

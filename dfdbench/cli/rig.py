@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from dfdbench.building.registering import Registered, register_scenes
 from dfdbench.cli.options import LARGEST_PIXEL, Facts, Printed, parse_length
-from dfdbench.cli.screen import progress, save_figure, say, show
+from dfdbench.cli.screen import command, progress, save_figure, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Recording
 from dfdbench.errors import InputError, SourceError, UnknownNameError, unknown_name
@@ -294,7 +294,7 @@ def simulate_realworld(
     text = f"simulated {counted(len(made), 'scene')}{kept}\ncaptures     {out}\n"
     text += f"truth        {truth} (never read by build or register)"
     show(format, text=text, scenes=names, simulated=made, captures=out, truth=truth)
-    say(f"next         dfdbench rig register {scenes} --source {out}")
+    say(f"next         {command('rig', 'register', scenes, source=out)}")
 
 
 def simulate_lens(
@@ -304,7 +304,7 @@ def simulate_lens(
     output_place(out)
     count = board_scene.write_lens_test(out)
     show(format, text=f"simulated {count} images\ncaptures     {out}", images=count, captures=out)
-    say(f"next         dfdbench rig optics sharpness {out}")
+    say(f"next         {command('rig', 'optics', 'sharpness', out)}")
 
 
 def _pose(text: str) -> geometry.Pose:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,7 +12,7 @@ from typer import Exit, Option
 import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
-from dfdbench.cli.screen import GOES_ON, WITHOUT_FRESH, progress, say, show
+from dfdbench.cli.screen import GOES_ON, WITHOUT_FRESH, command, progress, say, show
 from dfdbench.errors import InputError
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
@@ -84,13 +83,10 @@ def run(
         )
     then = ""
     if limit is not None and not done.result.complete and not done.failed:
-        words = ["run", "--dataset", dataset, "--split", split, "--method", method]
-        words += [word for each in param for word in ("--param", each)]
-        given = {"--protocol": protocol, "--fitted": fitted, "--seed": seed or None, "--out": out}
-        given |= {"--workers": workers, "--scheduler": scheduler}
-        words += [str(word) for item in given.items() if item[1] is not None for word in item]
-        words += ["--no-predictions"] * no_predictions
-        then = shlex.join(["dfdbench", *words])
+        given: dict[str, object] = {"dataset": dataset, "split": split, "method": method}
+        given |= {"param": param, "protocol": protocol, "fitted": fitted, "seed": seed or None}
+        given |= {"out": out, "workers": workers, "scheduler": scheduler, "cache": cache}
+        then = command("run", *["--no-predictions"] * no_predictions, **given)
     _show(done, format, None if no else figure_format or (), submit, tables, then)
 
 
@@ -215,9 +211,10 @@ def tune(
             on_pair=step,
         )
     others = [each for each in param or () if each.partition("=")[0] not in found.index.names]
-    kept = shlex.join(word for each in others for word in ("--param", each))
-    best = " ".join(filter(None, (kept, best_words(found))))
-    then = f"dfdbench run --dataset {dataset} --method {method} {best}"
+    # Values may hold spaces.
+    best = [*others, *f" {best_words(found)}".split(" --param ")[1:]]
+    again = {"param": best, "seed": seed or None, "cache": cache}
+    then = command("run", dataset=dataset, method=method, **again)
     show(format, [tried_table(found, f"{method} on training captures of {dataset}")], next=then)
     say(f"next         {then}")
 
@@ -315,8 +312,8 @@ def _show(
         method = done.result.method
         own = method.entry.startswith("dfdbench.")
         if done.failed and not done.result.evaluated and not method.scored and not own:
-            then = f"dfdbench check-method {method.entry}"
-        facts["next"] = then or f"dfdbench report {shlex.quote(str(done.folder))}"
+            then = command("check-method", method.entry)
+        facts["next"] = then or command("report", done.folder)
         say(verdict_text(facts["verdict"]))
         say(f"next         {facts['next']}")
     else:

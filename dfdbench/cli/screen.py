@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,6 +46,20 @@ def spell_out_what_cannot_be_shown() -> None:
 def say(text: str) -> None:
     """Print to standard error: what is not the answer itself."""
     print(text, file=sys.stderr)
+
+
+def command(*words: object, **options: object) -> str:
+    """Return a command of ours as a shell takes it; an option that is None is left out.
+
+    Examples
+    --------
+    >>> command("report", "my run", out=None, format="csv", note=["a", "b"])
+    "dfdbench report 'my run' --format csv --note a --note b"
+    """
+    for name, value in options.items():
+        for each in value if isinstance(value, list) else [value] * (value is not None):
+            words += (f"--{name}", each)
+    return shlex.join(map(str, ("dfdbench", *words)))
 
 
 def say_stopped(stopped: KeyboardInterrupt, resumed: str = "") -> None:

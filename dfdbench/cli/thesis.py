@@ -10,7 +10,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
-from dfdbench.cli.screen import progress, save_figure, say, show
+from dfdbench.cli.screen import command, progress, save_figure, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError
@@ -183,7 +183,8 @@ def reduce(
     show(format, found.tables, folder=folder, networks=list(found.files))
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
-    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
+    words = ("thesis", "experiment", "reduction")
+    say(f"next         {command(*words, dataset=dataset, rows=folder, cache=cache)}")
 
 
 def architecture(
@@ -263,11 +264,16 @@ def architecture(
     training.use_threads(threads)
     with progress("trainings of the search") as bar:
         outcome = run_search(plan, folder, iterations, pool, device, threads, limit, bar)
-    _tell(plan, folder, outcome, dataset, format)
+    _tell(plan, folder, outcome, dataset, cache, format)
 
 
 def _tell(
-    plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str, format: Format
+    plan: SearchPlan,
+    folder: Path,
+    outcome: SearchOutcome,
+    dataset: str,
+    cache: Path | None,
+    format: Format,
 ) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
@@ -292,4 +298,5 @@ def _tell(
         say("every training failed: nothing was found")
         raise Exit(NO)
     say(f"best         {folder / BEST}")
-    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / BEST}")
+    then = command("train", "dfd-net", dataset=dataset, config=folder / BEST, cache=cache)
+    say(f"next         {then}")

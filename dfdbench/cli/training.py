@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from dfdbench.cli.options import Cache, Facts, Seed, TrainingOut, data_sets, values_of
-from dfdbench.cli.screen import progress, save_figure, say, show
+from dfdbench.cli.screen import command, progress, save_figure, say, show
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.results.output_place import output_place
@@ -88,7 +88,8 @@ def train_command(
         outcome = trainer.train(learner, folder.path, limit, bar, fresh, again)
     tables = [card_table(outcome.card), *_keep_figures(folder, learner, outcome)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
-    _tell(outcome, f"--method {method}" + (f" --dataset {dataset}" if dataset else ""))
+    param = f"weights={outcome.weights}"
+    _tell(outcome, command("run", method=method, dataset=dataset, param=param, cache=cache))
 
 
 def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
@@ -171,7 +172,7 @@ def _keep_figures(
     return [patches_table(drawn)]
 
 
-def _tell(outcome: TrainingOutcome, run: str) -> None:
+def _tell(outcome: TrainingOutcome, then: str) -> None:
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         faster = "; --fresh --set warm_up=N warms up faster" * bool(outcome.log.levels)
@@ -181,7 +182,7 @@ def _tell(outcome: TrainingOutcome, run: str) -> None:
     names += ["depth_levels.csv", "patches.csv"] * bool(log.levels)
     say(f"log          {', '.join([str(weights.with_name('losses.csv')), *names])}")
     say(f"weights      {weights}, and their card {weights.with_suffix('.md')}")
-    say(f"next         dfdbench run {run} --param weights={weights}")
+    say(f"next         {then}")
 
 
 def card_table(card: Card) -> Table:

@@ -28,8 +28,10 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
 
 
 def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
-    assert "46 images" in dfdbench("rig simulate lens --out dots").out
-    measured = dfdbench.fine("rig optics sharpness dots")
+    made = dfdbench.fine("rig simulate lens --out", "white dots")
+    assert "46 images" in made.out
+    assert made.err.endswith("dfdbench rig optics sharpness 'white dots'\n")
+    measured = dfdbench.fine("rig optics sharpness", "white dots")
     assert "54.75" in measured.out
     assert "going down" in measured.out
     assert {path.name for path in Path("sharpness").iterdir()} == {"temperature.png", "voltage.png"}

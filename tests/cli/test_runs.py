@@ -40,7 +40,8 @@ def test_the_whole_way(
     for form, first in (("markdown", "| exposure |"), ("csv", "exposure,")):
         assert first in dfdbench.fine(f"{again} --format {form}").out
     plain = dfdbench.fine(
-        f"run --method constant --dataset {store} --workers 1 --limit 1 --no-figures"
+        f"run --method constant --dataset {store} --workers 1 --limit 1 --no-figures",
+        "--cache=my cache",
     )
     kept = sorted(path.name for path in Path("results/tiny-test/constant").iterdir())
     assert " ".join(kept) == "pairs.jsonl predictions.zarr result.json run.json store.txt tables.md"
@@ -57,7 +58,7 @@ def test_the_whole_way(
     score, then = (plain.err.splitlines()[at] for at in (-2, -1))
     assert score.endswith("(protocol valid, split test, only 1 of 7 pairs)")
     again = f"dfdbench run --dataset {store} --split test --method constant --workers 1"
-    assert then == f"next         {again}"
+    assert then == f"next         {again} --cache 'my cache'"
     one = dfdbench(f"run --method mymodule:nan --dataset {store} --limit 1 --out one")
     assert "1 pair failed; the same command tries it again\n" in one.err
 
@@ -103,12 +104,13 @@ def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(
 def test_parameters_are_tried_on_training_captures(dfdbench: Command, few_demo: Dataset) -> None:
     words = f"tune --method s-transform --dataset {few_demo.path} --limit 4"
     given = "--param recipe=null --param window=5 --range window=7,9"
-    tuned = dfdbench.fine(f"{words} {given}")
+    tuned = dfdbench.fine(f"{words} {given} --seed 1", "--cache=my cache")
     assert "training captures" in tuned.out
     assert "window" in tuned.out
     assert "drawn at random with the seed" in " ".join(dfdbench("tune --help").out.split())
     last = tuned.err.splitlines()[-1]
-    found = re.search(r"--method s-transform --param recipe=null --param window=([79])$", last)
+    params = "--param recipe=null --param window=([79])"
+    found = re.search(f"--method s-transform {params} --seed 1 --cache 'my cache'$", last)
     assert found, last
     assert found[1] in tuned.out.splitlines()[4]
 
