@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import shlex
 import sys
@@ -33,14 +34,23 @@ WITHOUT_FRESH = "the same command without --fresh goes on from here"
 _LINE_SECONDS = 60.0
 #: Work taken over from an earlier call is gone through in less.
 _TAKEN_OVER_SECONDS = 5.0
+_ALIKE = str.maketrans("µ–×↓↑→δ", "u-xv^>d")
 
 
 def spell_out_what_cannot_be_shown() -> None:
-    r"""Print characters that the terminal's encoding lacks as Python spells them: ``\u2193``."""
+    """Print what the terminal's encoding lacks as a letter like it, or as Python spells it."""
+    codecs.register_error("alike", _alike)
     for stream in (sys.stdout, sys.stderr):
         # A test or a caller may have put something else in their place.
         if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors="alike")
+
+
+def _alike(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    # As wide as what it stands for: by then the columns of tables are laid out.
+    text = error.object[error.start : error.end].translate(_ALIKE)
+    return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def say(text: str) -> None:
