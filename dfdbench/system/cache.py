@@ -111,6 +111,9 @@ def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
 
 
 def _remove(path: Path) -> None:
+    if path.is_symlink():
+        path.unlink()  # what it leads to is not the cache's
+        return
     # What a stopped removal leaves must not lie where a store is looked for.
     gone = path
     if path.suffix != _REMOVED:

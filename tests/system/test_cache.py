@@ -58,6 +58,15 @@ def test_a_stopped_removal_leaves_no_half_of_a_store(
         assert list(store.parent.iterdir()) == []
 
 
+def test_of_a_store_that_lies_elsewhere_the_link_alone_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "disk" / "c").mkdir(parents=True)
+    (tmp_path / "cache/stores").mkdir(parents=True)
+    (tmp_path / "cache/stores/a.zarr").symlink_to(tmp_path / "disk")
+    remove_entries(cache_entries(tmp_path / "cache"))
+    assert not list((tmp_path / "cache/stores").iterdir())
+    assert (tmp_path / "disk/c").is_dir()
+
+
 def _stopped(path: Path, ignore_errors: bool = False) -> None:
     if not ignore_errors:
         raise KeyboardInterrupt
