@@ -191,7 +191,7 @@ def tune(
     cache: options.Cache = None,
 ) -> None:
     """Try parameters on the training captures, by cross-validation over their groups."""
-    from dfdbench.evaluation.evaluate import best_words, tried_table  # imports zarr
+    from dfdbench.evaluation.evaluate import best_settings, tried_table  # imports zarr
 
     given = options.values_of(range, "--range")
     if len(given) < len(range or ()):
@@ -211,9 +211,7 @@ def tune(
             on_pair=step,
         )
     others = [each for each in param or () if each.partition("=")[0] not in found.index.names]
-    # Values may hold spaces.
-    best = [*others, *f" {best_words(found)}".split(" --param ")[1:]]
-    again = {"param": best, "seed": seed or None, "cache": cache}
+    again = {"param": [*others, *best_settings(found)], "seed": seed or None, "cache": cache}
     then = command("run", dataset=dataset, method=method, **again)
     show(format, [tried_table(found, f"{method} on training captures of {dataset}")], next=then)
     say(f"next         {then}")

@@ -303,7 +303,7 @@ def cross_validate(
             evaluator = PairEvaluator(store, ready, seed, [rule])
             for pair in (pair for pair in fold if pair in scored):
                 record, _ = evaluator(pair)
-                found.append(_scores_of(record, rule.label, f"{pair.id} with {words(trial)}"))
+                found.append(_scores_of(record, rule.label, trial))
                 done += 1
                 if on_pair:
                     on_pair(done, len(scored) * len(trials))
@@ -313,7 +313,8 @@ def cross_validate(
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
 
 
-def _scores_of(record: PairResult, label: str, where: str) -> dict[str, float | None]:
+def _scores_of(record: PairResult, label: str, trial: Mapping[str, Any]) -> dict[str, float | None]:
+    where = " ".join((record.id, "with", *settings(trial)))
     if record.error:
         raise MethodError(record.error, where=where)
     if record.lacks_answers(label, ranked_by(label)[0]):
@@ -346,9 +347,9 @@ def tried_table(tried: pd.DataFrame, title: str) -> Table:
     return Table(title, columns, tuple(rows), "l" * len(names), records=records)
 
 
-def best_words(tried: pd.DataFrame) -> str:
-    """Return the best parameters as the command line takes them."""
-    return words(_parameters(tried)[0])
+def best_settings(tried: pd.DataFrame) -> list[str]:
+    """Return the best parameters as ``--param`` takes them."""
+    return settings(_parameters(tried)[0])
 
 
 def _parameters(tried: pd.DataFrame) -> list[dict[str, Any]]:
@@ -377,12 +378,12 @@ def folds_of(store: Dataset) -> list[list[Pair]]:
     return folds
 
 
-def words(parameters: Mapping[str, Any]) -> str:
-    """Return parameters as the command line takes them.
+def settings(parameters: Mapping[str, Any]) -> list[str]:
+    """Return parameters as ``--param`` takes them.
 
     Examples
     --------
-    >>> words({"window": 31, "smoothing": 0.5})
-    '--param window=31 --param smoothing=0.5'
+    >>> settings({"window": 31, "smoothing": 0.5})
+    ['window=31', 'smoothing=0.5']
     """
-    return " ".join(f"--param {name}={plain(value)}" for name, value in parameters.items())
+    return [f"{name}={plain(value)}" for name, value in parameters.items()]

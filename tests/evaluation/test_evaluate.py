@@ -11,7 +11,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
-from dfdbench.evaluation.evaluate import best_words, score_predictions
+from dfdbench.evaluation.evaluate import best_settings, score_predictions
 from dfdbench.evaluation.predict import DepthPredictor
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
@@ -292,7 +292,7 @@ def test_ranges_are_crossed_and_few_captures_looked_at(few_demo: Dataset, off: s
     assert seen[-2:] == [12, 12]
     ranges = {"off": [2, 0.5], "peek": [None]}
     tried = dfdbench.tune(off, few_demo, ranges, parameters={"log": "/dev/null"}, limit=1)
-    assert best_words(tried) in [f"--param off={off} --param peek=null" for off in (2, 0.5)]
+    assert best_settings(tried) in [[f"off={off}", "peek=null"] for off in (2, 0.5)]
 
 
 def test_few_captures_are_of_every_illumination(demo_store: Dataset, tmp_path: Path) -> None:
