@@ -253,10 +253,10 @@ _NOTES = (
     "W x W pixels around it; {run}all of them root mean squares over captures, a little more than "
     "the means that boards show",
     "assumed: normal noise, independent from pixel to pixel, and blur as fitted on training; the "
-    "shape of the depth in the window known, but not how far it is; how the test's depths are "
-    "spread known, too",
-    "above 1: the run {sees}looks farther than the window, or rounding tells more than such "
-    "noise would",
+    "shape of the depth in the window known, but not how far it is; depths normally distributed, "
+    "with the test's spread",
+    "above 1: the run {sees}looks farther than the window or knows more of the depths than their "
+    "spread, or rounding tells more than such noise would",
 )
 
 
@@ -289,11 +289,13 @@ class Bound:
 
         Notes
         -----
-        Van Trees's bound, ``1 / sqrt(J + 1 / s^2)``. J is the window's information, the sum over
-        its pixels, as if the shape of the depth were known and only its distance were not; s is the
-        spread. It also holds for biased estimates, in the mean over depths of that spread; a window
-        without texture leaves s. We use the information at the true depth in place of its mean over
-        depths: if a wrong level far away looks alike, no method comes near the bound.
+        ``1 / sqrt(J + 1 / s^2)``, van Trees's bound if depths are normally distributed with spread
+        s. J is the window's information, the sum over its pixels, as if the shape of the depth were
+        known and only its distance were not. It also holds for biased estimates, in the mean over
+        depths; a window without texture leaves s. Of all distributions of that spread the normal
+        one says least: who knows that there are two depths only may do better. We use the
+        information at the true depth in place of its mean over depths: if a wrong level far away
+        looks alike, no method comes near the bound.
 
         Examples
         --------

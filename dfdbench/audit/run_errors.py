@@ -278,6 +278,8 @@ def errors_as_json(
         dataset=result.dataset.name,
         fingerprint=result.dataset.fingerprint,
         split=result.dataset.split,
+        expected=result.dataset.expected,
+        evaluated=result.dataset.evaluated,
         trained_on=result.method.trained_on,
         training=training,
         compared_with=f"{record.train.dataset}, {record.train.split}",
@@ -407,9 +409,11 @@ def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors])
             where, fix = f"{first.name}, {other.name}", f"compare complete runs of split {split}"
             raise ResultError("the runs are of different pairs", where=where, fix=fix)
     what = f"mean absolute error by depth, {store.manifest.label}, split {split}"
+    run, whole = len(first.pairs), len(store.manifest.pairs(split))
+    pairs = "all pairs" if run == whole else f"{run} of {whole} pairs"
     note = (
-        "over the pixels of known depth of all pairs together, by their true depth; the level "
-        f"grows with {store.manifest.depth.grows_with}"
+        f"over the pixels of known depth of {pairs} together, by their true depth; the level grows "
+        f"with {store.manifest.depth.grows_with}"
     )
     counts = {one.name: int(one.levels.pixels.sum()) for one in found}
     most = max(counts.values())

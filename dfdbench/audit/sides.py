@@ -272,7 +272,9 @@ def all_but(store: Dataset, fold: str) -> Side:
         If the store holds none of the others.
     """
     require_fold(store.manifest, fold)
-    return side_of(store, f"all but {fold}", training_of(store.manifest, fold))
+    if not (others := training_of(store.manifest, fold)):
+        raise InputError(f"no scene is left to train on without {fold}", where=store.manifest.stem)
+    return side_of(store, f"all but {fold}", others)
 
 
 def sides_of(

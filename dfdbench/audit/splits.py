@@ -16,7 +16,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from dfdbench.system.text import as_json
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table, counted, percent
 
 #: Up to this many choices are all judged; if there are more, this many are drawn at random.
 EXHAUSTIVE_LIMIT = 300_000
@@ -198,11 +198,20 @@ def _choices(scenes: Scenes, size: int) -> int:
 
 
 def _all_tests(scenes: Scenes, size: int) -> Iterator[Group]:
-    smallest = min(len(group) for group in scenes.groups)
-    for number in range(1, size // smallest + 1):
-        for groups in itertools.combinations(scenes.groups, number):
-            if sum(map(len, groups)) == size:
-                yield _in_order(scenes, groups)
+    # The sizes that each group and those after it can have together, as bits.
+    sums = [1]
+    for group in reversed(scenes.groups):
+        sums.append(sums[-1] | sums[-1] << len(group))
+
+    def choices(first: int, left: int, taken: tuple[Group, ...]) -> Iterator[Group]:
+        if not left:
+            yield _in_order(scenes, taken)
+        for number, group in enumerate(scenes.groups[first:], first + 1):
+            rest = left - len(group)
+            if rest >= 0 and sums[-1 - number] >> rest & 1:
+                yield from choices(number, rest, (*taken, group))
+
+    yield from choices(0, size, ())
 
 
 def _drawn_tests(scenes: Scenes, size: int, seed: int) -> Iterator[Group]:
@@ -275,7 +284,9 @@ def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
         If there are fewer groups than folds.
     """
     if not 2 <= number <= (most := len(scenes.groups)):
-        raise InputError(f"{number} folds of {most} groups of scenes: choose 2 to {most}")
+        what = f"{number} folds of {counted(most, 'group')} of scenes"
+        fix = f"choose 2 to {most}" if most > 1 else "one group of scenes cannot be divided"
+        raise InputError(what, fix=fix)
     random = np.random.default_rng(seed)
     proposals: set[Folds] = set()
     for _ in range(_RESTARTS):

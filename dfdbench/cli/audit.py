@@ -20,7 +20,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.wording import method_label
 from dfdbench.statuses import NO
-from dfdbench.tables.table import Format, Table
+from dfdbench.tables.table import Format, Table, counted
 
 _CONSTANT = "constant"
 #: What is tested one by one against the others.
@@ -337,8 +337,10 @@ def _answer_errors(
     format: Format,
 ) -> None:
     join = run_errors.join_errors(store, run, folder, record)
+    data = run.dataset
+    some = "" if run.complete else f"only {data.evaluated} of {counted(data.expected, 'pair')}, "
     title = (
-        f"errors of {run.method.title} on {run.dataset.label}, {run.dataset.split}, by what "
+        f"errors of {run.method.title} on {data.label}, {data.split}, {some}by what "
         f"{record.train.label}, {record.train.split}, covers"
     )
     tables = [

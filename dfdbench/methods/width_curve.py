@@ -47,7 +47,7 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     Raises
     ------
     MethodError
-        If no level shows its width.
+        If fewer than two levels show their width.
     """
     splines = CubicSpline(np.log(LADDER), sums, axis=1)
     # Start with neighbouring levels pooled.
@@ -57,9 +57,9 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     # In units of twice the remaining variance, which is at least that of rounding.
     unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
     known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
-    if not known.any():
+    if known.sum() < 2:
         what = "the training pairs do not show how their blur depends on depth"
-        fix = "add pairs with texture at known depth, away from jumps in depth and from the border"
+        fix = "add pairs with texture at several depths, away from jumps in depth and the border"
         raise MethodError(what, fix=fix)
     sigmas, strength = smooth_curve(widths, np.where(known, sharpness / unit, 0))
     for _ in range(_STEPS):

@@ -27,7 +27,7 @@ _MARKDOWN = {ord(mark): f"\\{mark}" for mark in "\\|*_`[]"}
 _MARKDOWN |= {ord(mark): f"&#{ord(mark)};" for mark in "$~{}"}
 _MARKDOWN |= {ord("&"): "&amp;", ord("<"): "&lt;", ord(">"): "&gt;"}
 # What starts a block at the beginning of a line: a heading, a list, an admonition, a rule.
-_BLOCK = re.compile(r"[#+\-=!:]|\d+[.)]")
+_BLOCK = re.compile(r"[#+\-=!:]|\d+[.)](\s|$)")
 _LATEX = {mark: f"\\{mark}" for mark in "{}$&#%_"} | {mark: f"${mark}$" for mark in "<>|"}
 _COMMANDS = ["times", "pm", "le", "ge", "delta", "downarrow", "uparrow"]
 _LATEX |= dict(zip("×±≤≥δ↓↑", [rf"$\{command}$" for command in _COMMANDS], strict=True))

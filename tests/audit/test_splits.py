@@ -1,4 +1,5 @@
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +57,18 @@ def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
         splits.rank_tests(make(4, groups=(("A", "B"), ("C", "D"))), 3)
     with pytest.raises(InputError, match="no such split"):
         splits.rank_tests(scenes, 6)
+
+
+def test_all_choices_of_uneven_groups_are_found_and_no_others_tried() -> None:
+    # Of 30 groups of 3 there are 2^30 others.
+    names = tuple(f"{place}{frame}" for place in range(30) for frame in "abc")
+    groups = (("one",), *(names[n : n + 3] for n in range(0, 90, 3)))
+    counts = np.ones((91, 256), np.int64)
+    scenes = splits.Scenes(("one", *names), counts, groups, USUAL)
+    ranking = splits.rank_tests(scenes, 12)
+    assert ranking.exhaustive
+    assert len({candidate.test for candidate in ranking.candidates}) == math.comb(30, 4)
+    assert all(len(candidate.test) == 12 for candidate in ranking.candidates)
 
 
 def test_of_too_many_choices_some_are_drawn_by_seed(monkeypatch: pytest.MonkeyPatch) -> None:

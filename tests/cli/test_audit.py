@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -41,6 +42,15 @@ def test_errors_by_depth_stand_beside_a_constants(dfdbench: Command, uneven: str
     # 11 columns of 36, 11 of 37 and 10 of 38 are answered with 90, and with 40.
     (near,) = [row.split(",") for row in rows if row.startswith("36-38,")]
     assert near[2:4] == ["53.03", "3.03"]
+    few = f"run --dataset {uneven} --split all --method constant --limit 1 --out runs/few"
+    dfdbench.fine(few, "--param", "training_mean=90")
+    partial = " ".join(
+        dfdbench(f"audit depths {uneven} --result runs/few --format markdown").out.split()
+    )
+    assert re.search(r"of known depth of 1 of \d+ pairs together", partial), partial
+    dfdbench.fine(few.replace("all", "K2").replace("few", "K2"), "--param", "training_mean=90")
+    partial = dfdbench(f"audit coverage {uneven} --result runs/K2 --format markdown").out
+    assert re.search(r", only 1 of \d+ pairs, by what", partial), partial
     again = f"audit depths {uneven} --split all --result runs/90"
     dfdbench.refused("a run says itself which split", again)
 

@@ -32,6 +32,10 @@ def test_where_every_width_leaves_as_much_nothing_is_made_up() -> None:
         width_curve.width_curve(np.full((LEVELS, width_curve.LADDER.size), 100.0), PIXELS)
     with pytest.raises(MethodError, match="do not show"):
         width_curve.width_curve(np.zeros((LEVELS, width_curve.LADDER.size)), np.zeros(LEVELS, int))
+    # One depth shows its width, but not how the width changes.
+    sums = np.square(np.subtract.outer(LINE, width_curve.LADDER)) * 1e4
+    with pytest.raises(MethodError, match="do not show"):
+        width_curve.width_curve(np.where(LEVEL[:, None] == 90, sums, 0), 1000 * (LEVEL == 90))
 
 
 def test_ends_that_nobody_saw_do_not_come_back_to_the_widths_of_others() -> None:
