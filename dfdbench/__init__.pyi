@@ -28,6 +28,7 @@ __all__ = [
     "Dataset",
     "Run",
     "Transfer",
+    "__version__",
     "build",
     "compare",
     "export_onnx",

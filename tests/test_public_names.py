@@ -2,6 +2,8 @@
 
 import builtins
 import importlib
+import subprocess
+import sys
 
 import pytest
 
@@ -28,6 +30,11 @@ def test_a_face_shows_these_names(face: str) -> None:
     module = importlib.import_module(face)
     assert sorted(module.__all__) == sorted(FACES[face])
     assert all(hasattr(module, name) for name in FACES[face])
+
+
+def test_all_names_are_there_without_pytorch() -> None:
+    code = "import sys; sys.modules['torch'] = None\nfrom dfdbench import *"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_no_public_name_hides_a_builtin() -> None:

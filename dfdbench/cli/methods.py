@@ -16,7 +16,6 @@ from dfdbench.cli.screen import GOES_ON, command, progress, require_picture, sav
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
-from dfdbench.system.packages import needed
 from dfdbench.system.parallel import one_by_one
 from dfdbench.tables.table import Format, Table, counted, grouped, listed
 
@@ -243,8 +242,8 @@ def export_onnx_command(
         for name in values
         if name not in KEPT.split(" or ")
     )
-    with needed():
-        from dfdbench.methods.networks.onnx_export import export_onnx
+    from dfdbench.methods.networks.onnx_export import export_onnx
+
     description = export_onnx(method, output_place(out), **values)
     text = f"model        {out}\ndescription  {description}"
     show(format, text=text, model=out, description=description)

@@ -193,10 +193,11 @@ class Dataset:
             names = ("role", *BY_IMAGE, *OF_CAMERA)
             self._known[scene] = {name: self._part(scene, name, ...) for name in names}
         known = self._known[scene]
+        # Copies, since a method may write into what it gets.
         return ImageFacts(
             tuple(ROLES[number] for number in known["role"]),
-            **{name: known[name][at] for name in BY_IMAGE},
-            **{name: known[name] for name in OF_CAMERA},
+            **{name: known[name][at].copy() for name in BY_IMAGE},
+            **{name: known[name].copy() for name in OF_CAMERA},
         )
 
     def shape_of(self, scene: str) -> tuple[int, int]:

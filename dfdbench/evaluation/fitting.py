@@ -21,7 +21,7 @@ from dfdbench.methods.fitted import Blur, evenly_spread
 from dfdbench.methods.method import Learned, Method, TrainingPair, check_learned, restore, teach
 from dfdbench.methods.readout import Chosen
 from dfdbench.results.record import RESULT, MethodRecord, load_result
-from dfdbench.system.array_files import UNREADABLE
+from dfdbench.system.array_files import UNREADABLE, load_arrays
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
 #: The file in a run's folder that holds what was learned.
@@ -291,7 +291,7 @@ def read_fit(folder: Path) -> Fit:
     path = folder / FIT
     try:
         content = read_whole(path, LARGEST_ARRAY)
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        with load_arrays(io.BytesIO(content)) as arrays:
             seconds = float(arrays["seconds"])
             learned = check_learned(unpack(content), str(path))
             if not 0 <= seconds < math.inf:
@@ -324,7 +324,7 @@ def pack(learned: Learned, facts: dict[str, NDArray[Any]] | None = None) -> byte
 
 def unpack(content: bytes) -> Learned:
     """Return what `pack` put into an archive."""
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+    with load_arrays(io.BytesIO(content)) as arrays:
         return {
             name.removeprefix(_PREFIX): array if array.ndim else array.item()
             for name, array in arrays.items()

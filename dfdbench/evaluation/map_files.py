@@ -23,7 +23,7 @@ from dfdbench.methods.calling import check_answer
 from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.run_folder import previous_of
-from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
+from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array, load_arrays
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
@@ -377,7 +377,7 @@ def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:
     if suffix == ".npy":
         return np.asarray(load_array(path)), None
     if suffix == ".npz":
-        with np.load(path, allow_pickle=False) as arrays:
+        with load_arrays(path) as arrays:
             if len(arrays.files) != 1 and "depth" not in arrays:
                 raise ValueError(f"{len(arrays.files)} arrays, none of them called depth")
             depth = np.asarray(arrays["depth" if "depth" in arrays else arrays.files[0]])

@@ -3,7 +3,6 @@
 import json
 import os
 import platform
-import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -22,7 +21,7 @@ from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import FEW_LEVELS, MILLIMETRES, call, difference, in_few_levels
 from dfdbench.methods.importing import ONNX
 from dfdbench.methods.method import Method, Prediction, restore
-from dfdbench.methods.process_state import seeded
+from dfdbench.methods.process_state import one_at_a_time, seeded
 from dfdbench.methods.sources import Hashes, changes
 from dfdbench.metrics.protocol import RELEASED, SURE, Protocol, Unit, score
 from dfdbench.metrics.regions import region_errors, regions_of
@@ -83,7 +82,6 @@ class PairEvaluator:
         self._seed = seed
         self._protocols = protocols_on(store) if protocols is None else tuple(protocols)
         self._warm = False
-        self._one_at_a_time = threading.Lock()
 
     def __call__(self, pair: Pair) -> tuple[PairResult, Prediction]:
         """Return a pair's record, and the answer in the data set's unit."""
@@ -91,7 +89,7 @@ class PairEvaluator:
         unit = self._store.manifest.depth.kind
         predict, arguments = self._method.called_on(images)
         # Seeds and standard output belong to the whole process.
-        with self._one_at_a_time:
+        with one_at_a_time(os.getpid()):
             self._warm_up(images)
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
@@ -107,7 +105,7 @@ class PairEvaluator:
 
     def warm_up(self, pair: Pair) -> None:
         """Let the method load and compile, untimed, what its first call would."""
-        with self._one_at_a_time:
+        with one_at_a_time(os.getpid()):
             self._warm_up(self._images(pair))
 
     def _images(self, pair: Pair) -> Capture:

@@ -37,7 +37,7 @@ from dfdbench.methods.fitted import Blur
 from dfdbench.methods.method import DepthMap, Method, Predict
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import one_at_a_time, seeded
-from dfdbench.methods.registry import Facts, find_entry, load_method
+from dfdbench.methods.registry import Facts, find_entry, load_method, registered_methods
 from dfdbench.metrics.protocol import Unit
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.results.record import RESULT, Result, load_result
@@ -131,7 +131,7 @@ class DepthPredictor:
             result = load_result(fitted / RESULT)
             if isinstance(method, str):
                 require_run_of(method, find_entry(method), result.method, fitted)
-            method = method or result.method.name
+            method = method or _own_method(result.method.name, fitted)
             given = {**result.method.parameters, **given}
             given = self._of_run(result, fitted, given)
         elif isinstance(camera, Path | str) and not Path(camera).exists() and method is None:
@@ -433,6 +433,14 @@ def predict(
     for text in estimate.odd:
         warnings.warn(text, stacklevel=2)
     return estimate.depth
+
+
+def _own_method(name: str, run: Path) -> str:
+    """Return the method of a run, if its code is ours or installed: anyone may have written it."""
+    if name not in registered_methods():
+        what = f"the run is of {name!a}, and its code is run only if you name it"
+        raise MethodError(what, where=str(run), fix=f"read the code, then add --method {name!a}")
+    return name
 
 
 def _load(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
+import os
 import re
 import sys
 import time
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import DfdbenchError, MethodError, Problem, spelt_out
 from dfdbench.methods.importing import attribute_of, error_of
 from dfdbench.methods.parameters import files_sha256
-from dfdbench.methods.process_state import process_kept, seeded
+from dfdbench.methods.process_state import one_at_a_time, process_kept, seeded
 from dfdbench.methods.sources import Hashes, Sources
 from dfdbench.metrics.protocol import Unit
 
@@ -407,7 +408,12 @@ def restore(method: Method, learned: Learned) -> None:
 def _running(method: Method, what: str, name: str) -> Iterator[None]:
     """Run the method's own code, and turn its exceptions, but not ours, into a MethodError."""
     try:
-        with process_kept(), contextlib.redirect_stdout(sys.stderr), method.sources.watch():
+        with (
+            one_at_a_time(os.getpid()),
+            process_kept(),
+            contextlib.redirect_stdout(sys.stderr),
+            method.sources.watch(),
+        ):
             yield
     except DfdbenchError:
         raise

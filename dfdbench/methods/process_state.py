@@ -71,7 +71,7 @@ def process_kept() -> Iterator[None]:
 
 @functools.cache
 def one_at_a_time(process: int) -> threading.RLock:
-    """Return a process's lock for estimates: what seeds it, or what it prints, is all of it."""
+    """Return a process's lock for calls of methods, whose seeds and printing are all of it."""
     return threading.RLock()
 
 

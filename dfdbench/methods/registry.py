@@ -263,7 +263,12 @@ def _found(name: str | Callable[..., Any]) -> tuple[str, str, Any]:
         except MethodError:
             kind: Any = name if hasattr(name, "__qualname__") else type(name)
             return kind.__qualname__, f"{kind.__module__}:{kind.__qualname__}", name
-    return name, find_entry(name), None
+    entry = find_entry(name)
+    if not entry.isprintable():
+        # No result could name it.
+        what = "the method's place holds characters that cannot be printed"
+        raise MethodError(what, where=entry, fix="rename the file or its folder")
+    return name, entry, None
 
 
 def _imported(name: str, entry: str, sources: Sources) -> tuple[str, Any]:

@@ -20,7 +20,7 @@ from dfdbench.errors import ResultError
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import Environment, PairResult, Result
-from dfdbench.system.files import whole_files, write_whole
+from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole, whole_files, write_whole
 from dfdbench.system.location import CHUNK_KEYS, Place, as_location, is_local
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
@@ -62,6 +62,10 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
         if not (folder / RUN_IDENTITY).exists():
             what, fix = "the folder holds something other than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)
+        for name in (_JOURNAL, PREDICTIONS):
+            if (folder / name).is_symlink():
+                what = "a link where a run writes, and where it leads nobody said"
+                raise ResultError(what, where=str(folder / name), fix="remove it")
         if not goes_on:
             set_aside = previous_of(folder)
             folder.rename(set_aside)
@@ -88,7 +92,7 @@ def read_identity(folder: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        content: dict[str, Any] = parse_json(path.read_bytes())
+        content: dict[str, Any] = parse_json(read_whole(path))
         Environments.validate_python(content.get(ENVIRONMENTS, []), strict=True)
     except (ValueError, AttributeError):  # of other fields, or no record at all
         return {}
@@ -104,7 +108,7 @@ def read_journal(folder: Path) -> dict[str, PairResult]:
     finished = {}
     if path.exists():
         # Bytes that are not text make a line unreadable, just like one cut short.
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        for line in read_whole(path, LARGEST_ARRAY).decode("utf-8", "replace").splitlines():
             try:
                 record = PairResult.model_validate_json(line)
             except ValueError:
@@ -130,8 +134,10 @@ def keep_store_place(folder: Path, place: Place) -> None:
 
 def read_store_place(folder: Path) -> str | None:
     """Return where the run's data set was, or None if no run in the folder noted it."""
-    path = folder / _STORE
-    return path.read_text(encoding="utf-8").strip() if path.is_file() else None
+    try:
+        return read_text(folder / _STORE).strip()
+    except (OSError, UnicodeDecodeError):
+        return None
 
 
 class Predictions:

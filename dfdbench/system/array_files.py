@@ -1,5 +1,6 @@
 """Read array files from users, and list the errors that damaged ones raise."""
 
+import io
 import struct
 import tokenize
 import zipfile
@@ -8,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 from PIL.Image import DecompressionBombError
 
-from dfdbench.system.files import require_file
+from dfdbench.system.files import LARGEST_ARRAY, require_file
 
 #: Raised by ``numpy.load``, which parses headers as Python and archives as zip files, and by
 #: Pillow.
@@ -58,3 +60,20 @@ def load_array(path: Path) -> NDArray[Any]:
         array.close()
         raise ValueError("an archive, and not an array")
     return array
+
+
+def load_arrays(file: Path | io.BytesIO) -> NpzFile:
+    """Open an ``.npz`` file without pickle, if its arrays take less than a GiB each once unpacked.
+
+    Raises
+    ------
+    ValueError, and others of `UNREADABLE`
+        If it is not such a file.
+    """
+    arrays = np.load(file, allow_pickle=False)
+    if not isinstance(arrays, NpzFile):
+        raise ValueError("an array, and not an archive")
+    if arrays.zip and any(part.file_size > LARGEST_ARRAY for part in arrays.zip.infolist()):
+        arrays.close()
+        raise ValueError("unpacked it is larger than any depth map")
+    return arrays

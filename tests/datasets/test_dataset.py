@@ -33,6 +33,9 @@ def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
         assert np.array_equal(images.valid, images.levels != 0)
         again = synthesize(images.infocus, images.levels, RECIPES["published"])
         assert np.array_equal(images.defocus, again)
+        # Who writes into a capture changes none that is read later.
+        images.facts.f_number[:] = 7
+        assert not (tiny_store.read(pair).facts.f_number == 7).any()
 
 
 def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:

@@ -204,6 +204,15 @@ def test_what_is_no_depth_map_is_told(tiny_store: Dataset, folder: Path) -> None
         assert len(raised.value.problems) == 1
 
 
+def test_an_archive_that_would_fill_the_memory_is_told(
+    tiny_store: Dataset, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dfdbench.system.array_files.LARGEST_ARRAY", 200)
+    write_all(tiny_store, "Two", folder, lambda stem, d: np.savez_compressed(stem, 0 * d))
+    with pytest.raises(ResultError, match="unpacked it is larger than any"):
+        find_predictions(folder, tiny_store, "Two", "levels")
+
+
 def test_what_is_no_distance(tiny_store: Dataset, folder: Path) -> None:
     with pytest.raises(ResultError) as raised:
         find_predictions(folder / "no", tiny_store, "test", "metres")

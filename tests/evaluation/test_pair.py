@@ -1,4 +1,7 @@
 import pickle
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator, RemoteEvaluator
+from dfdbench.evaluation.predict import predict
+from dfdbench.methods.registry import load_method
 from tests.evaluation.made_methods import method
 
 
@@ -50,3 +55,30 @@ def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset)
     evaluate(other)
     assert evaluate(pair)[0].prediction_sha256 == first
     assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
+
+
+def test_calls_in_threads_wait_for_one_another(tiny_store: Dataset) -> None:
+    def drawing(infocus: Any, defocus: Any) -> Any:
+        return sum(np.random.rand(*infocus.shape[:2]) for _ in range(50))
+
+    class Fitted:
+        def fit(self, pairs: Any) -> dict[str, float]:
+            return {"drawn": float(np.mean([np.random.rand() for _ in range(5000)]))}
+
+        def restore(self, learned: Any) -> None:
+            self.drawn = learned["drawn"]
+
+        __call__ = staticmethod(drawing)
+
+    pair = tiny_store.pairs("One")[0]
+    images = tiny_store.read(pair)
+    calls: list[Callable[[], object]] = [
+        lambda: PairEvaluator(tiny_store, method(drawing), 0)(pair)[0].prediction_sha256,
+        lambda: predict(drawing, (images.infocus, images.defocus), align=False).tobytes(),
+        lambda: load_method(Fitted(), {}, {}).fit([images]).predict.drawn,  # type: ignore[attr-defined]
+    ]
+    alone, printed = [call() for call in calls], sys.stdout
+    with ThreadPoolExecutor(3) as threads:
+        together = [list(threads.map(lambda call: call(), calls)) for _ in range(10)]
+    assert together == [alone] * 10
+    assert sys.stdout is printed

@@ -203,6 +203,22 @@ def test_a_run_lends_what_its_fit_learned(few_demo: Dataset, tmp_path: Path) -> 
         DepthPredictor("graph-cuts", tmp_path / "run")
 
 
+def test_a_run_s_files_run_no_code_that_nobody_named(few_demo: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "theirs.py").write_text(
+        f"open({str(tmp_path / 'ran')!r}, 'a').close()\n"
+        "def predict(infocus, defocus):\n    return infocus[..., 0] * 1.0\n"
+    )
+    entry = f"{tmp_path / 'theirs.py'}:predict"
+    dfdbench.run(entry, few_demo, limit=1, out=tmp_path / "run")
+    (tmp_path / "ran").unlink()
+    with pytest.raises(MethodError, match=r"run only if you name it.*\nFix: .*--method") as told:
+        DepthPredictor(None, tmp_path / "run")
+    assert not (tmp_path / "ran").exists()
+    assert entry in str(told.value)
+    DepthPredictor(entry, tmp_path / "run")
+    assert (tmp_path / "ran").exists()
+
+
 def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
     (tmp_path / "lens.toml").write_text(LENS)
     predictor = DepthPredictor("local", tmp_path / "lens.toml")

@@ -23,6 +23,12 @@ def test_parameters_reach_functions_and_classes(module: Path) -> None:
     assert load("mine.py:Named", recipe="text", level=3).recipe == RECIPES["text"]  # type: ignore[attr-defined]
 
 
+def test_a_place_that_no_result_could_name_is_refused_before_a_run(tmp_path: Path) -> None:
+    (tmp_path / "a\x1b[31m.py").write_text("def predict(infocus, defocus): return infocus[..., 0]")
+    with pytest.raises(MethodError, match="cannot be printed"):
+        load_method(f"{tmp_path}/a\x1b[31m.py:predict", {}, {})
+
+
 def test_a_class_is_handed_what_it_asks_for_and_the_user_goes_first(module: Path) -> None:
     offers: dict[str, Any] = {"recipe": lambda: RECIPES["published"]}
     offers["training_mean"] = lambda: 1 / 0

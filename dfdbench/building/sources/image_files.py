@@ -12,7 +12,7 @@ from PIL import UnidentifiedImageError
 
 from dfdbench.building.sources import gathered
 from dfdbench.errors import Problem, SourceError
-from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
+from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE, load_arrays
 from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
@@ -128,16 +128,17 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
         return decode_file(content, where)
     try:
         file = io.BytesIO(content)
-        values: Any = (
-            np.array(Pillow.open(file)) if kind == "pfm" else np.load(file, allow_pickle=False)
-        )
-        if kind == "npz":
+        values: Any
+        if kind == "pfm":
+            values = np.array(Pillow.open(file))
+        elif kind == "npy":
+            values = np.load(file, allow_pickle=False)
+        else:
+            values = load_arrays(file)
             names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
             if len(names) != 1:
                 got = ", ".join(names) or "no array"
                 raise SourceError("several arrays, and none is called depth", where=where, got=got)
-            if values.zip.getinfo(f"{names[0]}.npy").file_size > LARGEST_ARRAY:
-                raise ValueError("unpacked it is larger than any depth map")
             values = values[names[0]]
     except UNREADABLE as error:
         what = f"the {kind} file is damaged: {error}"

@@ -170,6 +170,20 @@ def median_levels(logits: Tensor) -> Tensor:
     return below[..., :-1].lt_(0.5).sum(-1).to(torch.uint8)
 
 
+class LevelsOfImages(nn.Module):
+    """A network and its readout as one, as `dfdbench.export_onnx` writes them."""
+
+    def __init__(self, network: nn.Module, readout: Readout) -> None:
+        super().__init__()
+        self.network = fold_batch_norm(network)
+        self.read = likeliest_levels if readout == "mode" else median_levels
+
+    def forward(self, infocus: Tensor, defocus: Tensor) -> Tensor:
+        """Return depth levels, float (1, y, x), for images 0 to 255, float (1, 3, y, x)."""
+        logits = self.network(torch.cat((infocus, defocus), 1))
+        return self.read(logits.permute(0, 2, 3, 1)).float()
+
+
 def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice, slice]]:
     # The span to answer, the span to look at for it, and where the first is within the second.
     for start in range(0, length, step):

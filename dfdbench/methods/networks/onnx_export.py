@@ -1,19 +1,20 @@
 """Write one of our networks of images as an ONNX file, with the description needed to run it."""
 
+from __future__ import annotations
+
 import io
 import json
 import warnings
 from importlib.util import find_spec
 from pathlib import Path
-
-import torch
-from torch import Tensor, nn
+from typing import TYPE_CHECKING
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import fold_batch_norm
-from dfdbench.methods.networks.inference import READOUTS, Readout, likeliest_levels, median_levels
-from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
+
+if TYPE_CHECKING:
+    from dfdbench.methods.networks.inference import Readout
 
 EXPORTED = ("u-net", "dfd-net")
 
@@ -55,8 +56,8 @@ def export_onnx(
     Raises
     ------
     InputError
-        If the package onnx is not installed, the method, the path's suffix or the readout is not
-        one of those above, or one of the two files exists already.
+        If onnx or PyTorch is not installed, the method, the path's suffix or the readout is not one
+        of those above, or one of the two files exists already.
     MethodError
         If there are no such weights.
 
@@ -66,6 +67,11 @@ def export_onnx(
     """
     path = Path(path)
     _require_writable(method, path)
+    with needed():  # here, so that the package's names can be listed without PyTorch
+        import torch
+
+        from dfdbench.methods.networks.inference import READOUTS, LevelsOfImages
+        from dfdbench.methods.networks.weights import find_weights, load_weights
     network, card = load_weights(find_weights(method, weights), method)
     readout = readout or card.configuration.get("readout", "mode")
     if readout not in READOUTS:
@@ -78,7 +84,7 @@ def export_onnx(
         # The newer exporter needs two more packages and writes this machine's paths into the file.
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            _Levels(network, readout).eval(),
+            LevelsOfImages(network, readout).eval(),
             (image, image),
             content,  # type: ignore[arg-type]  # the older exporter takes a file too
             input_names=["infocus", "defocus"],
@@ -107,15 +113,3 @@ def _require_writable(method: str, path: Path) -> None:
         if file.exists():
             fix = "name another: --out NAME.onnx"
             raise InputError("a file of that name is there", where=str(file), fix=fix)
-
-
-class _Levels(nn.Module):
-    def __init__(self, network: nn.Module, readout: Readout) -> None:
-        super().__init__()
-        self.network = fold_batch_norm(network)
-        self.read = likeliest_levels if readout == "mode" else median_levels
-
-    def forward(self, infocus: Tensor, defocus: Tensor) -> Tensor:
-        """Return depth levels, float (1, y, x), for images 0 to 255, float (1, 3, y, x)."""
-        logits = self.network(torch.cat((infocus, defocus), 1))
-        return self.read(logits.permute(0, 2, 3, 1)).float()
