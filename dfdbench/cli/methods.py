@@ -45,7 +45,8 @@ def predict(
     method: Annotated[
         str | None,
         Option(
-            help="As for `run`; default with --fitted: the method of that run.",
+            help="As for `run`; default with --fitted: the method of that run, if it is built in "
+            "or installed.",
             autocompletion=methods,
         ),
     ] = None,

@@ -144,7 +144,7 @@ def _parameters(card: Card) -> str:
     for key, parameter in inspect.signature(target).parameters.items():
         shown = "the data set's" if key in _FACTS else f"`{parameter.default}`"
         if key in card.parameters:
-            shown += f", here `{card.parameters[key]}`"
+            shown += f", here {escape_markdown(str(card.parameters[key]))}"
         rows.append(f"| `{key}` | {shown} | {_with_code(told.get(key, ''))} |")
     if not rows:
         return "\n## Parameters\n\nNone.\n"
