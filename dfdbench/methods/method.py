@@ -103,8 +103,8 @@ class Method:
         Raises
         ------
         MethodError
-            If it takes a stack but got two images, or if the images are not RGB of 8 bits or
-            differ in shape.
+            If it takes a stack but got two images, or one image that is no stack; or if the images
+            are not RGB of 8 bits or differ in shape.
         """
         if self.takes_stack and len(images) > 1:
             fix = "call it with a capture's stack, or choose a method of pairs"
@@ -118,7 +118,13 @@ class Method:
                 got, fix = f"{kind} {shape}", "dfdbench.predict also takes others"
                 what = "not an RGB image of 8 bits, shape (y, x, 3)"
                 raise MethodError(what, where=self.name, got=got, fix=fix)
-        of_stack = len(images) == 1 and not self.takes_stack and self.attribute("from_stack")
+        if len(images) != 1:
+            return self.predict(*images)
+        if getattr(images[0], "dims", None) != ("image", "y", "x", "channel"):
+            what, got = "neither two images nor a stack", type(images[0]).__name__
+            expected = "capture.infocus, capture.defocus; or capture.stack"
+            raise MethodError(what, where=self.name, expected=expected, got=got)
+        of_stack = None if self.takes_stack else self.attribute("from_stack")
         return (of_stack or self.predict)(*images)
 
     @functools.cached_property

@@ -61,6 +61,9 @@ def test_depth_is_what_the_method_gives(pair: tuple[Image, Image, Image], tmp_pa
     assert np.array_equal(found, predict(ready, files, align=False))
     with pytest.raises(MethodError, match="not an RGB image of 8 bits"):
         ready(sharp / 255, blurred / 255)
+    for one in (ready, dfdbench.load_method("shape-from-focus")):
+        with pytest.raises(MethodError, match="neither two images nor a stack"):
+            one(sharp)
     assert np.abs(found - depth)[:, 20:-20].mean() < 20
 
 
