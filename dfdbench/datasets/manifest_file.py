@@ -3,14 +3,14 @@
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from pydantic import ValidationError
 
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, OF_CAMERA, fill, places_in
 from dfdbench.datasets.manifest import ALL_PAIRS, FOLDER, Manifest, excluded_pairs, grid_of_pairs
 from dfdbench.errors import ManifestError, Problem, unknown_name
-from dfdbench.system.files import read_as
+from dfdbench.system.files import leads_outside, read_as
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 from dfdbench.tables.table import listed
@@ -224,9 +224,7 @@ def _check_patterns(manifest: Manifest) -> Iterator[Finding]:
     found = [
         (f"files.{name}", f"the path leads outside the folder: {path}")
         for name, path in paths.items()
-        if PurePosixPath(path).is_absolute()
-        or ".." in PurePosixPath(path).parts
-        or re.match(r".*\\|\w:", path)
+        if leads_outside(path)
     ]
     facts = {name: str(getattr(files, name) or "") for name in BY_IMAGE}
     numbered = {IMAGE} & {*places_in(files.images or "")}

@@ -69,6 +69,9 @@ def read_stack(place: Path) -> xarray.DataArray:
         said = parse_json((place / STACK_FILE).read_text("utf-8"))
         # An exported image is full, however dark.
         files = CapturedFiles(image_bits=16)
+        for name in said["images"]:
+            if Path(name).name != name:
+                raise ValueError(f"{name} is not the name of a file beside it")
         images = read_images((place / name for name in said["images"]), files, deep=True)
         if len({image.shape for image in images}) > 1:
             sizes = ", ".join(dict.fromkeys(size_of(image) for image in images))

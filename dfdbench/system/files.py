@@ -7,7 +7,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from dfdbench.errors import DfdbenchError, ResultError, reason_of, room_or
 
@@ -42,6 +42,19 @@ def is_address(place: str | Path) -> bool:
     (True, False)
     """
     return bool(re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(place)))
+
+
+def leads_outside(path: str) -> bool:
+    """Return whether a path, or a pattern of paths, may leave the folder that it is below.
+
+    Examples
+    --------
+    >>> leads_outside("desk/sharp.png"), leads_outside("../desk/sharp.png")
+    (False, True)
+    """
+    whole = PurePosixPath(path)
+    # Windows has other separators, and drives.
+    return whole.is_absolute() or ".." in whole.parts or bool(re.match(r".*\\|\w:", path))
 
 
 def require_file(path: Path) -> None:

@@ -57,6 +57,8 @@ def test_a_description_of_a_stack_that_is_none_is_refused(tmp_path: Path) -> Non
         {"attributes": {"near": "x"}},
         {"coordinates": [1]},
         {"images": 3},
+        {"images": [f"../{tmp_path.name}/a.png"]},
+        {"images": [str(tmp_path / "a.png")]},
     )
     for text in (*(json.dumps(good | each) for each in wrong), "[" * 100_000, "[]"):
         (tmp_path / "stack.json").write_text(text)

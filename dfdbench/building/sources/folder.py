@@ -21,7 +21,7 @@ from dfdbench.datasets.captures import ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.system.files import LARGEST_ARRAY, leads_outside, read_whole
 from dfdbench.tables.table import listed
 
 # How many entries of a folder, and how many missing files of a scene, a message names.
@@ -255,6 +255,7 @@ class FolderScenes(Whole):
 
     def _fitting(self, named: str) -> list[str]:
         """Return the files that a filled pattern may match."""
+        _require_inside(self._folder, named)
         if not named.endswith(ANY_ENDING):
             return [named] if (self._folder / named).is_file() else []
         parent, _, stem = named.removesuffix(ANY_ENDING).rpartition("/")
@@ -411,8 +412,17 @@ def _with_files_as_images(
     return fitting[0] if len(fitting) == 1 else rows
 
 
+def _require_inside(folder: Path, named: str) -> None:
+    """Raise if a filled pattern leads out of the folder, whatever a scene or a table filled in."""
+    if leads_outside(named):
+        what = f"the path leads outside the folder: {named}"
+        fix = "mend the names in the manifest, or the table"
+        raise SourceError(what, where=str(folder), fix=fix)
+
+
 def _numbered(folder: Path, pattern: str) -> dict[str, str]:
     """Return the files that match a pattern, whatever replaces its braces, with their numbers."""
+    _require_inside(folder, pattern)
     found = {"": "0"}
     for part in PurePosixPath(pattern).parts:
         found = dict(_matches(folder, part, found))

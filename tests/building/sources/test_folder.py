@@ -96,6 +96,26 @@ def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
         open_source(manifest_of(), folder / "nowhere")
 
 
+@pytest.mark.parametrize("outside", ["../{0}/desk/sharp", "{1}/desk/sharp"])
+@pytest.mark.parametrize("infocus", ["{x}.png", "{x}.*", "{capture}.png"])
+def test_no_name_leads_out_of_the_folder(folder: Path, infocus: str, outside: str) -> None:
+    outside = outside.format(folder.name, folder)
+    text = FOLDER_TOML.replace("{scene}/sharp.png", infocus)
+    text = text.replace("[table]", f'axis_names = {{ capture = {{ 1 = "{outside}" }} }}\n\n[table]')
+    text = text.replace('source = "me"', f'source = "me"\nnames = {{ x = "{outside}" }}')
+    with pytest.raises(SourceError, match="the path leads outside the folder: "):
+        open_source(manifest_of(text), folder).read("desk")
+
+
+def test_no_table_leads_out_of_the_folder(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "stacks")
+    write_image(tmp_path / "private.png", photograph(9))
+    with (folder / "desk/focus.csv").open("a") as table:
+        table.write("\n../../private.png,8")
+    with pytest.raises(SourceError, match="the path leads outside the folder: "):
+        open_source(manifest_of(STACK_TOML), folder).read("desk")
+
+
 def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
     text = FOLDER_TOML.replace("sharp.png", "sharp.*")
     known = open_source(manifest_of(text), folder).read("desk")
